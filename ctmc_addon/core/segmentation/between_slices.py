@@ -20,7 +20,7 @@ from ..budget import Budget
 from ..errors import SettingsError
 from ..progress import PAUSE, Stages, Step, Steps
 from ..volume.smoothing.bounds import NEAREST_ZERO, Start
-from ..volume.smoothing.bricks import WIDTH, Bricks, Threads, near_surface, number_bricks, packed
+from ..volume.smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
 from ..volume.smoothing.relaxation import relax_steps
 from .distance import Floats, Mask, Spacing, squared_distances
 
@@ -183,13 +183,8 @@ def _smoothed_steps(body: Mask, known: Distances, voxel_mm: Spacing, budget: Bud
     code = packed(body)
     bricks = number_bricks(near_surface(code, (NARROW_PIXELS,) * 3), code != 0)
     start = yield from _start_steps(bricks, known, voxel_mm)
-    workers = budget.thread_count
-    pool = Threads(workers) if workers > 1 else None
-    try:
+    with threads(budget.thread_count) as pool:
         yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, ROUNDS, pool)
-    finally:
-        if pool:
-            pool.shutdown(cancel_futures=True)
     body.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = start.field[: bricks.active] > 0
 
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import Floats, Places, Threads, pieces, spread, widened
+from .bricks import Floats, Places, Threads, pieces, spread, threads, widened
 
 STIFFNESS = 600.0  # of second differences
 REACH = 1  # nodes beside those with samples of both labels
@@ -91,9 +91,7 @@ def between_labels_steps(
         pairs.append(_pairs(field, sign, sides, slice_steps))
         yield PAUSE
     least = np.float32(NEAREST_ZERO * min(spacing_mm))
-    workers = budget.thread_count
-    pool = Threads(workers) if workers > 1 else None
-    try:
+    with threads(budget.thread_count) as pool:
         values, before = fields, [1, 1, 1]
         uneven = max(sides) > UNEVEN * min(sides)
         for longest, rounds in (*GRIDS, (1, ROUNDS)) if uneven else GRIDS:
@@ -109,9 +107,6 @@ def between_labels_steps(
             bounds.append((low, np.where(known < 0, -least, np.float32(np.inf))))
             yield PAUSE
         places = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, bounds, ROUNDS, pool)
-    finally:
-        if pool:
-            pool.shutdown(cancel_futures=True)
     for at, field, ends, own, place in zip(both, fields, bounds, values, places, strict=True):
         smooth[at] = np.clip(field, *ends)
         smooth[at].reshape(-1)[place] = own.reshape(-1)[place]

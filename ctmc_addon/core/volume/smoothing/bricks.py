@@ -12,8 +12,9 @@ values; then two bricks that stand for all others, one deep inside the label and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
@@ -148,6 +149,19 @@ class Threads(ThreadPoolExecutor):
     def __init__(self, count: int) -> None:
         super().__init__(count)
         self.count = count
+
+
+@contextmanager
+def threads(count: int) -> Iterator[Threads | None]:
+    """Give so many threads, None where one is enough; what waits for a thread at the end is not begun."""
+    if count < 2:
+        yield None
+        return
+    pool = Threads(count)
+    try:
+        yield pool
+    finally:
+        pool.shutdown(cancel_futures=True)
 
 
 def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:

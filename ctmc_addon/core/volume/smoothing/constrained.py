@@ -17,7 +17,7 @@ from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
 from .bounds import Inside, Start, doubled, halved, refined_start
-from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, widened
+from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, threads, widened
 from .islands import keep_islands_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
@@ -119,9 +119,7 @@ def constrained_steps(
     finding, measuring, smoothing, islands, keeping = STAGES
     stages = Stages(STAGES)
     budget = budget or Budget()
-    workers = budget.thread_count
-    pool = Threads(workers) if workers > 1 else None
-    try:
+    with threads(budget.thread_count) as pool:
         code, label, inside, inside_label = yield from stages.run(finding, _label_bricks_steps(mask, spacing_mm, steps))
         reach, farthest = reach_of(spacing_mm), 1.5 * band_mm(spacing_mm)
         distance_steps = signed_distance_steps(code, label, spacing_mm, reach, farthest, pool)
@@ -136,9 +134,6 @@ def constrained_steps(
             mask, spacing_mm, steps, bricks, start, inside, far, limit, close_border, budget, pool
         )
         return (yield from stages.run(keeping, volume_steps))
-    finally:
-        if pool:
-            pool.shutdown(cancel_futures=True)
 
 
 def _label_bricks_steps(
