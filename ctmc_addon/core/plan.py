@@ -343,7 +343,7 @@ def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = T
 
 
 def asks_for_memory(settings: ReconstructionSettings, several: bool) -> bool:
-    """Return whether a case says what it needs before it takes it: labels, `several` or one, smoothed in their boxes."""
+    """Return whether a case says what it needs before it takes it: one or `several` labels, smoothed in their boxes."""
     if several and settings.label is None:
         settings = replace(settings, threshold=None, label=1)
     return settings.label is not None and not smoothing_of(settings).by_slabs

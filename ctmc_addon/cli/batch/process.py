@@ -138,8 +138,8 @@ def command() -> list[str]:
 def environment() -> dict[str, str]:
     """Return the environment of this process, in which the package is found wherever it was started from.
 
-    Workers of dask have the C library give every freed array back to the system, to fetch it again page by page: a liver
-    takes 1.7 times the processor seconds. A case gives its memory back itself, once it is over.
+    Workers of dask have the C library give every freed array back to the system, to fetch it again page by page: a
+    liver takes 1.7 times the processor seconds. A case gives its memory back itself, once it is over.
     """
     paths = [str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")]
     kept = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
