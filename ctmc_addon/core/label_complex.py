@@ -24,7 +24,7 @@ from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pair
 from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
 from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .extraction.interfaces.walls import Wall, find_walls, walls_at_once, walls_samples_steps
+from .extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
 from .mesh.label_complex import ComplexSurface
 from .parallel import map_steps, side_by_side_steps
 from .progress import PAUSE, Stages, Steps, equal_part
@@ -248,13 +248,14 @@ class _Making:
         """Smooth the field of every wall, side by side, small walls at once."""
         yield PAUSE
         parts = walls_at_once(find_walls(own))
+        small = yield from islands_steps(own)
         spacing, steps = self.volume.spacing, self.slice_steps
         threads = self.budget.thread_count
         at_once = threads if len(parts) > 1 else 1
         budget = self.budget.shared_by(at_once)
 
         def smooth_steps(walls: Sequence[Wall]) -> Steps[dict[tuple[int, int], LabelSamples]]:
-            return (yield from walls_samples_steps(walls, own, self.first, samples, spacing, steps, budget))
+            return (yield from walls_samples_steps(walls, own, small, self.first, samples, spacing, steps, budget))
 
         works = [lambda walls=walls: smooth_steps(walls) for walls in parts]
         weights = [float(sum(math.prod(stop - start for start, stop in wall.box) for wall in walls)) for walls in parts]

@@ -127,6 +127,7 @@ class _Between(NamedTuple):
 def walls_samples_steps(
     walls: Sequence[Wall],
     owners: NDArray[Any],
+    small: LabelComponents,
     origin: tuple[int, int, int],
     fields: Sequence[LabelSamples],
     spacing_mm: tuple[float, float, float],
@@ -139,6 +140,8 @@ def walls_samples_steps(
     ----------
     owners : (slices, rows, columns)
         As `find_walls` takes them.
+    small : LabelComponents
+        What `islands_steps` returned of them.
     origin : (x, y, z) int
         The volume's index of the first of them.
     fields : LabelSamples
@@ -146,7 +149,7 @@ def walls_samples_steps(
     """
     starts = []
     for wall in walls:
-        start = yield from _between_steps(wall, owners, origin, fields, spacing_mm, slice_steps)
+        start = yield from _between_steps(wall, owners, small, origin, fields, spacing_mm, slice_steps)
         if start is not None:
             starts.append(start)
     smooth = [at for at, start in enumerate(starts) if start.wall.is_smooth]
@@ -168,6 +171,7 @@ def walls_samples_steps(
 def _between_steps(
     wall: Wall,
     owners: NDArray[Any],
+    small: LabelComponents,
     origin: tuple[int, int, int],
     fields: Sequence[LabelSamples],
     spacing_mm: tuple[float, float, float],
@@ -182,11 +186,12 @@ def _between_steps(
     own = owners[slice(*z), slice(*y), slice(*x)]
     sign = (own == wall.first).astype(np.int8) - (own == wall.second)
     yield PAUSE
-    # A component at the end of the box may go on behind it, but for the end of all labels.
     goes_on = np.array([(low > 0, high < size) for (low, high), size in zip((z, y, x), owners.shape, strict=True)])
     islands = []
-    for side in (1, -1):
-        islands.append((yield from _around_islands_steps(sign * np.int8(side), goes_on, slice_steps)))
+    for label, side in ((wall.first, 1), (wall.second, -1)):
+        own_islands = small.some(small.label == label).moved(-z[0], -y[0], -x[0])
+        islands.append(_around_islands(own_islands, sign * np.int8(side), goes_on, slice_steps))
+        yield PAUSE
     if not wall.is_smooth and not any(len(at[0]) for at in islands):
         return None
     columns, rows = np.arange(*x) + origin[0], np.arange(*y) + origin[1]
@@ -203,23 +208,31 @@ def _between_steps(
     return _Between(wall, between, sign, (islands[0], islands[1]), (columns, rows, slices))
 
 
-def _around_islands_steps(sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int) -> Steps[Positions]:
-    """Where on the refined grid the samples of small components and those beside them lie, along z, y and x.
+def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
+    """Return the small components of all labels, of which a wall's islands are some; takes what `find_walls` does."""
+    components = yield from label_components_steps(owners)
+    return components.some(components.voxels <= LARGEST_ISLAND)
+
+
+def _around_islands(
+    components: LabelComponents, sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int
+) -> Positions:
+    """Return where on the refined grid the samples of islands and those beside them lie, along z, y and x.
 
     Parameters
     ----------
+    components : LabelComponents
+        The small ones of a label, placed in the box of the wall.
     sign : (slices, rows, columns) int8
-        1 at the samples of the label, -1 at those of the other.
+        1 at the samples of the label in this box, -1 at those of the other.
     goes_on : (3, 2) bool
-        Whether components may go on before the first and behind the last sample along each axis.
+        Whether there are samples before the first and behind the last along each axis: what ends there is not whole.
     """
-    components = yield from label_components_steps(sign > 0)
     shape = (len(sign) - 1) * slice_steps + 1, *sign.shape[1:]
-    small = components.voxels <= LARGEST_ISLAND
-    if small.any():
+    small = np.ones(len(components.voxels), bool)
+    if len(small):
         low, high = components.boxes()
-        small &= ((low > 0) | ~goes_on[:, 0]).all(axis=1)
-        small &= ((high < np.array(sign.shape) - 1) | ~goes_on[:, 1]).all(axis=1)
+        small &= ((low >= goes_on[:, 0]) & (high < np.array(sign.shape) - goes_on[:, 1])).all(axis=1)
     middling = small & (components.voxels > SMALL_ISLAND)
     small[middling] = _mostly_inside(components, middling, sign)[middling]
     z, y, x, _ = components.samples(small)

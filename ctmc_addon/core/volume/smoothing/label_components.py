@@ -1,14 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The components of a label, found on its runs along x.
+"""The components of a label, or of every label of a volume, found on runs along x.
 
-Two samples belong to one component where they are neighbors along x, y or z. That is what the surface does: the case
-table separates inside corners that meet across the diagonal of a face. A run is a row's samples between two changes;
-two runs are linked where they overlap in neighboring rows or slices, so the work grows with the surface.
+Two samples of a label belong to one component where they are neighbors along x, y or z. That is what the surface does:
+the case table separates inside corners that meet across the diagonal of a face. A run is a row's samples between two
+changes; two runs of a label are linked where they overlap in neighboring rows or slices, so the work grows with the
+surface.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +31,8 @@ class LabelComponents:
         Slice, row, first column, the column behind the last, and the component of every run; in the grid's order.
     voxels : (components,) int64
         Samples of every component, ascending.
+    label : (components,)
+        The value of these samples.
     """
 
     z: Indices
@@ -37,6 +41,19 @@ class LabelComponents:
     stop: Indices
     component: Indices
     voxels: Indices
+    label: NDArray[Any]
+
+    def some(self, selected: NDArray[np.bool_]) -> LabelComponents:
+        """Return the selected components, (components,) bool, alone."""
+        number = np.cumsum(selected) - 1
+        kept = selected[self.component]
+        z, y, start, stop = (each[kept] for each in (self.z, self.y, self.start, self.stop))
+        component = number[self.component[kept]]
+        return LabelComponents(z, y, start, stop, component, self.voxels[selected], self.label[selected])
+
+    def moved(self, z: int, y: int, x: int) -> LabelComponents:
+        """Return the components so many samples farther along each axis."""
+        return replace(self, z=self.z + z, y=self.y + y, start=self.start + x, stop=self.stop + x)
 
     def boxes(self) -> tuple[Indices, Indices]:
         """First and last sample of every component, (components, 3) each, along z, y and x."""
@@ -55,20 +72,27 @@ class LabelComponents:
         return self.z[run], self.y[run], x, self.component[run]
 
 
-def label_components_steps(mask: NDArray[np.bool_]) -> Steps[LabelComponents]:
-    """Find the components of a label, (slices, rows, columns) bool; neighbors are those along the axes."""
-    _, rows, columns = mask.shape
-    changes = []
-    for slice_, layer in enumerate(mask):
+def label_components_steps(labels: NDArray[Any]) -> Steps[LabelComponents]:
+    """Find the components of a label, (slices, rows, columns) bool, or of every label but 0, (...) unsigned.
+
+    Neighbors are those along the axes.
+    """
+    _, rows, columns = labels.shape
+    starts, stops, values = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [np.empty(0, labels.dtype)]
+    for slice_, layer in enumerate(labels):
         if layer.any():
-            turns = np.zeros((rows, columns + 1), bool)
-            turns[:, 0], turns[:, -1] = layer[:, 0], layer[:, -1]
-            np.not_equal(layer[:, 1:], layer[:, :-1], out=turns[:, 1:-1])
-            changes.append(np.flatnonzero(turns) + slice_ * turns.size)
+            padded = np.zeros((rows, columns + 2), labels.dtype)
+            padded[:, 1:-1] = layer
+            # Places are in rows that are one sample longer than the layer's: between a sample and the one before it.
+            at = np.flatnonzero(padded[:, 1:] != padded[:, :-1])
+            behind = at + at // (columns + 1) + 1
+            first, last = padded.reshape(-1)[behind], padded.reshape(-1)[behind - 1]
+            starts.append(at[first > 0] + slice_ * rows * (columns + 1))
+            stops.append(at[last > 0] + slice_ * rows * (columns + 1))
+            values.append(first[first > 0])
         if slice_ % 64 == 0:
             yield PAUSE
-    at = np.concatenate(changes) if changes else np.empty(0, np.int64)
-    start, stop = at[::2], at[1::2]  # places in rows that are one sample longer than the mask's
+    start, stop, value = np.concatenate(starts), np.concatenate(stops), np.concatenate(values)
     y = start // (columns + 1) % rows
     links = []
     for step, linked in ((columns + 1, np.flatnonzero(y < rows - 1)), (rows * (columns + 1), np.arange(len(start)))):
@@ -76,6 +100,9 @@ def label_components_steps(mask: NDArray[np.bool_]) -> Steps[LabelComponents]:
         count = np.searchsorted(start, stop[linked] + step, side="left") - first
         near = np.repeat(linked, count)
         far = np.arange(len(near)) - np.repeat(np.cumsum(count) - count, count) + np.repeat(first, count)
+        if labels.dtype != bool:
+            same = value[near] == value[far]
+            near, far = near[same], far[same]
         links.append(np.stack([near, far, far], axis=1).astype(np.int32))
         yield PAUSE
     root = yield from component_roots_steps(np.concatenate(links), len(start))
@@ -87,4 +114,4 @@ def label_components_steps(mask: NDArray[np.bool_]) -> Steps[LabelComponents]:
     number[by_size] = np.arange(len(by_size))
     x = start % (columns + 1)
     z = start // (rows * (columns + 1))
-    return LabelComponents(z, y, x, x + lengths, number[root], total[by_size])
+    return LabelComponents(z, y, x, x + lengths, number[root], total[by_size], value[by_size])

@@ -43,3 +43,43 @@ def test_components_are_those_of_a_flood_fill(density, shape):
     for component, first, last in zip(found, low, high, strict=True):
         assert np.min(list(component), axis=0).tolist() == first.tolist()
         assert np.max(list(component), axis=0).tolist() == last.tolist()
+
+
+def places(components):
+    """The samples of every component, sorted, with its label."""
+    z, y, x, number = components.samples(np.ones(len(components.voxels), bool))
+    found = [
+        (
+            int(label),
+            sorted(zip(z[number == n].tolist(), y[number == n].tolist(), x[number == n].tolist(), strict=True)),
+        )
+        for n, label in enumerate(components.label)
+    ]
+    return sorted(found)
+
+
+@pytest.mark.parametrize("labels", [2, 5])
+def test_the_components_of_all_labels_are_those_of_each(labels):
+    values = np.random.default_rng(labels).integers(0, labels + 1, (7, 11, 13)).astype(np.uint8)
+    together = finish(label_components_steps(values))
+    alone = []
+    for label in range(1, labels + 1):
+        components = finish(label_components_steps(values == label))
+        assert components.label.all()
+        alone += [(label, samples) for _, samples in places(components)]
+    assert places(together) == sorted(alone)
+    assert (np.diff(together.voxels) >= 0).all()
+
+
+def test_some_components_keep_their_samples_where_they_are_moved():
+    values = np.random.default_rng(3).integers(0, 4, (6, 9, 10)).astype(np.uint8)
+    components = finish(label_components_steps(values))
+    selected = (components.label == 2) & (components.voxels < 5)
+    some = components.some(selected).moved(2, -1, 3)
+    z, y, x, _ = components.samples(selected)
+    assert [each.tolist() for each in some.samples(np.ones(len(some.voxels), bool))[:3]] == [
+        (z + 2).tolist(), (y - 1).tolist(), (x + 3).tolist()
+    ]  # fmt: skip
+    assert some.voxels.tolist() == components.voxels[selected].tolist()
+    low, high = components.boxes()
+    assert np.array_equal(some.boxes(), [low[selected] + (2, -1, 3), high[selected] + (2, -1, 3)])
