@@ -29,6 +29,8 @@ from ...core.files.atomic_write import require_writable, whole_files
 from ...core.files.file_names import printable
 from ...core.files.label_files import LABEL_SUFFIXES, Segment, write_labels_steps
 from ...core.segmentation import (
+    HU_PER_MM,
+    MAX_MM,
     Click,
     compete_steps,
     connected_steps,
@@ -54,8 +56,6 @@ STAGES = {
     "Reading back": 1,
 }
 METHODS = ("compete", "connected")
-DEFAULT_MAX_MM = 65.0
-DEFAULT_HU_PER_MM = 2.0
 
 Mask = NDArray[np.bool_]
 Masks = dict[str, Mask]
@@ -118,13 +118,11 @@ def add_parser(commands: Any) -> None:
         help="compete: each voxel to the point from which mm and differences of HU are least, cut off where the border "
         "is sharpest; connected: what hangs together in --range (default: compete)",
     )  # fmt: skip
-    parser.add_argument(
-        "--max-mm", metavar="MM", help=f"no farther from a point (default: {DEFAULT_MAX_MM:g} for compete)"
-    )
+    parser.add_argument("--max-mm", metavar="MM", help=f"no farther from a point (default: {MAX_MM:g} for compete)")
     parser.add_argument(
         "--hu-per-mm",
         metavar="HU",
-        help=f"compete: a difference that counts as a millimeter, more for a noisy CT (default: {DEFAULT_HU_PER_MM:g})",
+        help=f"compete: a difference that counts as a millimeter, more for a noisy CT (default: {HU_PER_MM:g})",
     )
     parser.add_argument(
         "--opening-mm", metavar="MM", help="connected: through no opening narrower than this (default: any)"
@@ -142,8 +140,6 @@ def run(args: argparse.Namespace) -> None:
     """Make the structures, write them, read them back and print their volumes."""
     request = request_of(args)
     output = require_writable(args.output, (*LABEL_SUFFIXES, dicom_segmentation.SUFFIX))
-    if output.suffix.lower() == ".gz" and not output.name.lower().endswith(".nii.gz"):
-        raise OutputError(f"{output.name} needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm")
     as_dicom = output.suffix.lower() == dicom_segmentation.SUFFIX
     check_identity(as_dicom, args.with_identity)
     stages = Stages(STAGES)
@@ -215,7 +211,7 @@ def request_of(args: argparse.Namespace) -> Request:
     opening_mm = 0.0 if args.opening_mm is None else numbers_of("--opening-mm", [args.opening_mm])[0]
     if args.method == "connected" and args.hu_per_mm is not None:
         raise UsageError("--hu-per-mm is for --method compete; with connected choose --opening-mm or a --range")
-    hu_per_mm = DEFAULT_HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
+    hu_per_mm = HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
     region, unit = getattr(args, "region", None), getattr(args, "region_unit", "voxel")
     given = None if limits is None else (limits[0], limits[1])
     return Request(points, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
@@ -253,7 +249,7 @@ def segmented_steps(ct: Volume, request: Request) -> Steps[Masks]:
             mask[z, y, x] = yield from connected_steps(allowed, own, part.spacing, max_mm, request.opening_mm)
         return masks
     clicks = [Click(sample, names.index(name) + 1 if name else 0) for name, sample in samples]
-    reach_mm = DEFAULT_MAX_MM if request.max_mm is None else request.max_mm
+    reach_mm = MAX_MM if request.max_mm is None else request.max_mm
     labels = yield from compete_steps(part, clicks, allowed, request.hu_per_mm, reach_mm)
     for number, mask in enumerate(masks.values(), 1):
         mask[z, y, x] = labels == number

@@ -180,7 +180,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     folder by processes that were killed is removed.
     """
     target = Path(path)
-    if suffixes and target.suffix.lower() not in suffixes:
+    if suffixes and not (target.suffix and target.name.lower().endswith(suffixes)):  # .stl alone has none
         name = target.name or "an empty name"
         raise OutputError(f"{name} needs one of the suffixes {', '.join(suffixes)}; they choose the format")
     if target.is_dir():

@@ -20,7 +20,7 @@ from ..errors import OutputError
 from ..progress import Step, Steps
 from ..volume.affine import spacing_of
 
-LABEL_SUFFIXES = (".nrrd", ".nii", ".gz")
+LABEL_SUFFIXES = (".seg.nrrd", ".nrrd", ".nii", ".nii.gz")
 LEVEL = 4  # of gzip; higher ones take much longer and save little of labels
 NIFTI_HEADER = 352  # bytes, with the four that say that no extension follows
 
