@@ -9,22 +9,26 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import math
+import re
 import warnings
-from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ..core import OutputError
+from ..core import Budget, OutputError
+from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
+from ..core.segmentation import Layers
 from ..core.volume import anatomy_of
 from ..readers import ReadingOptions, VolumeSource
 from ..version import VERSION
 
 SUFFIX = ".dcm"
 EXTRA = "pip install 'ctmc-addon[dicom-seg]'"
+OLDEST = [0, 27]  # colors are made from sRGB since then
 SERIES_NUMBER = 900  # beyond those of a scanner
 ANATOMY = ("123037004", "SCT", "Anatomical Structure")  # PS3.16 CID 7150
 ABNORMAL = ("49755003", "SCT", "Morphologically Abnormal Structure")
@@ -37,17 +41,24 @@ IDENTITY = (  # type 2 of PS3.3 C.7.1.1 and C.7.2.1: there, and perhaps empty; a
 
 NEEDED = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID", "FrameOfReferenceUID")
 
-Mask = NDArray[np.bool_]
+COPIES = 3  # of the masks, a byte a voxel each, that highdicom works on
 
 
 def require_highdicom() -> Any:
     """Import highdicom; an `OutputError` that says how it is installed where it is missing."""
     try:
-        return importlib.import_module("highdicom")
+        highdicom = importlib.import_module("highdicom")
     except ImportError as error:
         raise OutputError(
             f"a DICOM segmentation needs the Python package highdicom, which is missing; {EXTRA}, or write a .seg.nrrd"
         ) from error
+    version = str(getattr(highdicom, "__version__", "unknown"))
+    if [int(part) for part in re.findall(r"\d+", version)[:2]] < OLDEST:
+        raise OutputError(
+            f"highdicom is {version} here, and a DICOM segmentation needs {'.'.join(map(str, OLDEST))}; {EXTRA}, or "
+            "write a .seg.nrrd"
+        )
+    return highdicom
 
 
 def images_of(source: VolumeSource, options: ReadingOptions) -> list[Path]:
@@ -63,7 +74,7 @@ def images_of(source: VolumeSource, options: ReadingOptions) -> list[Path]:
 
 def write(
     path: Path,
-    masks: Mapping[str, Mask],
+    layers: Layers,
     segments: list[Segment],
     affine: NDArray[np.float64],
     images: list[Path],
@@ -73,10 +84,9 @@ def write(
     Parameters
     ----------
     path : Path
-    masks : mapping of str to (slices, rows, columns) bool
-        By name; they may overlap.
+    layers : Layers
     segments : list of Segment
-        In the order of the masks.
+        In the order of the layers' labels, numbered 1, 2, 3 and so on.
     affine : (4, 4) float64
         Index (x, y, z) to RAS+ mm.
     images : list of Path
@@ -86,6 +96,8 @@ def write(
     ------
     OutputError
         If highdicom is missing, or the images lack what a segmentation must repeat.
+    MemoryLimitError
+        If there is not enough memory: highdicom takes a byte a voxel for each structure, and a copy.
     """
     highdicom = require_highdicom()
     pydicom = importlib.import_module("pydicom")
@@ -104,16 +116,21 @@ def write(
             for keyword in IDENTITY:
                 if keyword not in header:
                     setattr(header, keyword, "")
+        needed = COPIES * len(segments) * math.prod(layers.shape)
+        Budget().require(needed, "a DICOM segmentation", "write a .seg.nrrd, which takes a byte a voxel")
+        masks = np.empty((*layers.shape, len(segments)), np.uint8)
         content = hashlib.sha256(headers[0].SeriesInstanceUID.encode())
-        for name, mask in masks.items():
-            content.update(name.encode() + np.packbits(mask).tobytes())
+        for segment, label in zip(segments, layers.layer_of, strict=True):
+            mask = layers.mask(label)
+            masks[..., segment.label - 1] = mask
+            content.update(segment.name.encode() + np.packbits(mask).tobytes())
         uids = [pydicom.uid.generate_uid(entropy_srcs=[content.hexdigest(), word]) for word in ("series", "object")]
         try:
             segmentation = highdicom.seg.Segmentation(
                 headers,
                 _volume(highdicom, masks, affine, headers[0].FrameOfReferenceUID),
                 highdicom.seg.SegmentationTypeValues.BINARY,
-                [_description(highdicom, number, segment) for number, segment in enumerate(segments, 1)],
+                [_description(highdicom, segment) for segment in segments],
                 series_instance_uid=uids[0],
                 series_number=SERIES_NUMBER,
                 sop_instance_uid=uids[1],
@@ -132,25 +149,25 @@ def write(
             ) from error
 
 
-def _volume(highdicom: Any, masks: Mapping[str, Mask], affine: NDArray[np.float64], frame: str) -> Any:
+def _volume(highdicom: Any, masks: NDArray[np.uint8], affine: NDArray[np.float64], frame: str) -> Any:
     """Return the masks as highdicom's volume: (slice, row, column, structure), index to LPS+ mm."""
     to_lps = np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine
     return highdicom.Volume(
-        array=np.stack([*masks.values()], axis=-1).astype(np.uint8),
+        array=masks,
         affine=to_lps[:, [2, 1, 0, 3]],
         coordinate_system="PATIENT",
         frame_of_reference_uid=frame,
-        channels={"SegmentNumber": list(range(1, len(masks) + 1))},
+        channels={"SegmentNumber": list(range(1, masks.shape[-1] + 1))},
     )
 
 
-def _description(highdicom: Any, number: int, segment: Segment) -> Any:
+def _description(highdicom: Any, segment: Segment) -> Any:
     """Return what a viewer shows of a structure: its name, its color and whether it is a lesion."""
     coded = highdicom.sr.CodedConcept
     lesion = anatomy_of(segment.name) == anatomy_of("tumor")
     return highdicom.seg.SegmentDescription(
-        segment_number=number,
-        segment_label=segment.name[:64],  # a long string of DICOM, PS3.5 6.2
+        segment_number=segment.label,
+        segment_label=printable(segment.name).replace("\\", "/")[:64],  # a long string of DICOM, PS3.5 6.2
         segmented_property_category=coded(*(ABNORMAL if lesion else ANATOMY)),
         segmented_property_type=coded(*(LESION if lesion else TISSUE)),
         algorithm_type=highdicom.seg.SegmentAlgorithmTypeValues.SEMIAUTOMATIC,

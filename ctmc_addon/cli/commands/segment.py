@@ -5,19 +5,15 @@ from __future__ import annotations
 
 import argparse
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-
-import numpy as np
-from numpy.typing import NDArray
 
 from ... import readers
 from ...core import (
     SETTINGS,
     LabelError,
-    OutputError,
     ReconstructionSettings,
     SettingsError,
     Stages,
@@ -32,19 +28,20 @@ from ...core.segmentation import (
     HU_PER_MM,
     MAX_MM,
     Click,
+    Sample,
     compete_steps,
     connected_steps,
-    layers_of,
-    margin_steps,
     range_mask_steps,
+    require_count,
     sample_at,
 )
-from ...core.volume import ValueKind, box_of, structure_color
+from ...core.volume import Box, ValueKind, box_of
 from ...reporting.formatting import milliliters
 from .. import dicom_segmentation
-from ..arguments import UsageError, add_input, add_quiet, reading_of
+from ..arguments import UsageError, add_input, add_quiet, reading_of, with_flags
 from ..described_flags import add_flag
-from ..terminal import Progress, listing
+from ..drawn_structures import Structures
+from ..terminal import Progress, listing, titled
 
 STAGES = {
     "Opening the CT": 1,
@@ -56,9 +53,6 @@ STAGES = {
     "Reading back": 1,
 }
 METHODS = ("compete", "connected")
-
-Mask = NDArray[np.bool_]
-Masks = dict[str, Mask]
 
 
 @dataclass(frozen=True)
@@ -118,7 +112,12 @@ def add_parser(commands: Any) -> None:
         help="compete: each voxel to the point from which mm and differences of HU are least, cut off where the border "
         "is sharpest; connected: what hangs together in --range (default: compete)",
     )  # fmt: skip
-    parser.add_argument("--max-mm", metavar="MM", help=f"no farther from a point (default: {MAX_MM:g} for compete)")
+    parser.add_argument(
+        "--max-mm",
+        metavar="MM",
+        help="a structure reaches no farther from its points; more for a large organ with one point "
+        f"(default: {MAX_MM:g} for compete)",
+    )
     parser.add_argument(
         "--hu-per-mm",
         metavar="HU",
@@ -151,25 +150,21 @@ def run(args: argparse.Namespace) -> None:
         ct = progress.finish(stages.run(reading, source.read_steps(options)))
         if ct.kind == ValueKind.LABEL:
             raise LabelError(f"{Path(args.input).name} has labels; give the CT, and the labels by --from")
-        masks: Masks = {}
+        structures = Structures(ct.shape)
         if args.labels:
-            masks = progress.finish(stages.run(before, labels_steps(args.labels, ct)))
-        for name, mask in progress.finish(stages.run(segmenting, segmented_steps(ct, request))).items():
-            masks[name] = masks[name] | mask if name in masks else mask
-        masks = progress.finish(stages.run(growing, grown_steps(masks, ct, request.margins)))
-        layers, used = layers_of(list(masks.values()))
-        segments = [
-            Segment(name, structure_color(number, None, name).rgb, layer)
-            for number, (name, layer) in enumerate(zip(masks, used, strict=True), 1)
-        ]
+            progress.finish(stages.run(before, structures.read_steps(args.labels, ct)))
+        progress.finish(stages.run(segmenting, segmented_steps(structures, ct, request)))
+        progress.finish(stages.run(growing, structures.grow_steps(request.margins, ct.spacing)))
+        segments = structures.segments(in_order=as_dicom)
         with whole_files([output]) as temporary_paths:
             path = temporary_paths[output]
             if as_dicom:
-                dicom_segmentation.write(path, masks, segments, ct.affine, images)
+                dicom_segmentation.write(path, structures.layers, segments, ct.affine, images)
             else:
-                progress.finish(stages.run(writing, write_labels_steps(path, layers, segments, ct.affine)))
-            progress.finish(stages.run(back, checked_steps(path, masks, ct)))
-    print(text_of(masks, ct, output))
+                labels = structures.layers.labels
+                progress.finish(stages.run(writing, write_labels_steps(path, labels, segments, ct.affine)))
+            progress.finish(stages.run(back, structures.check_steps(path, segments, ct.affine)))
+    print(text_of(structures, segments, ct, output))
 
 
 def check_identity(as_dicom: bool, with_identity: bool) -> None:
@@ -198,9 +193,13 @@ def request_of(args: argparse.Namespace) -> Request:
         points.append((called, numbers_of("--seed", words[1:])))
     seeds = [name for name, _ in points if name]
     margins = {printable(name): numbers_of("--margin", [mm])[0] for name, mm in args.margin}
+    if len(margins) < len(args.margin):
+        raise UsageError("--margin is given twice for one structure; give it once, with the sum")
     limits = None if args.range is None else numbers_of("--range", args.range)
     if not seeds and not (args.labels and margins):
         raise UsageError("give a point, --seed NAME X Y Z, or --from labels and a --margin")
+    if points and not seeds:
+        raise UsageError("--background takes voxels from a structure; give the structure a point, --seed NAME X Y Z")
     if args.method == "connected" and seeds and limits is None:
         raise UsageError("--method connected needs --range LOW HIGH: what hangs together in it is taken")
     if args.method == "connected" and len(seeds) < len(points):
@@ -228,89 +227,69 @@ def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
     return numbers
 
 
-def segmented_steps(ct: Volume, request: Request) -> Steps[Masks]:
-    """Make the structures of the seeds, each a mask of the whole CT."""
+def segmented_steps(structures: Structures, ct: Volume, request: Request) -> Steps[None]:
+    """Make the structures of the seeds, and add them to those that are there."""
     names = list(dict.fromkeys(name for name, _ in request.points if name))
     if not names:
-        return {}
+        return
+    require_count(len(names))
     box = box_of(ct, request.region, request.region_unit)
     part = ct.part(box)
-    samples = [(name, sample_at(part, point)) for name, point in request.points]
+    samples = [(name, clicked_sample(ct, point, box)) for name, point in request.points]
     allowed = None
     if request.limits is not None:
         allowed = yield from range_mask_steps(part, *request.limits)
+        for (name, sample), (_, point) in zip(samples, request.points, strict=True):
+            if name and not allowed[sample]:
+                raise SettingsError(
+                    f"the point {numbers_text(point)} of {name} has the value {value_at(part, sample):.5g}, outside "
+                    f"of the range {request.limits[0]:g} to {request.limits[1]:g}; give another point or a wider range"
+                )
     x, y, z = (slice(*side) for side in box)
-    masks = {name: np.zeros(ct.shape, bool) for name in names}
     if request.method == "connected":
         assert allowed is not None
         max_mm = math.inf if request.max_mm is None else request.max_mm
-        for name, mask in masks.items():
+        for name in names:
             own = [sample for called, sample in samples if called == name]
-            mask[z, y, x] = yield from connected_steps(allowed, own, part.spacing, max_mm, request.opening_mm)
-        return masks
+            mask = yield from connected_steps(allowed, own, part.spacing, max_mm, request.opening_mm)
+            structures.add(name, mask, (z, y, x))
+        return
     clicks = [Click(sample, names.index(name) + 1 if name else 0) for name, sample in samples]
     reach_mm = MAX_MM if request.max_mm is None else request.max_mm
     labels = yield from compete_steps(part, clicks, allowed, request.hu_per_mm, reach_mm)
-    for number, mask in enumerate(masks.values(), 1):
-        mask[z, y, x] = labels == number
-    return masks
+    for number, name in enumerate(names, 1):
+        structures.add(name, labels == number, (z, y, x))
 
 
-def grown_steps(masks: Masks, ct: Volume, margins: Mapping[str, float]) -> Steps[Masks]:
-    """Grow and shrink structures; one that vanishes is refused."""
-    grown = dict(masks)
-    for name, margin_mm in margins.items():
-        if name not in masks:
-            raise LabelError(f"there is no structure '{name}' for --margin; there are {', '.join(masks)}")
-        grown[name] = yield from margin_steps(masks[name], ct.spacing, margin_mm)
-    for name, mask in grown.items():
-        if not mask.any():
-            raise LabelError(f"nothing is left of {name}; shrink it less")
-    return grown
+def clicked_sample(ct: Volume, point: tuple[float, ...], box: Box) -> Sample:
+    """Return the sample of a region at a point; refuse one that lies outside of it, or that has no value."""
+    sample = sample_at(ct, point)
+    if not math.isfinite(value_at(ct, sample)):
+        raise SettingsError(f"the CT has no value at the point {numbers_text(point)}, but NaN; give another point")
+    z, y, x = (at - low for at, (low, _) in zip(sample, reversed(box), strict=True))
+    if min(z, y, x) < 0 or any(at >= high - low for at, (low, high) in zip((x, y, z), box, strict=True)):
+        raise SettingsError(
+            f"the point {numbers_text(point)} lies outside of the region; give another point or a larger --region"
+        )
+    return z, y, x
 
 
-def labels_steps(path: str, ct: Volume) -> Steps[Masks]:
-    """Read labels on the CT's grid, a mask for each, by name."""
-    labels = yield from readers.read_volume_steps(path)
-    name = Path(path).name
-    if labels.kind != ValueKind.LABEL:
-        raise LabelError(f"{name} has no labels but {labels.kind}s; give a label volume to --from")
-    if labels.shape != ct.shape or not np.allclose(labels.affine, ct.affine, atol=1e-2):
-        raise SettingsError(f"{name} and the CT do not lie on one grid; give labels that were drawn on this CT")
-    masks: Masks = {}
-    for layer in labels.each_layer:
-        values = layer.values
-        for label in np.unique(values[values != 0]).tolist():
-            called = labels.label_names.get(int(label)) or f"label {int(label)}"
-            masks[called] = masks[called] | (values == label) if called in masks else values == label
-    if not masks:
-        raise LabelError(f"{name} has no labelled voxel; leave --from out")
-    return masks
+def value_at(volume: Volume, sample: Sample) -> float:
+    """Return the value of a sample."""
+    z, y, x = (range(at, at + 1) for at in sample)
+    return float(volume.samples(z, y, x)[0, 0, 0])
 
 
-def checked_steps(path: Path, masks: Masks, ct: Volume) -> Steps[None]:
-    """Read the file back; an `OutputError` where a voxel or the grid is not what was written.
-
-    DICOM leaves out slices without a structure, so what comes back may be a part of the CT.
-    """
-    back = yield from readers.read_volume_steps(path)
-    to_ct = np.linalg.inv(ct.affine) @ back.affine  # index to index
-    first = np.rint(to_ct[:3, 3]).astype(int)
-    x, y, z = (slice(start, start + side) for start, side in zip(first.tolist(), back.size, strict=True))
-    same = np.allclose(to_ct[:3, :3], np.eye(3), atol=1e-3) and np.allclose(to_ct[:3, 3], first, atol=1e-2)
-    layers = [layer.values for layer in back.each_layer]
-    for number, mask in enumerate(masks.values(), 1):
-        part = mask[z, y, x]
-        same = same and np.count_nonzero(part) == np.count_nonzero(mask)
-        same = same and any(np.array_equal(values == number, part) for values in layers)
-    if not same:
-        raise OutputError(f"{path.name} does not read back as it was written; choose another disk or format")
+def numbers_text(point: tuple[float, ...]) -> str:
+    """Return a point as it is given."""
+    return " ".join(f"{part:g}" for part in point)
 
 
-def text_of(masks: Masks, ct: Volume, output: Path) -> str:
-    """Return the volumes of the structures, for a person."""
+def text_of(structures: Structures, segments: Sequence[Segment], ct: Volume, output: Path) -> str:
+    """Return the volumes of the structures, and what was assumed, for a person."""
     lines = []
-    for name, mask in masks.items():
-        voxels = int(np.count_nonzero(mask))
-        lines.append((name, f"{milliliters(voxels * ct.voxel_mm3 / 1000)}, {voxels} voxels"))
-    return listing([*lines, ("file", output.name)])
+    for segment, voxels in zip(segments, structures.voxels().values(), strict=True):
+        volume = milliliters(voxels * ct.voxel_mm3 / 1000)
+        lines.append((segment.name, f"{volume}, {voxels} voxels, label {segment.label}"))
+    notes = [with_flags(note) for note in (*ct.notes, *structures.notes)]
+    return listing([*lines, ("file", output.name), *titled("note", notes)])

@@ -13,11 +13,11 @@ from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps
 from .connected import connected_steps
 from .distance import Mask, Window, grown_window, window_of
 from .islands import holes_filled_steps, islands_steps
-from .layers import layers_of
+from .layers import MOST_STRUCTURES, Layers, layers_of, require_count
 from .margin import margin_steps
 from .packed import packed_slices, unpack_into, unpacked_mask
 from .patient_table import without_table_steps
-from .points import sample_at
+from .points import Sample, sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
 from .shown import cropped, veiled
@@ -26,9 +26,12 @@ __all__ = [
     "COMBINATIONS",
     "HU_PER_MM",
     "MAX_MM",
+    "MOST_STRUCTURES",
     "Change",
     "Click",
+    "Layers",
     "Mask",
+    "Sample",
     "Window",
     "between_slices_steps",
     "brush",
@@ -46,6 +49,7 @@ __all__ = [
     "margin_steps",
     "packed_slices",
     "range_mask_steps",
+    "require_count",
     "sample_at",
     "scissors_steps",
     "unpack_into",

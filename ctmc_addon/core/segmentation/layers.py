@@ -1,5 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks that may overlap as layers of labels, of which none has two structures at one voxel."""
+"""Structures that may overlap as layers of labels, of which none has two structures at one voxel.
+
+A voxel takes a byte in each layer, however many structures there are.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,67 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from .distance import Mask
+from .distance import Mask, Window
 
 Labels = NDArray[np.uint8]
 MOST_STRUCTURES = 255
+WHOLE: Window = (slice(None), slice(None), slice(None))
+
+
+class Layers:
+    """Structures by their labels, in as few layers as first fit.
+
+    Parameters
+    ----------
+    shape : (slices, rows, columns)
+
+    Attributes
+    ----------
+    labels : list of (slices, rows, columns) uint8
+        The layers.
+    layer_of : dict of int to int
+        The layer of each label.
+
+    Examples
+    --------
+    >>> layers = Layers((1, 1, 3))
+    >>> layers.put(4, np.array([[[True, True, False]]]))
+    >>> layers.put(2, np.array([[[False, True, True]]]))
+    >>> [layer.ravel().tolist() for layer in layers.labels], layers.layer_of
+    ([[4, 4, 0], [0, 2, 2]], {4: 0, 2: 1})
+    """
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.shape = shape
+        self.labels: list[Labels] = []
+        self.layer_of: dict[int, int] = {}
+
+    def mask(self, label: int) -> Mask:
+        """Return where a structure is."""
+        return self.labels[self.layer_of[label]] == label
+
+    def put(self, label: int, mask: Mask, window: Window = WHOLE) -> None:
+        """Let a structure, there already or new, be what the mask says in a window, and nothing elsewhere."""
+        if label in self.layer_of:
+            self.labels[self.layer_of[label]][self.mask(label)] = 0
+        free = next((at for at, layer in enumerate(self.labels) if not layer[window][mask].any()), len(self.labels))
+        if free == len(self.labels):
+            self.labels.append(np.zeros(self.shape, np.uint8))
+        self.labels[free][window][mask] = label
+        self.layer_of[label] = free
+
+    def compact(self) -> None:
+        """Take as few layers as first fit now, where structures have changed."""
+        for label, layer in self.layer_of.items():
+            if layer:
+                self.put(label, self.mask(label))
+        used = sorted(set(self.layer_of.values()))
+        self.labels = [self.labels[layer] for layer in used]
+        self.layer_of = {label: used.index(layer) for label, layer in self.layer_of.items()}
 
 
 def layers_of(masks: Sequence[Mask]) -> tuple[list[Labels], list[int]]:
-    """Return masks as labels 1, 2, 3 and so on, in as few layers as first fit, and the layer of each mask.
+    """Return masks as labels 1, 2, 3 and so on, in layers, and the layer of each mask.
 
     Parameters
     ----------
@@ -35,14 +91,15 @@ def layers_of(masks: Sequence[Mask]) -> tuple[list[Labels], list[int]]:
     >>> [layer.ravel().tolist() for layer in layers], layer_of_each
     ([[1, 1, 3], [0, 2, 2]], [0, 1, 0])
     """
-    if not 0 < len(masks) <= MOST_STRUCTURES:
-        raise SettingsError(f"{len(masks)} structures are no segmentation; draw 1 to {MOST_STRUCTURES}")
-    layers: list[Labels] = []
-    used = []
-    for number, mask in enumerate(masks, 1):
-        free = next((at for at, layer in enumerate(layers) if not (layer[mask] > 0).any()), len(layers))
-        if free == len(layers):
-            layers.append(np.zeros(mask.shape, np.uint8))
-        layers[free][mask] = number
-        used.append(free)
-    return layers, used
+    require_count(len(masks))
+    slices, rows, columns = masks[0].shape
+    layers = Layers((slices, rows, columns))
+    for label, mask in enumerate(masks, 1):
+        layers.put(label, mask)
+    return layers.labels, list(layers.layer_of.values())
+
+
+def require_count(count: int) -> None:
+    """Raise a `SettingsError` where so many structures are too many for labels of one byte, or none."""
+    if not 0 < count <= MOST_STRUCTURES:
+        raise SettingsError(f"{count} structures are not a segmentation; draw 1 to {MOST_STRUCTURES}")

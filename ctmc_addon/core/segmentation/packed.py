@@ -46,10 +46,10 @@ def unpack_into(mask: Mask, packed: Mapping[int, bytes]) -> None:
     """
     samples = mask.shape[1] * mask.shape[2]
     for number, content in packed.items():
-        if not content:
-            mask[number] = False
-            continue
-        bits = np.frombuffer(zlib.decompress(content), np.uint8)
+        try:
+            bits = np.frombuffer(zlib.decompress(content) if content else bytes(-(-samples // 8)), np.uint8)
+        except zlib.error as error:
+            raise SettingsError(f"slice {number} of a drawing is broken ({error}); open an older .blend") from error
         if len(bits) != -(-samples // 8) or not 0 <= number < len(mask):
             raise SettingsError(f"slice {number} was not drawn on a grid of {mask.shape}; load the CT it was drawn on")
         mask[number] = np.unpackbits(bits, count=samples).reshape(mask.shape[1:])

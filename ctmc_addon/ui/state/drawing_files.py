@@ -58,7 +58,10 @@ def write(path: Path, scene: bpy.types.Scene) -> None:
     if not items or (_written.get(key) == state and path.exists()):
         return
     layers, used = layers_of([drawn.mask for _, drawn in items])
-    segments = [Segment(called(line), srgb(line.color), layer) for line, layer in zip(lines, used, strict=True)]
+    segments = [
+        Segment(called(line), srgb(line.color), label, layer)
+        for label, (line, layer) in enumerate(zip(lines, used, strict=True), 1)
+    ]
     affine = np.asarray(volumes.require_loaded(scene).volume.affine)
     with whole_file(path) as temporary_path:
         finish(write_labels_steps(temporary_path, layers, segments, affine))

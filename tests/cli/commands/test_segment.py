@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import errno
 import sys
 from types import ModuleType
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon import readers
+from ctmc_addon.core.files import label_files
 
 AFFINE = np.array([[-2.0, 0.0, 0.0, 40.0], [0.0, -2.0, 0.0, 30.0], [0.0, 0.0, 3.0, -12.0], [0.0, 0.0, 0.0, 1.0]])
 SHAPE = (12, 30, 40)  # x from 40 to -38 mm, y from 30 to -28, z from -12 to 21
@@ -59,8 +61,8 @@ def test_points_become_structures_with_names_and_colors(ctmc, ct, tmp_path):
     assert dice(masks["left kidney"], ball(-18, 4, 6, 11)) > 0.9
     assert dice(masks["liver"], ball(20, 0, 3, 12)) > 0.9
     lines = done.out.splitlines()
-    assert lines[0].split() == ["left", "kidney", f"{masks['left kidney'].sum() * 0.012:.4g}", "ml,",
-                                str(masks["left kidney"].sum()), "voxels"]  # fmt: skip
+    voxels = int(masks["left kidney"].sum())
+    assert lines[0].split(maxsplit=2)[2] == f"{voxels * 0.012:.4g} ml, {voxels} voxels, label 1"
     assert lines[2].split() == ["file", "labels.seg.nrrd"]
     _, header = nrrd.read(str(out))
     assert [float(share) for share in header["Segment1_Color"].split()] == pytest.approx(
@@ -153,7 +155,86 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
     moved[0, 3] += 1
     nibabel.save(nibabel.Nifti1Image(ball(20, 0, 3, 9).astype(np.uint8).T, moved), tmp_path / "labels.nii")
     words = ("-o", tmp_path / "l.nrrd", "--from", tmp_path / "labels.nii", "--margin", "label 1", 3)
-    assert "do not lie on one grid" in refused("segment", ct, *words)
+    assert "lies up to 1 mm beside the samples of the CT" in refused("segment", ct, *words)
+
+
+def saved(values, affine, path):
+    nibabel.save(nibabel.Nifti1Image(values.T, affine), path)
+    return path
+
+
+def test_labels_of_a_file_keep_their_numbers_and_a_new_one_comes_after_them(ctmc, ct, tmp_path):
+    before = np.where(ball(0, -14, 3, 8), 9, np.where(ball(-18, 4, 6, 8), 5, 0)).astype(np.uint8)
+    words = ("--from", saved(before, AFFINE, tmp_path / "labels.nii"), "--seed", "liver", 20, 0, 3)
+    done = ctmc("segment", ct, "-o", tmp_path / "l.nii.gz", *words)
+    assert [line.split()[-1] for line in done.out.splitlines()[:3]] == ["5", "9", "10"]
+    after = readers.read_volume(tmp_path / "l.nii.gz").values
+    assert ((after == 5) == (before == 5)).all()
+    assert ((after == 9) == (before == 9)).all()
+    assert dice(after == 10, ball(20, 0, 3, 12)) > 0.9
+
+
+def test_labels_in_another_order_of_the_axes_are_put_on_the_grid_of_the_ct(ctmc, ct, tmp_path):
+    mask = ball(20, 0, 3, 9)
+    flipped = AFFINE @ np.array([[1, 0, 0, 0], [0, -1, 0, SHAPE[1] - 1], [0, 0, 1, 0], [0, 0, 0, 1.0]])
+    labels = saved(mask[:, ::-1].astype(np.uint8), flipped, tmp_path / "labels.nii")
+    assert ctmc("segment", ct, "-o", tmp_path / "l.nii", "--from", labels, "--margin", "label 1", 3).code == 0
+    after = readers.read_volume(tmp_path / "l.nii").values == 1
+    assert dice(after, ball(20, 0, 3, 12)) > 0.94
+
+
+def test_labels_above_255_are_numbered_anew_with_a_note(ctmc, ct, tmp_path):
+    labels = saved(np.where(ball(20, 0, 3, 9), 4000, 0).astype(np.int16), AFFINE, tmp_path / "labels.nii")
+    done = ctmc("segment", ct, "-o", tmp_path / "l.nii", "--from", labels, "--margin", "label 4000", 3)
+    assert "numbered anew, as one is 4000" in done.out
+    assert set(np.unique(readers.read_volume(tmp_path / "l.nii").values)) == {0, 1}
+
+
+def test_segments_of_a_file_keep_their_colors_and_stay_two_where_they_have_one_name(ctmc, ct, tmp_path):
+    first = tmp_path / "first.seg.nrrd"
+    points = ("--seed", "liver", 20, 0, 3, "--seed", "spleen", -18, 4, 6)
+    assert ctmc("segment", ct, "-o", first, *points).code == 0
+    content = first.read_bytes().replace(b"Name:=spleen", b"Name:=liver").replace(b"0.478431", b"0.200000")
+    first.write_bytes(content)
+    done = ctmc("segment", ct, "-o", tmp_path / "l.seg.nrrd", "--from", first, "--margin", "liver", 4)
+    assert "has two structures called liver; the second is liver 2 here" in done.out
+    _, header = nrrd.read(str(tmp_path / "l.seg.nrrd"))
+    assert [header[f"Segment{at}_Name"] for at in (0, 1)] == ["liver", "liver 2"]
+    assert header["Segment0_Color"].startswith("0.2 ")
+
+
+def test_notes_say_what_a_person_may_not_expect(ctmc, ct, tmp_path):
+    points = ("--seed", "liver", 20, 0, 3, "--margin", "liver", 0.5)
+    done = ctmc("segment", ct, "-o", tmp_path / "l.nrrd", *points)
+    notes = " ".join(done.out.split())
+    assert "0.5 mm change nothing of liver, as voxels are 2 mm apart" in notes
+    np.save(tmp_path / "ct.npy", values())
+    done = ctmc("segment", tmp_path / "ct.npy", "-o", tmp_path / "m.nrrd", "--seed", "liver", -10, -15, 5)
+    assert done.out.split("note")[1].split()
+
+
+def test_a_point_out_of_range_region_or_values_is_named(refused, tmp_path):
+    hu = values().astype(np.float32)
+    hu[ball(-18, 4, 6, 4)] = np.nan
+    ct = saved(hu, AFFINE, tmp_path / "nan.nii")
+    out = ("-o", tmp_path / "l.nrrd")
+    both = ("--method", "connected", "--range", 60, 140, "--seed", "liver", 20, 0, 3, "--seed", "liver", 0, -14, 3)
+    sentence = refused("segment", ct, *out, *both)
+    assert "the point 0 -14 3 of liver has the value" in sentence
+    assert "outside of the range 60 to 140" in sentence
+    assert "no value at the point -18 4 6, but NaN" in refused("segment", ct, *out, "--seed", "liver", -18, 4, 6)
+    region = ("--region", 10, -20, -10, 38, 20, 10, "--region-unit", "mm", "--seed", "liver", 0, 0, 3)
+    assert "the point 0 0 3 lies outside of the region" in refused("segment", ct, *out, *region)
+
+
+def test_a_full_disk_is_one_sentence(refused, ct, tmp_path, monkeypatch):
+    def full(*_args, **_kwargs):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(label_files, "_extent", full)
+    sentence = refused("segment", ct, "-o", tmp_path / "l.seg.nrrd", "--seed", "liver", 20, 0, 3)
+    assert sentence.endswith("l.seg.nrrd cannot be written: the disk is full; free some space or choose another disk")
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.parametrize(
@@ -167,6 +248,8 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
             ("--seed", "a", 20, 0, 3, "--method", "connected", "--range", 0, 9, "--hu-per-mm", 3),
             "--hu-per-mm is for --method compete",
         ),
+        (("--from", "l.nrrd", "--margin", "a", 2, "--background", 20, 0, 3), "give the structure a point"),
+        (("--seed", "a", 20, 0, 3, "--margin", "a", 2, "--margin", "a", 3), "--margin is given twice"),
         (("--seed", "liver", 20, 0, 3, "--opening-mm", 3), "--opening-mm is for --method connected"),
         (("--seed", "liver", 20, 0, 3, "-o", "l.dcm"), "allow it by --with-identity, or write a .seg.nrrd"),
         (("--seed", "liver", 20, 0, 3, "--with-identity"), "--with-identity is for a DICOM segmentation"),
@@ -180,6 +263,10 @@ def test_a_dicom_segmentation_needs_highdicom_and_dicom_images(refused, ct, tmp_
     words = ("segment", ct, "-o", tmp_path / "l.dcm", "--with-identity", "--seed", "liver", 20, 0, 3)
     monkeypatch.setitem(sys.modules, "highdicom", None)
     assert "pip install 'ctmc-addon[dicom-seg]', or write a .seg.nrrd" in refused(*words)
-    monkeypatch.setitem(sys.modules, "highdicom", ModuleType("highdicom"))
+    highdicom = ModuleType("highdicom")
+    highdicom.__version__ = "0.26.1"
+    monkeypatch.setitem(sys.modules, "highdicom", highdicom)
+    assert "highdicom is 0.26.1 here, and a DICOM segmentation needs 0.27" in refused(*words)
+    highdicom.__version__ = "0.28.2"
     assert "the DICOM images it was made on, and ct.nii is NIfTI" in refused(*words)
     assert not (tmp_path / "l.dcm").exists()

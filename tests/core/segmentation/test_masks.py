@@ -8,6 +8,7 @@ import pytest
 
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import (
+    Layers,
     between_slices_steps,
     change_of,
     combined,
@@ -22,6 +23,7 @@ from ctmc_addon.core.segmentation import (
 )
 from ctmc_addon.core.segmentation import distance as distance_module
 from ctmc_addon.core.segmentation.distance import near_steps, squared_distances
+from ctmc_addon.core.segmentation.packed import unpack_into
 
 SPACING = (0.7, 1.1, 2.5)
 
@@ -298,6 +300,28 @@ def test_layers_hold_every_mask_whole():
     assert layers_of(apart)[1] == [0, 0, 0]
     with pytest.raises(SettingsError, match="0 structures"):
         layers_of([])
+
+
+def test_layers_are_as_few_as_fit_after_a_structure_has_moved():
+    first, second = np.zeros((2, 3, 4), bool), np.zeros((2, 3, 4), bool)
+    first[0], second[0] = True, True
+    layers = Layers((2, 3, 4))
+    layers.put(3, first)
+    layers.put(8, second[0:1], (slice(0, 1), slice(None), slice(None)))
+    assert layers.layer_of == {3: 0, 8: 1}
+    layers.put(3, ~first)
+    layers.compact()
+    assert layers.layer_of == {3: 0, 8: 0}
+    assert len(layers.labels) == 1
+    assert (layers.mask(3) == ~first).all()
+    assert (layers.mask(8) == second).all()
+
+
+def test_slices_that_are_broken_or_of_another_grid_are_refused():
+    mask = np.zeros((3, 4, 5), bool)
+    for number, content, sentence in [(1, b"junk", "is broken"), (7, b"", "not drawn on a grid")]:
+        with pytest.raises(SettingsError, match=sentence):
+            unpack_into(mask, {number: content})
 
 
 def test_combining_refuses_other_shapes_and_other_words():

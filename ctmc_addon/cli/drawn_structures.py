@@ -1,0 +1,142 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Structures that `ctmc segment` makes: their names, labels and colors, from a file and back to one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .. import readers
+from ..core import LabelError, OutputError, Steps, Volume
+from ..core.files.file_names import printable
+from ..core.files.label_files import Segment
+from ..core.segmentation import MOST_STRUCTURES, Layers, Mask, Window, margin_steps, require_count
+from ..core.volume import ValueKind, label_extents_steps, placed_labels_steps, structure_color
+
+RGB = tuple[int, int, int]
+
+
+class Structures:
+    """Structures on the grid of a CT, by name.
+
+    Parameters
+    ----------
+    shape : (slices, rows, columns)
+
+    Attributes
+    ----------
+    layers : Layers
+    label_of : dict of str to int
+        The label of each structure.
+    notes : list of str
+        What was assumed of them, and what a person may not expect.
+    """
+
+    def __init__(self, shape: tuple[int, int, int]) -> None:
+        self.layers = Layers(shape)
+        self.label_of: dict[str, int] = {}
+        self.colors: dict[str, RGB] = {}
+        self.notes: list[str] = []
+
+    def mask(self, name: str) -> Mask:
+        """Return where a structure is."""
+        return self.layers.mask(self.label_of[name])
+
+    def add(self, name: str, mask: Mask, window: Window) -> None:
+        """Add voxels of a window to a structure; a new one gets the label after the largest, or the first free one."""
+        if name in self.label_of:
+            whole = self.mask(name)
+            whole[window] |= mask
+            self.layers.put(self.label_of[name], whole)
+            return
+        used = set(self.label_of.values())
+        require_count(len(used) + 1)
+        label = max(used, default=0) + 1
+        if label > MOST_STRUCTURES:
+            label = next(label for label in range(1, MOST_STRUCTURES + 1) if label not in used)
+        self.label_of[name] = label
+        self.layers.put(label, mask, window)
+
+    def read_steps(self, path: str, ct: Volume) -> Steps[None]:
+        """Take the labels of a file, which lie on the grid of a CT in any order of the axes, or on a part of it.
+
+        They keep their numbers, names and colors. Where one is above 255 all are numbered anew, and of two with one
+        name the second gets its number as a second name; a note says either.
+        """
+        read = yield from readers.read_volume_steps(path)
+        if read.kind != ValueKind.LABEL:
+            raise LabelError(f"{read.name} has no labels but {read.kind}s; give a label volume to --from")
+        labels = yield from placed_labels_steps(read, ct)
+        extents = yield from label_extents_steps(labels)
+        if not extents:
+            raise LabelError(f"{read.name} has no labeled voxel; leave --from out")
+        require_count(len(extents))
+        self.notes += labels.notes
+        kept = max(extents) <= MOST_STRUCTURES
+        if not kept:
+            self.notes.append(f"Labels of {read.name} are numbered anew, as one is {max(extents)} and 255 is the most.")
+        for number, (label, extent) in enumerate(extents.items(), 1):
+            name = called = printable(labels.label_names.get(label, "")) or f"label {label}"
+            if name in self.label_of:
+                name = f"{called} {label}"
+                self.notes.append(f"{read.name} has two structures called {called}; the second is {name} here.")
+            x, y, z = (slice(*side) for side in extent.box)
+            mask = np.zeros((z.stop - z.start, y.stop - y.start, x.stop - x.start), bool)
+            for layer in labels.each_layer:
+                mask |= layer.samples(*(range(side.start, side.stop) for side in (z, y, x))) == label
+            self.label_of[name] = label if kept else number
+            self.layers.put(self.label_of[name], mask, (z, y, x))
+            if label in labels.label_colors:
+                self.colors[name] = labels.label_colors[label]
+
+    def grow_steps(self, margins: Mapping[str, float], spacing_mm: tuple[float, float, float]) -> Steps[None]:
+        """Grow and shrink structures; one that vanishes is refused, and a note says where nothing changed."""
+        for name, margin_mm in margins.items():
+            if name not in self.label_of:
+                raise LabelError(f"there is no structure '{name}' for --margin; there are {', '.join(self.label_of)}")
+            before = self.mask(name)
+            mask = yield from margin_steps(before, spacing_mm, margin_mm)
+            if not mask.any():
+                raise LabelError(f"nothing is left of {name} with a margin of {margin_mm:g} mm; shrink it less")
+            if margin_mm and np.array_equal(mask, before):
+                step_mm = min(spacing_mm)
+                self.notes.append(f"{margin_mm:g} mm change nothing of {name}, as voxels are {step_mm:.3g} mm apart.")
+            self.layers.put(self.label_of[name], mask)
+        self.layers.compact()
+
+    def segments(self, in_order: bool) -> list[Segment]:
+        """Return what a file says of each; `in_order` they are numbered 1, 2, 3, as DICOM numbers them."""
+        segments = []
+        for number, (name, label) in enumerate(self.label_of.items(), 1):
+            color = structure_color(label, self.colors.get(name), name).rgb
+            segments.append(Segment(name, color, number if in_order else label, self.layers.layer_of[label]))
+        return segments
+
+    def voxels(self) -> dict[str, int]:
+        """Return how many voxels each has."""
+        counts = sum(
+            (np.bincount(part.ravel(), minlength=256) for layer in self.layers.labels for part in layer),
+            np.zeros(256, np.int64),
+        )
+        return {name: int(counts[label]) for name, label in self.label_of.items()}
+
+    def check_steps(self, path: Path, segments: list[Segment], affine: NDArray[np.float64]) -> Steps[None]:
+        """Read a file back; an `OutputError` where a voxel or the grid is not what was written.
+
+        DICOM leaves out slices without a structure, so what comes back may be a part of the CT.
+        """
+        back = yield from readers.read_volume_steps(path)
+        to_ct = np.linalg.inv(affine) @ back.affine  # index to index
+        first = np.rint(to_ct[:3, 3]).astype(int)
+        x, y, z = (slice(start, start + side) for start, side in zip(first.tolist(), back.size, strict=True))
+        same = np.allclose(to_ct[:3, :3], np.eye(3), atol=1e-3) and np.allclose(to_ct[:3, 3], first, atol=1e-2)
+        layers = [layer.values for layer in back.each_layer]
+        for segment, voxels in zip(segments, self.voxels().values(), strict=True):
+            part = self.mask(segment.name)[z, y, x]
+            same = same and np.count_nonzero(part) == voxels
+            same = same and any(np.array_equal(values == segment.label, part) for values in layers)
+        if not same:
+            raise OutputError(f"{path.name} does not read back as it was written; choose another disk or format")
