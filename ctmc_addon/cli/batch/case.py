@@ -42,12 +42,14 @@ from ..outputs import Outputs, written_steps
 from ..surfaces import Surfaces, surfaces_steps
 from .files import (
     ABSENT,
+    batch_is_over,
     failed_record,
     identity,
     input_key,
     options_of,
     put_output,
     record_path,
+    require_batch,
     settings_of,
     size_of,
     without_folders,
@@ -72,13 +74,13 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
                 raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
             case.make(output, start)
         except AbsentLabelError as error:
-            with CHANGING_FOLDERS:
-                case.put_absent(output, with_flags(str(error)), since(start))
+            case.put_absent(output, with_flags(str(error)), since(start))
         except (CtmcError, MemoryError) as error:
             sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
             record = failed_record(task, output, sentence, since(start))
             with CHANGING_FOLDERS:
-                write_json(record_path(Path(task["folder"]), output["name"]), record)
+                if not batch_is_over(task):
+                    write_json(record_path(Path(task["folder"]), output["name"]), record)
 
 
 @dataclass(frozen=True)
@@ -186,8 +188,13 @@ class Case:
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
         }
+        self.put(name, files, thumbnail, record)
+
+    def put(self, name: str, files: Sequence[Path], thumbnail: Path | None, record: Mapping[str, Any]) -> None:
+        """Put complete files in their places, unless the batch is over: they may be those of another one then."""
         with CHANGING_FOLDERS:
-            put_output(Path(task["folder"]), name, self.unfinished, files, thumbnail, record)
+            if not batch_is_over(self.task):
+                put_output(Path(self.task["folder"]), name, self.unfinished, files, thumbnail, record)
 
     def shared(self, volume: Volume, settings: ReconstructionSettings, labels: Sequence[int]) -> Surfaces | None:
         """Return the surface of a label that shares interfaces with others of `labels`; None where there are none.
@@ -223,12 +230,13 @@ class Case:
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
         """Record that the case does not have the label of an output; what an older run made of it goes."""
         record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
-        put_output(Path(self.task["folder"]), output["name"], self.unfinished, [], None, record)
+        self.put(output["name"], [], None, record)
 
     def output_fields(self, output: Mapping[str, Any]) -> dict[str, Any]:
         """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
+            require_batch(self.task)  # or its hidden folder would come again
             own = made_folder(self.unfinished)
             pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
             if output["labels"] and suffix in SUFFIXES:

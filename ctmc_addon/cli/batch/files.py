@@ -12,8 +12,9 @@ import hashlib
 import json
 import re
 import shutil
+import time
 from collections.abc import Container, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ DONE, ABSENT, FAILED = "done", "absent", "failed"  # absent: the case has no suc
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
+PATIENCE = 5.0  # seconds for removing what is not finished
 SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
 
 
@@ -50,6 +52,27 @@ def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
         What the batch hands to the case.
     """
     return Path(task["folder"], task["unfinished"], task["outputs"][0]["name"])
+
+
+def batch_is_over(task: Mapping[str, Any]) -> bool:
+    """Return whether the batch of a task has ended: its hidden folder is gone, or its process, if that ran here.
+
+    Another batch may be at work in the folder then, and what this one had not finished is of no use to it.
+    """
+    unfinished = Path(task["folder"], task["unfinished"])
+    try:
+        unfinished.stat()
+    except FileNotFoundError:
+        return True
+    except OSError:  # storage that does not answer for a while
+        return False
+    return not may_be_in_use(unfinished.name)
+
+
+def require_batch(task: Mapping[str, Any]) -> None:
+    """Raise a `CtmcError` if the batch of a task has ended."""
+    if batch_is_over(task):
+        raise CtmcError(f"the batch has ended, or its folder {task['unfinished']} is not seen on this machine")
 
 
 def put_output(
@@ -146,7 +169,25 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
                 )
         yield own.name
     finally:
-        shutil.rmtree(own, ignore_errors=True)
+        remove_in_use(own)
+
+
+def remove_in_use(folder: Path) -> None:
+    """Remove a folder in which others may still write for a moment."""
+    end = time.monotonic() + PATIENCE
+    while folder.exists() and time.monotonic() < end:  # a file may come while the others are removed
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+def remove_own_unfinished(unfinished: Path) -> None:
+    """Remove what a case has not finished, and the hidden folder of its batch with the last case of one that is gone.
+
+    The folder of a batch that lives stays: by it the other cases know that the batch lives.
+    """
+    remove_in_use(unfinished)
+    if not may_be_in_use(unfinished.parent.name):
+        with suppress(OSError):  # not empty while other cases of the run work there
+            unfinished.parent.rmdir()
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:

@@ -23,12 +23,13 @@ from typing import IO, Any, NamedTuple
 
 from ...core import CtmcError, OutputError
 from ...core.files.atomic_write import write_json
-from .files import failed_record, read_record, record_path, without_folders
+from .files import failed_record, read_record, record_path, require_batch, without_folders
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
 TICK = 0.05  # seconds between two looks at the processes
 PATIENCE = 5.0  # seconds that a process gets to leave by itself
+LOOK = 0.5  # seconds between two looks whether the batch still lives
 KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
 
 Task = Mapping[str, Any]
@@ -182,14 +183,18 @@ _lock = threading.Lock()
 
 
 def run_task(task: Task) -> None:
-    """Do one task from start to end, as a cluster's worker does, which keeps the process for a while for the next."""
+    """Do one task from start to end, as a cluster's worker does, which keeps the process for a while for the next.
+
+    Once the batch is over, the process is stopped and no record written.
+    """
+    require_batch(task)
     with _lock:
         process = _idle.pop() if _idle else None
     process = process or CaseProcess(queue.Queue())
     kept = False
     try:
         process.begin(task)
-        words = process.messages.get()[1]
+        words = last_words(process, task)
         process.settle(ended=words is None)
         kept = words == OVER
     finally:
@@ -202,6 +207,17 @@ def run_task(task: Task) -> None:
     timer = threading.Timer(KEPT_SECONDS, _stop_if_idle, [process, process.start])
     timer.daemon = True
     timer.start()
+
+
+def last_words(process: CaseProcess, task: Task) -> str | None:
+    """Return what a process says at the end of its case, None if it has ended, as long as there is the batch."""
+    while True:
+        words, has_said = None, False
+        with suppress(queue.Empty):
+            words, has_said = process.messages.get(timeout=LOOK)[1], True
+        require_batch(task)
+        if has_said:
+            return words
 
 
 def _stop_if_idle(process: CaseProcess, start: float) -> None:

@@ -16,7 +16,6 @@ import queue
 import shutil
 import signal
 import threading
-import time
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -24,13 +23,12 @@ from typing import Any
 from ...core import CtmcError, case_process_is_large, give_back, reset_peak_bytes, resident_bytes
 from ...core.files.input_files import own_input_files
 from .case import CHANGING_FOLDERS, do_case
-from .files import own_unfinished_folder
+from .files import own_unfinished_folder, remove_own_unfinished
 
 COMMAND = "batch-case"
 MARK = "ctmc-batch-case "  # begins what is said on standard output: Blender prints there too
 OVER, LEAVING, NEEDS = "over", "leaving", "needs"
 GO = "go"
-PATIENCE = 5.0  # seconds for removing what is not finished
 
 
 def add_parser(commands: Any) -> None:
@@ -110,11 +108,7 @@ class Batch:
             self.tasks.put(None)
             return
         with CHANGING_FOLDERS:  # never released: no folder comes again
-            end = time.monotonic() + PATIENCE
-            while unfinished.exists() and time.monotonic() < end:  # a file may come while the others are removed
-                shutil.rmtree(unfinished, ignore_errors=True)
-            with suppress(OSError):  # not empty while other cases of the run work there
-                unfinished.parent.rmdir()
+            remove_own_unfinished(unfinished)
             os._exit(1)
 
     def end_task(self, word: str) -> None:

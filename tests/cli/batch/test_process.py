@@ -14,20 +14,25 @@ import pytest
 from shapes import distance_mm
 
 from ctmc_addon.cli.batch import process as batch_process
-from ctmc_addon.cli.batch.case import NO_HU, Case, announced_budget
+from ctmc_addon.cli.batch.case import NO_HU, Case, announced_budget, do_case
+from ctmc_addon.cli.batch.files import remove_own_unfinished, unfinished_folder
 from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
-from ctmc_addon.core import MemoryLimitError
+from ctmc_addon.core import VERSION, CtmcError, MemoryLimitError
 from ctmc_addon.core.memory import peak_bytes, reset_peak_bytes, resident_bytes
 from ctmc_addon.core.plan import PROCESS_BYTES
 
-# Says that it is over after every task; ends at a task called "bad", and asks for memory where a task says how much.
+# Says that it is over after every task; ends at a task called "bad", makes one called "long" without end, and asks for
+# memory where a task says how much.
 SCRIPT = f"""
 import json, os, sys
 for line in sys.stdin:
     task = json.loads(line)
     if task["case"] == "bad":
         os.abort()
+    if task["case"] == "long":
+        sys.stdin.read()
+        break
     if task.get("bytes", 0) > task["reserved"]:
         print(f"chatter{MARK}{NEEDS} {{task['bytes']}}", flush=True)
         sys.stdin.readline()
@@ -219,7 +224,7 @@ def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(st
     for name in ("a", "b", "bad", "c"):
         if name == "c":
             monkeypatch.setattr(batch_process, "KEPT_SECONDS", 0.1)
-        batch_process.run_task(task_of(tmp_path, name, reserved=0))
+        batch_process.run_task(task_of(tmp_path, name, reserved=0, unfinished="."))
     assert len(started) == 2  # one for a, b and the one that crashed, one for c
     assert all((tmp_path / f"{name}.json").exists() for name in ("a", "b", "bad", "c"))
     [kept] = batch_process._idle
@@ -228,3 +233,55 @@ def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(st
     while batch_process._idle and time.monotonic() < end:
         time.sleep(0.02)
     assert batch_process._idle == []
+
+
+def test_a_worker_stops_the_case_of_a_batch_that_has_ended_and_writes_no_record(started, tmp_path):
+    errors, processes = [], []
+    begin = CaseProcess.begin
+
+    def work(name):
+        try:
+            batch_process.run_task(task_of(tmp_path, "long", unfinished=name))
+        except CtmcError as error:
+            errors.append(str(error))
+
+    with pytest.MonkeyPatch.context() as patched, unfinished_folder(tmp_path) as name:
+        patched.setattr(CaseProcess, "begin", lambda self, task: (processes.append(self), begin(self, task)))
+        worker = threading.Thread(target=work, args=[name], daemon=True)
+        worker.start()
+        end = time.monotonic() + 60
+        while not processes and time.monotonic() < end:
+            time.sleep(0.02)
+        worker.join(0.1)
+        assert worker.is_alive()
+    worker.join(60)
+    assert not worker.is_alive()
+    assert processes[0].process.poll() is not None
+    assert errors == [f"the batch has ended, or its folder {name} is not seen on this machine"]
+    with pytest.raises(CtmcError, match="the batch has ended"):  # nor is one begun
+        batch_process.run_task(task_of(tmp_path, "a", unfinished=name))
+    assert len(started) == 1
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_case_of_a_batch_that_has_ended_leaves_the_records_of_the_next_one(tmp_path, name_of_an_ended_process):
+    np.save(tmp_path / "in.npy", (distance_mm((9, 9, 9)) < 3).astype(np.uint8))
+    record = tmp_path / "a.json"
+    record.write_text("{}")
+    for number, output in enumerate(({"label": 1}, {"label": 2}, {"threshold": 9.0})):  # done, absent, failed
+        run = tmp_path / (".ctmc-run-of-another-machine" if number % 2 else name_of_an_ended_process(".ctmc-run-"))
+        task = task_of(tmp_path, "a", unfinished=run.name, verify=False, version=VERSION)
+        task["outputs"][0]["settings"] = output
+        do_case(task, run / "a")
+        assert record.read_text() == "{}"
+        assert not run.exists()
+
+
+def test_a_cases_end_leaves_the_hidden_folder_of_a_batch_that_lives(tmp_path, name_of_an_ended_process):
+    with unfinished_folder(tmp_path) as name:
+        for run in (tmp_path / name, tmp_path / name_of_an_ended_process(".ctmc-run-")):
+            (run / "a").mkdir(parents=True, exist_ok=True)
+            (run / "a" / "half.stl").write_text("half")
+            remove_own_unfinished(run / "a")
+        assert [path.name for path in tmp_path.iterdir()] == [name]
+        assert list((tmp_path / name).iterdir()) == []
