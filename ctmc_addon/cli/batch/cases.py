@@ -10,6 +10,7 @@ import glob
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -91,11 +92,24 @@ def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
     if not input_path.exists() and glob.has_magic(word):
-        paths = sorted((Path(path) for path in glob.glob(word, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
+        paths = paths_of(word, aside)
         if not paths:
             raise ReadError(f"no file or folder fits '{word}'; check the pattern")
         return [source for path in paths for source in inputs_at(path, aside)]
     return inputs_at(readers.existing_path(input_path), aside)
+
+
+def paths_of(pattern: str, aside: Path | None) -> list[Path]:
+    """Return what fits a pattern, in natural order, without the folder to pass over and what is in it.
+
+    A pattern that begins in that folder, or below it, means what is there.
+    """
+    parts = Path(pattern).parts
+    begin = Path(*takewhile(lambda part: not glob.has_magic(part), parts)).resolve()
+    paths = sorted((Path(path) for path in glob.glob(pattern, recursive=True)), key=natural_key)  # noqa: PTH207  (absolute too)
+    if aside is None or aside in (begin, *begin.parents):
+        return paths
+    return [path for path in paths if aside not in (path.resolve(), *path.resolve().parents)]
 
 
 def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:

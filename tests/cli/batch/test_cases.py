@@ -72,6 +72,20 @@ def test_the_output_folder_is_no_case(tmp_path):
     assert [case.name for case in collect([str(tmp_path)], {}, READING, tmp_path / "out")] == ["p1"]
 
 
+@pytest.mark.parametrize("pattern", ["*", "*/*", "**/*", "[!x]*"])
+def test_a_pattern_passes_over_the_output_folder_and_its_pictures(tmp_path, pattern):
+    touch(tmp_path, "p1/1.png", "p1/2.png", "out/thumbnails/p1.png", "out/p1.stl")
+    cases = collect([str(tmp_path / pattern)], {}, READING, tmp_path / "out")
+    assert {case.path.relative_to(tmp_path).parts[0] for case in cases} == {"p1"}
+
+
+def test_a_pattern_may_begin_in_the_output_folder(tmp_path):
+    touch(tmp_path, "a.nii", "b/c.nii")
+    for pattern, expected in (("*.nii", ["a"]), ("b/*", ["c"])):
+        cases = collect([str(tmp_path / pattern)], {}, READING, tmp_path)
+        assert [case.name for case in cases] == expected
+
+
 def test_a_lone_dicom_slice_is_named_after_its_folder(tmp_path):
     touch(tmp_path, "case 7/1.2.840.dcm")
     (tmp_path / "case 7" / "1.2.840.dcm").write_bytes(bytes(128) + b"DICM")  # an empty file is of no kind
