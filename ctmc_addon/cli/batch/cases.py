@@ -214,8 +214,8 @@ def values_of(case: Case) -> tuple[int, int]:
     path = source_of(case.path, case.outputs[0].settings.label)
     try:
         if path.is_dir():
-            return readers.estimate_voxels(path), LARGEST_VALUE
-        series = readers.open_volume(path).series
+            return readers.estimate_voxels(path, case.reading.allow_outside), LARGEST_VALUE
+        series = readers.open_volume(path, case.reading.allow_outside).series
     except OutputError:  # it would replace a file of this input
         raise
     except (CtmcError, OSError):

@@ -217,6 +217,17 @@ def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
     assert case_bytes(voxels, 2, thumbnails=False) == PROCESS_BYTES + READING_COPIES * 2 * voxels
 
 
+def test_need_of_memory_counts_values_outside_the_folder_where_they_may_be_read(tmp_path):
+    touch(tmp_path, "a.raw")
+    (tmp_path / "in").mkdir()
+    header = "NDims = 3\nDimSize = 6 5 4\nElementType = MET_SHORT\nElementDataFile = ../a.raw\n"
+    (tmp_path / "in" / "a.mhd").write_text(header)
+    (tmp_path / "a.raw").write_bytes(bytes(2 * 6 * 5 * 4))
+    for allowed, expected in ((True, (6 * 5 * 4, 2)), (False, (0, 8))):
+        [case] = collect([str(tmp_path / "in")], {}, ReadingOptions(allow_outside=allowed))
+        assert values_of(case) == expected
+
+
 def test_smoothed_labels_ask_for_memory_and_all_else_is_counted_by_voxels():
     for several in (False, True):
         assert asks_for_memory(ReconstructionSettings(label=2), several)
