@@ -19,7 +19,6 @@ from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, S
 from ...core.files.file_names import file_key, is_file_name
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
-from ..commands.reconstruct import source_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # folders within folders that are searched for cases
@@ -206,16 +205,15 @@ def short(case: Case) -> str:
     return "/".join(case.path.parts[-2:])
 
 
-def values_of(case: Case) -> tuple[int, int]:
+def values_of(path: Path, allow_outside: bool) -> tuple[int, int]:
     """Return the voxels in the file that will be read, and the bytes of one, or the most that any has.
 
     There are none where that is unknown, as of broken headers, which fail at once.
     """
-    path = source_of(case.path, case.outputs[0].settings.label)
     try:
         if path.is_dir():
-            return readers.estimate_voxels(path, case.reading.allow_outside), LARGEST_VALUE
-        series = readers.open_volume(path, case.reading.allow_outside).series
+            return readers.estimate_voxels(path, allow_outside), LARGEST_VALUE
+        series = readers.open_volume(path, allow_outside).series
     except OutputError:  # it would replace a file of this input
         raise
     except (CtmcError, OSError):

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import sys
 import uuid
 from collections.abc import Mapping, Sequence
@@ -288,8 +289,12 @@ def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
     first = case.outputs[0]
     several = bool(first.labels or first.beside)
     task["asks"] = asks_for_memory(first.settings, several)
-    voxels, value_bytes = values_of(case)
-    return case_bytes(voxels, value_bytes if task["asks"] else None, thumbnails or task["format"] == ".blend")
+    source = source_of(case.path, first.settings.label)
+    voxels, value_bytes = values_of(source, case.reading.allow_outside)
+    need = case_bytes(voxels, value_bytes if task["asks"] else None, thumbnails or task["format"] == ".blend")
+    if task["hu"] and source != case.path and not first.labels and not task["asks"]:  # who asks does so for the CT too
+        need += math.prod(values_of(case.path, case.reading.allow_outside))
+    return need
 
 
 def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:

@@ -222,21 +222,25 @@ def needed_steps(
         Whether workers fetch the values, so that none are read here.
     budget : Budget, optional
     """
-    whole = not by_workers and reads_whole(source, reading, settings, several)
+    whole = not by_workers and reads_whole(source, reading, settings, several, budget or Budget())
     if whole:
         return checked((yield from source.read_steps(reading, budget=budget)), source, path, settings.label)
     return checked((yield from source.slabs_steps(reading, budget=budget)), source, path, settings.label)
 
 
 def reads_whole(
-    source: readers.VolumeSource, reading: readers.ReadingOptions, settings: ReconstructionSettings, several: bool
+    source: readers.VolumeSource,
+    reading: readers.ReadingOptions,
+    settings: ReconstructionSettings,
+    several: bool,
+    budget: Budget,
 ) -> bool:
-    """Return whether all values are needed and leave enough memory for a surface."""
+    """Return whether all values are needed and leave enough of the budget's memory for a surface."""
     series = source.selected_series(reading.series)
     if series is None:
         return True
     every = ReconstructionSettings() if several else settings
-    return reads_at_once(math.prod(series.shape) * series.voxel_bytes, every, Budget())
+    return reads_at_once(math.prod(series.shape) * series.voxel_bytes, every, budget)
 
 
 def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int | None) -> Volume:

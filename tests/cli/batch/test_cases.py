@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import gzip
 
+import nibabel
 import numpy as np
 import pytest
 
 from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch.cases import collect, values_of
+from ctmc_addon.cli.batch.command import need_of
 from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.errors import CtmcError
 from ctmc_addon.core.plan import (
@@ -19,6 +21,7 @@ from ctmc_addon.core.plan import (
 from ctmc_addon.readers import ReadingOptions
 
 READING = ReadingOptions()
+TASK = {"hu": False, "format": ".stl"}
 
 
 def touch(folder, *names):
@@ -209,7 +212,7 @@ def test_need_of_memory_grows_with_the_volume_that_is_read(tmp_path):
     header[344:348] = b"n+1\0"
     (tmp_path / "b.nii.gz").write_bytes(gzip.compress(bytes(header) + bytes(4)))
     touch(tmp_path, "broken.nii")
-    values = [values_of(case) for case in collect([str(tmp_path)], {}, READING)]
+    values = [values_of(case.path, allow_outside=False) for case in collect([str(tmp_path)], {}, READING)]
     assert values == [(4 * 50 * 60, 2), (70 * 80 * 9, 2), (0, 8)]
     voxels = 4 * 50 * 60
     assert case_bytes(voxels) == BLENDER_PROCESS_BYTES + CASE_VOXEL_BYTES * voxels
@@ -223,9 +226,25 @@ def test_need_of_memory_counts_values_outside_the_folder_where_they_may_be_read(
     header = "NDims = 3\nDimSize = 6 5 4\nElementType = MET_SHORT\nElementDataFile = ../a.raw\n"
     (tmp_path / "in" / "a.mhd").write_text(header)
     (tmp_path / "a.raw").write_bytes(bytes(2 * 6 * 5 * 4))
-    for allowed, expected in ((True, (6 * 5 * 4, 2)), (False, (0, 8))):
+    for allowed, values in ((True, 6 * 5 * 4), (False, 0)):
         [case] = collect([str(tmp_path / "in")], {}, ReadingOptions(allow_outside=allowed))
-        assert values_of(case) == expected
+        assert need_of(TASK.copy(), case, thumbnails=False) == PROCESS_BYTES + CASE_VOXEL_BYTES * values
+
+
+def test_need_of_memory_counts_the_ct_beside_labels_for_its_hu_where_the_case_does_not_ask(tmp_path):
+    for name, kind in (("volume-1", np.int16), ("segmentation-1", np.uint8)):
+        nibabel.save(nibabel.Nifti1Image(np.zeros((6, 5, 4), kind), np.eye(4)), tmp_path / f"{name}.nii")
+    voxels = 6 * 5 * 4
+    for label, hu, ct_bytes in ((1, True, 2 * voxels), (1, False, 0), ("all", True, 0), (None, True, 0)):
+        settings = {"smoothing": "none", "label": label} if label else {"threshold": 200}
+        [case] = collect([str(tmp_path)], settings, READING)
+        assert need_of(TASK | {"hu": hu}, case, thumbnails=False) == (
+            PROCESS_BYTES + CASE_VOXEL_BYTES * voxels + ct_bytes
+        )
+    task = TASK | {"hu": True}
+    [case] = collect([str(tmp_path)], {"label": 1}, READING)
+    assert need_of(task, case, thumbnails=False) == PROCESS_BYTES + READING_COPIES * voxels
+    assert task["asks"]
 
 
 def test_smoothed_labels_ask_for_memory_and_all_else_is_counted_by_voxels():

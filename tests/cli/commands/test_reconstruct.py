@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon import core, readers
+from ctmc_addon.cli.commands.reconstruct import needed_steps
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.usefixtures("scene")
@@ -331,3 +332,14 @@ def test_a_surface_of_values_that_are_fetched_has_the_bytes_of_one_in_memory(ctm
     monkeypatch.setattr("ctmc_addon.readers.VolumeSource.read_steps", lambda *_, **__: pytest.fail("read whole"))
     assert ctmc(*words, tmp_path / "fetched.ply").code == 0
     assert (tmp_path / "fetched.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()
+
+
+@pytest.mark.parametrize(("share", "whole"), [(3.9, False), (4.1, True)])
+def test_a_budgets_own_memory_decides_whether_values_are_read_at_once(tmp_path, share, whole):
+    path, options = tmp_path / "ct.npy", readers.ReadingOptions()
+    np.save(path, np.zeros((5, 6, 7), np.int16))
+    budget = core.Budget(bytes=int(share * 2 * 5 * 6 * 7))
+    steps = needed_steps(
+        readers.open_volume(path), path, options, core.ReconstructionSettings(threshold=1), budget=budget
+    )
+    assert (core.finish(steps).reader.own_bytes == 0) == whole
