@@ -132,6 +132,9 @@ def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> 
         path = folder / file
         if file == f"{name}{path.suffix}" and path not in kept:
             path.unlink(missing_ok=True)
+    if older:
+        with suppress(OSError):  # not there, or not empty
+            (folder / name).rmdir()
 
 
 def read_record(folder: Path, name: str) -> dict[str, Any] | None:

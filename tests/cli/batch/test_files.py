@@ -113,6 +113,17 @@ def test_new_files_come_after_the_older_json_has_gone_and_before_the_new_one(tmp
     assert (tmp_path / "thumbnails" / "a.png").read_text() == "run/a.png"
 
 
+@pytest.mark.parametrize("others", [[], ["a/own.txt"]])
+def test_older_surfaces_of_several_labels_go_with_their_folder_where_nothing_else_is_in_it(tmp_path, others):
+    for name in ("run/a.stl", "a/left.stl", "a/right.stl", *others):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text(name)
+    (tmp_path / "a.json").write_text('{"files": ["a/left.stl", "a/right.stl"]}')
+    put_output(tmp_path, "a", tmp_path / "run", [tmp_path / "run" / "a.stl"], None, {})
+    left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
+    assert left == {"run", "a.stl", "a.json", *others, *(["a"] if others else [])}
+
+
 @pytest.mark.parametrize(
     ("sentence", "short"),
     [

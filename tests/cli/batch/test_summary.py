@@ -14,6 +14,7 @@ import pytest
 from ctmc_addon.cli.batch.summary import SummaryRow, write_summary
 from ctmc_addon.cli.batch.summary.outliers import mark_outliers
 from ctmc_addon.cli.batch.summary.page import COLUMNS, bins_of, histogram, html_text
+from ctmc_addon.cli.batch.summary.rows import MEASURES
 
 OPEN = {"void": ("meta", "input", "img", "br")}
 
@@ -132,6 +133,17 @@ def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
         "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier",
     ]  # fmt: skip
     assert [line["outlier"] for line in table if line["case"] == "crumbs"] == ["40 components, the median is 1"]
+
+
+def test_the_table_of_labels_of_an_older_run_goes_and_no_other(tmp_path):
+    several = row("a", surfaces=[dict.fromkeys(MEASURES, 1) | {"name": "liver"}])
+    write_summary(tmp_path, [several], True)
+    assert (tmp_path / "labels.csv").read_text("utf-8").startswith("case,label,name,faces,")
+    write_summary(tmp_path, [row("a")], False)
+    assert not (tmp_path / "labels.csv").exists()
+    (tmp_path / "labels.csv").write_text("number,name\n1,liver\n")
+    write_summary(tmp_path, [row("a")], True)
+    assert (tmp_path / "labels.csv").exists()
 
 
 def test_a_row_of_several_surfaces_sums_them():

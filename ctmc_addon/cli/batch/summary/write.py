@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,7 @@ from .rows import COLUMNS, MEASURES, SummaryRow
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
 LABELS_FILE = "labels.csv"  # written where a case has several labels
+LABEL_COLUMNS = ["case", *MEASURES]
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -40,13 +42,25 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
-        files.append((write_csv, LABELS_FILE, (labels, ["case", *MEASURES])))
+        files.append((write_csv, LABELS_FILE, (labels, LABEL_COLUMNS)))
+    else:
+        remove_labels_file(folder)
     for write, name, content in files:
         try:
             write(folder / name, *content)
         except OutputError:
             if over:
                 raise
+
+
+def remove_labels_file(folder: Path) -> None:
+    """Remove a table of labels that an older run left; any other file of that name stays."""
+    path = folder / LABELS_FILE
+    with suppress(OSError, UnicodeDecodeError):
+        with path.open(encoding="utf-8") as stream:
+            is_table = stream.readline().rstrip("\n") == ",".join(LABEL_COLUMNS)
+        if is_table:
+            path.unlink()
 
 
 def write_summary_if_possible(folder: Path, rows: Sequence[SummaryRow]) -> None:
