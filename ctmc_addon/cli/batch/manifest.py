@@ -10,7 +10,7 @@ from __future__ import annotations
 import argparse
 import csv
 import io
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from ..arguments import flag_of, label_choices
 from ..described_flags import value_reader
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
+Parse = Callable[[str], Any]
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
@@ -53,14 +54,9 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
         raise ReadError(f"{path.name} is not in UTF-8; save it as 'CSV UTF-8'") from error
     except OSError as error:
         raise ReadError(f"{path.name} cannot be read ({error.strerror}); check its permissions") from error
-    first = text.partition("\n")[0]
-    # Spreadsheets write semicolons where the comma is the decimal sign.
-    lines = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in first and "," not in first else ",")
     inputs: list[CaseInput] = []
     columns: list[tuple[str, str, Parse]] = []
-    for cells in lines:
-        where = f"{path.name}, line {lines.line_num}"
-        cells = [cell.strip() for cell in cells]
+    for where, cells in rows_of(text, path.name):
         if not any(cells):
             continue
         if not columns:
@@ -75,7 +71,20 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     return inputs
 
 
-Parse = Callable[[str], Any]
+def rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield where each row ends, such as 'cases.csv, line 3', and its cells without spaces around them."""
+    first = text.partition("\n")[0]
+    # Spreadsheets write semicolons where the comma is the decimal sign.
+    lines = csv.reader(io.StringIO(text, newline=""), delimiter=";" if ";" in first and "," not in first else ",")
+    while True:
+        begin = lines.line_num + 1
+        try:
+            cells = next(lines)
+        except StopIteration:
+            return
+        except csv.Error as error:
+            raise ReadError(f"{name}, line {begin}: the row cannot be read ({error}); close its quotes") from error
+        yield f"{name}, line {lines.line_num}", [cell.strip() for cell in cells]
 
 
 def column_of(title: str, where: str) -> tuple[str, str, Parse]:

@@ -177,6 +177,12 @@ def test_a_manifests_refusal_names_columns_and_no_flags(tmp_path):
     assert len(collect([str(tmp_path / "m.csv")], {}, READING)) == 1  # and all of them are taken
 
 
+def test_an_open_quote_in_a_long_manifest_is_refused_with_its_line(tmp_path):
+    (tmp_path / "m.csv").write_text('input,case\na.nii,b\na.nii,"c\n' + "a.nii,d\n" * 20000)
+    touch(tmp_path, "a.nii")
+    assert refusal(tmp_path / "m.csv").startswith("m.csv, line 3: the row cannot be read (")
+
+
 def test_a_manifest_in_another_coding_is_said(tmp_path):
     (tmp_path / "m.csv").write_bytes("input\nJürgen.nii\n".encode("cp1252"))
     assert "CSV UTF-8" in refusal(tmp_path / "m.csv")
