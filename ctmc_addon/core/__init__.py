@@ -36,7 +36,7 @@ from .memory import (
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .parallel import map_steps, side_by_side_steps, worker_count
+from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
     asked_bytes,
@@ -47,7 +47,6 @@ from .plan import (
     cases_bytes,
     fits_in_memory,
     plan_steps,
-    processors,
     reads_at_once,
     shown_stride,
     triangle_bytes,

@@ -25,10 +25,17 @@ MOST_THREADS = 8
 LOOK = 0.05  # seconds between two looks at works in threads
 
 
+def processors() -> int:
+    """Return the processors that this process may use, which a job of SLURM or a container limits."""
+    if hasattr(os, "sched_getaffinity"):
+        return len(os.sched_getaffinity(0))
+    return os.cpu_count() or 1
+
+
 def worker_count(threads: int | None) -> int:
-    """Return how many threads to use: `threads`, or by default one for each processor, at most 8."""
+    """Return how many threads to use: `threads`, or by default one for each of `processors`, at most 8."""
     if threads is None:
-        return min(MOST_THREADS, os.cpu_count() or 1)
+        return min(MOST_THREADS, processors())
     if threads < 1:
         raise SettingsError(f"threads must be 1 or more, not {threads}")
     return threads

@@ -9,7 +9,6 @@ counted and not guessed.
 from __future__ import annotations
 
 import math
-import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate
@@ -20,6 +19,7 @@ from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
+from .parallel import processors
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
@@ -407,10 +407,3 @@ def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> At
         )
     jobs = min(number for number, _ in limits)
     return AtOnce(jobs, next(reason for number, reason in limits if number == jobs))
-
-
-def processors() -> int:
-    """Return the processors that this process may use, which a job of SLURM or a container limits."""
-    if hasattr(os, "sched_getaffinity"):
-        return len(os.sched_getaffinity(0))
-    return os.cpu_count() or 1

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Work over threads: in order, with its own errors, and ended with the steps."""
 
+import os
 import threading
 import time
 
@@ -9,7 +10,7 @@ import pytest
 from ctmc_addon.core import Step, finish
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.memory import NO_THREAD
-from ctmc_addon.core.parallel import in_order_steps, map_steps, side_by_side_steps, worker_count
+from ctmc_addon.core.parallel import in_order_steps, map_steps, processors, side_by_side_steps, worker_count
 
 
 @pytest.mark.parametrize("threads", [1, 3])
@@ -53,6 +54,14 @@ def test_threads_below_one_are_refused():
         worker_count(0)
     assert worker_count(3) == 3
     assert 1 <= worker_count(None) <= 8
+
+
+def test_threads_are_by_default_as_many_as_the_processors_that_may_be_used(monkeypatch):
+    monkeypatch.setattr(os, "cpu_count", lambda: 64)
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {3, 5}, raising=False)
+    assert worker_count(None) == processors() == 2
+    monkeypatch.delattr(os, "sched_getaffinity")
+    assert (worker_count(None), processors()) == (8, 64)
 
 
 @pytest.mark.parametrize("threads", [1, 2, 5])
