@@ -6,6 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 import sys
+import time
 import uuid
 from collections.abc import Mapping, Sequence
 from contextlib import closing
@@ -65,6 +66,8 @@ if TYPE_CHECKING:
     from .cluster import Cluster
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
+SUMMARY_SECONDS = 1.0  # between two summaries of a batch that runs, at least
+SUMMARY_SHARE = 0.1  # of its time, at most
 MOST_ABSENT = 3  # named in the table
 
 
@@ -189,7 +192,7 @@ def batch_steps(
     done_before = sum(row.status == "done" for row in rows.values())
     events = started(tasks, cases, args, cluster, done_before)
     total, over = max(len(tasks), 1), 0
-    write_summary(folder, list(rows.values()), not tasks)
+    next_write, is_written = write_now(folder, rows, not tasks), True
     try:
         with closing(events):
             for event in events:
@@ -197,16 +200,25 @@ def batch_steps(
                     over += event.status == "ended"
                     update_rows(event, rows, folder)
                     print_ended(event, rows)
-                    write_summary(folder, list(rows.values()), over == len(tasks))
+                    is_written = False
+                if not is_written and (over == len(tasks) or time.monotonic() >= next_write):
+                    next_write, is_written = write_now(folder, rows, over == len(tasks)), True
                 yield Step(over / total, counts(list(rows.values())))
     finally:
         # What was interrupted is to be done again, and the table does not say that it runs.
         stopped = [row for row in rows.values() if row.status == "running"]
         for row in stopped:
             row.status = "waiting"
-        if stopped:
+        if stopped or not is_written:
             write_summary_if_possible(folder, list(rows.values()))
     return list(rows.values())
+
+
+def write_now(folder: Path, rows: Mapping[str, SummaryRow], over: bool) -> float:
+    """Write the summary, and return when it may be written again: of thousands of rows it takes a while."""
+    start = time.monotonic()
+    write_summary(folder, list(rows.values()), over)
+    return start + max(SUMMARY_SECONDS, (time.monotonic() - start) / SUMMARY_SHARE)
 
 
 def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dict[str, Any]:

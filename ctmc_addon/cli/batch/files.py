@@ -15,6 +15,7 @@ import shutil
 import time
 from collections.abc import Container, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -333,11 +334,25 @@ def without_slices(text: str, task: Mapping[str, Any]) -> str:
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir() or (folder != path and path.name.startswith(str(task.get("case", path.name)))):
         return text
-    files = list(files_below(folder))
-    for number, file in sorted(enumerate(files, 1), key=lambda pair: depth(Path(pair[1].name))):
-        if len(file.name) >= SHORTEST_NAME and file.name in text:
-            text = re.sub(rf"(?<![\w.-]){re.escape(file.name)}(?![\w-])", f"file {number} of {len(files)}", text)
+    numbers, count = slice_numbers(folder, task.get("run"), task.get("case"))
+    for name, number in numbers.items():
+        if name in text:
+            text = re.sub(rf"(?<![\w.-]){re.escape(name)}(?![\w-])", f"file {number} of {count}", text)
     return text
+
+
+@lru_cache(maxsize=1)
+def slice_numbers(folder: Path, _run: str | None, _case: str | None) -> tuple[dict[str, int], int]:
+    """Return the number of each file in a folder by its name, the longest name first, and how many files there are.
+
+    Names that are too short to tell of whom they are are left out. A folder is looked through once for each case.
+    """
+    numbers: dict[str, int] = {}
+    number = 0
+    for number, file in enumerate(files_below(folder), 1):
+        if len(file.name) >= SHORTEST_NAME:
+            numbers.setdefault(file.name, number)
+    return {name: numbers[name] for name in sorted(numbers, key=len, reverse=True)}, number
 
 
 def depth(path: Path) -> int:

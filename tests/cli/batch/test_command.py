@@ -36,6 +36,7 @@ def write_and_wait(folder, rows, *rest):
     if {"done", "running", "waiting"} <= {row.status for row in rows}:
         time.sleep(600)
 command.write_summary = write_and_wait
+command.SUMMARY_SECONDS, command.SUMMARY_SHARE = 0, 1000
 sys.exit(main(sys.argv[1:]))
 """
 FIRST_COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]  # which scripts read

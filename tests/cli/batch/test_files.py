@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from ctmc_addon.cli.batch import files
 from ctmc_addon.cli.batch.files import (
     failed_record,
     input_key,
@@ -16,7 +17,7 @@ from ctmc_addon.cli.batch.files import (
     without_folders,
 )
 from ctmc_addon.core.errors import OutputError
-from ctmc_addon.readers import open_volume
+from ctmc_addon.readers import files_below, open_volume
 
 
 @pytest.fixture
@@ -122,6 +123,22 @@ def test_older_surfaces_of_several_labels_go_with_their_folder_where_nothing_els
     put_output(tmp_path, "a", tmp_path / "run", [tmp_path / "run" / "a.stl"], None, {})
     left = {path.relative_to(tmp_path).as_posix() for path in tmp_path.rglob("*")}
     assert left == {"run", "a.stl", "a.json", *others, *(["a"] if others else [])}
+
+
+def test_a_folder_of_slices_is_looked_through_once_for_each_case(task, tmp_path, monkeypatch):
+    looked = []
+    monkeypatch.setattr(files, "files_below", lambda folder: looked.append(folder) or files_below(folder))
+    for name in ("x/MUSTER_1.dcm", "MUSTER_1.dcm", "MUSTER_1.dcm.bak", "MUSTER_10.dcm", "a"):
+        (tmp_path / "scan" / name).parent.mkdir(parents=True, exist_ok=True)
+        (tmp_path / "scan" / name).touch()
+    slices = task | {"input": str(tmp_path / "scan")}
+    for _ in range(3):
+        said = without_folders("MUSTER_1.dcm, MUSTER_10.dcm and MUSTER_1.dcm.bak, and a MUSTER_1.dcm-x", slices)
+        assert said == "file 2 of 5, file 4 of 5 and file 3 of 5, and a MUSTER_1.dcm-x"
+    assert len(looked) == 1
+    (tmp_path / "scan" / "MUSTER_2.dcm").touch()
+    assert without_folders("MUSTER_2.dcm", slices | {"case": "b"}) == "file 4 of 6"
+    assert len(looked) == 2
 
 
 @pytest.mark.parametrize(

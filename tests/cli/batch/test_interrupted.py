@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctmc_addon.cli.batch import process
+from ctmc_addon.cli.batch import command, process
 from ctmc_addon.cli.batch.summary import write as summary
 from ctmc_addon.core import OutputError
 
@@ -107,6 +107,8 @@ def test_a_disk_that_is_full_for_a_while_does_not_end_a_batch(ctmc, words, monke
         (process, "write_json"),
     ):
         monkeypatch.setattr(module, name, full(getattr(module, name)))
+    monkeypatch.setattr(command, "SUMMARY_SECONDS", 0.0)
+    monkeypatch.setattr(command, "SUMMARY_SHARE", 1e9)
     outcome = ctmc(*words)
     assert len(calls) > first
     assert outcome.code == 0, outcome.errors

@@ -7,10 +7,12 @@ import csv
 import re
 import shutil
 import subprocess
+import sys
 from html.parser import HTMLParser
 
 import pytest
 
+from ctmc_addon.cli.batch import command, process
 from ctmc_addon.cli.batch.summary import SummaryRow, write_summary
 from ctmc_addon.cli.batch.summary.outliers import mark_outliers
 from ctmc_addon.cli.batch.summary.page import COLUMNS, bins_of, histogram, html_text
@@ -154,6 +156,31 @@ def test_a_row_of_several_surfaces_sums_them():
     together.fill(record | {"surfaces": [surface, surface | {"closed": False}]})
     assert (together.components, together.area_mm2, together.closed) == (4, 5.0, False)
     assert (together.spacing_z_mm, together.self_intersections) == (2.0, None)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "share", "least", "most"), [(600.0, 1.0, 2, 2), (0.0, 1e-9, 2, 2), (0.0, 1e9, 4, 9)]
+)
+def test_the_summary_of_a_batch_that_runs_is_written_at_its_time_and_the_last_always(
+    ctmc, tmp_path, monkeypatch, seconds, share, least, most
+):
+    for name in "abcd":
+        (tmp_path / f"{name}.npy").touch()
+    written = []
+
+    def noted(folder, rows, over):
+        written.append((over, {row.status for row in rows}))
+        write_summary(folder, rows, over)
+
+    monkeypatch.setattr(command, "SUMMARY_SECONDS", seconds)
+    monkeypatch.setattr(command, "SUMMARY_SHARE", share)
+    monkeypatch.setattr(command, "write_summary", noted)
+    monkeypatch.setattr(process, "command", lambda: [sys.executable, "-c", ""])
+    assert ctmc("batch", tmp_path, "-o", tmp_path / "out", "--jobs", "2").code == 1
+    assert written[0] == (False, {"waiting"})
+    assert written[-1] == (True, {"failed"})
+    assert [over for over, _ in written].count(True) == 1
+    assert least <= len(written) <= most
 
 
 def test_the_script_sorts_filters_and_searches(cohort, tmp_path):

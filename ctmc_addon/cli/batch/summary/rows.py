@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
@@ -82,7 +82,7 @@ class SummaryRow:
 
     def columns(self) -> dict[str, Any]:
         """Return what stands in the CSV and the JSON."""
-        return {name: value for name, value in asdict(self).items() if name not in HIDDEN}
+        return {name: getattr(self, name) for name in COLUMNS}
 
 
 COLUMNS = tuple(each.name for each in fields(SummaryRow) if each.name not in HIDDEN)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of a batch as CSV, JSON and HTML, each written whole whenever a case is over."""
+"""The table of a batch as CSV, JSON and HTML, each written whole, again and again while cases end."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     rows : sequence of SummaryRow
         Which of them are outliers is found here.
     over : bool
-        Whether the batch is; while it runs, a file that cannot be replaced is left until the next case is over,
+        Whether the batch is; while it runs, a file that cannot be replaced is left until the next time,
         as a spreadsheet that has summary.csv open keeps others from it on Windows.
     """
     mark_outliers(rows)
