@@ -16,7 +16,7 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError
-from ...core.files.file_names import file_key, is_file_name
+from ...core.files.file_names import LONGEST_BYTES, file_key, is_file_name
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
 from .manifest import CaseInput, manifest_inputs
@@ -198,6 +198,12 @@ def require_file_name(name: str) -> None:
         raise OutputError(f"a case called {name} would write the summary's own file; give it another name")
     if not is_file_name(name):
         raise OutputError(f"'{name}' cannot be a file's name everywhere; name the case in a manifest's column 'case'")
+    size = len(name.encode("utf-8", "surrogatepass"))
+    if size > LONGEST_BYTES:
+        raise OutputError(
+            f"the case's name '{name[:20]}...' has {size} bytes and may have {LONGEST_BYTES}; "
+            "name the case in a manifest's column 'case'"
+        )
 
 
 def short(case: Case) -> str:

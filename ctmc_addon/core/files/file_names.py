@@ -13,7 +13,8 @@ from pathlib import Path
 
 RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
-MOST_BYTES = 120
+MOST_BYTES = 120  # of a name that is made here
+LONGEST_BYTES = 240  # of any stem: systems allow 255 with the suffix
 
 
 def is_file_name(name: str) -> bool:

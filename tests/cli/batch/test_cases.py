@@ -165,6 +165,17 @@ def test_a_bad_manifest_is_refused_with_its_line(tmp_path, text, words):
         assert word in sentence
 
 
+def test_a_name_that_is_too_long_for_a_file_is_refused_before_the_work(tmp_path):
+    touch(tmp_path, "a.nii")
+    for name, label, size in (("é" * 120, 1, 240), ("é" * 120 + "n", 1, 241), ("n" * 232, "1 22", 241)):
+        (tmp_path / "m.csv").write_text(f"input,case,label\na.nii,{name},{label}\n", "utf-8")
+        if size <= 240:
+            [case] = collect([str(tmp_path / "m.csv")], {}, READING)
+            (tmp_path / f"{case.name}.blend.json").touch()  # the disk agrees
+        else:
+            assert f"has {size} bytes and may have 240" in refusal(tmp_path / "m.csv")
+
+
 def test_a_manifests_refusal_names_columns_and_no_flags(tmp_path):
     touch(tmp_path, "a.nii")
     for text in ("input,color\n", "input,soften,smoothing_mm\n", "input,smoothing_mm\na.nii,much\n"):
