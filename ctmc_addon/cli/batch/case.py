@@ -42,6 +42,7 @@ from ..outputs import Outputs, written_steps
 from ..surfaces import Surfaces, surfaces_steps
 from .files import (
     ABSENT,
+    DONE,
     batch_is_over,
     failed_record,
     identity,
@@ -173,7 +174,7 @@ class Case:
             notes.append(NO_HU)
         record = {
             "case": name,
-            "status": "done",
+            "status": DONE,
             "error": None,
             **report,
             "stages": [reading._asdict(), *report["stages"]],

@@ -128,10 +128,10 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     files = volume_files(folder)
     if files:
         return [(file, stem(file)) for file in files]
-    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     if readers.holds_slices(folder):
         return [(folder, stem(folder))]
     nested: list[tuple[Path, str]] = []
+    entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     for inner in entries if deepest else []:
         if inner.is_dir() and inner.resolve() != aside:
             volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]

@@ -12,7 +12,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from ..scheduler import PATIENCE, Scheduler
-from .process import Event, Events, Task, run_task, settle
+from .files import RUNNING
+from .process import ENDED, Event, Events, Task, run_task, settle
 
 TICK = 0.2  # seconds between two looks at the futures
 LOOK = 1.0  # seconds between two questions to the scheduler about who does what
@@ -39,14 +40,14 @@ class Cluster(Scheduler):
                 if time.monotonic() - looked > LOOK:
                     begun = [index for index in self.begun(futures) if index not in running]
                     running.update(begun)
-                    yield from (Event(tasks[index], "running") for index in begun)
+                    yield from (Event(tasks[index], RUNNING) for index in begun)
                     looked = time.monotonic()
                 over = [index for index, future in futures.items() if future.status != "pending"]
                 for index in over:
                     future = futures.pop(index)
                     if future.status != "finished":
                         settle(tasks[index], self.problem(future))
-                    yield Event(tasks[index], "ended")
+                    yield Event(tasks[index], ENDED)
                 if not over:
                     yield None
                     time.sleep(TICK)

@@ -39,6 +39,8 @@ from .cases import Case, collect, values_of
 from .files import (
     ABSENT,
     DONE,
+    RUNNING,
+    WAITING,
     is_same_input,
     key_or_empty,
     options_of,
@@ -50,7 +52,7 @@ from .files import (
     thumbnail_path,
     unfinished_folder,
 )
-from .process import Event, Events, run_here
+from .process import ENDED, Event, Events, run_here
 from .summary import (
     LABELS_FILE,
     SUMMARY_FILES,
@@ -142,10 +144,13 @@ def run(args: argparse.Namespace) -> None:
         if cluster is not None:
             cluster.close()
     print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html", flush=True)
-    passed = (DONE,) if reading_of(args).strict else (DONE, ABSENT)
-    failed = [row.case for row in rows if row.status not in passed]
-    if failed:
-        raise CtmcError(f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}")
+    failed = [row.case for row in rows if row.status not in (DONE, ABSENT)]
+    absent = [row.case for row in rows if row.status == ABSENT and reading_of(args).strict]
+    what = [f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}"] if failed else []
+    if absent:
+        what.append(f"{len(absent)} of {len(rows)} cases lack the label, as --strict refuses: {', '.join(absent)}")
+    if what:
+        raise CtmcError("; ".join(what))
 
 
 def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
@@ -189,15 +194,14 @@ def batch_steps(
     tasks = [task_of(case, folder, args, run) | {"unfinished": unfinished} for case in cases]
     if args.resume:
         tasks = yield from remaining_steps(tasks, folder, rows)
-    done_before = sum(row.status == "done" for row in rows.values())
-    events = started(tasks, cases, args, cluster, done_before)
+    events = started(tasks, cases, args, cluster)
     total, over = max(len(tasks), 1), 0
     next_write, is_written = write_now(folder, rows, not tasks), True
     try:
         with closing(events):
             for event in events:
                 if event is not None:
-                    over += event.status == "ended"
+                    over += event.status == ENDED
                     update_rows(event, rows, folder)
                     print_ended(event, rows)
                     is_written = False
@@ -206,9 +210,9 @@ def batch_steps(
                 yield Step(over / total, counts(list(rows.values())))
     finally:
         # What was interrupted is to be done again, and the table does not say that it runs.
-        stopped = [row for row in rows.values() if row.status == "running"]
+        stopped = [row for row in rows.values() if row.status == RUNNING]
         for row in stopped:
-            row.status = "waiting"
+            row.status = WAITING
         if stopped or not is_written:
             write_summary_if_possible(folder, list(rows.values()))
     return list(rows.values())
@@ -270,9 +274,9 @@ def started(
     cases: Sequence[Case],
     args: argparse.Namespace,
     cluster: Cluster | None,
-    done_before: int,
 ) -> Events:
     """Say what is about to be done and how, and begin it."""
+    done_before = len(cases) - len(tasks)
     facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
     if cluster is not None:
         workers = cluster.workers
@@ -311,7 +315,7 @@ def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
 
 def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
     """Print a line for each output of a case that has ended, where output goes to a file and no bar is drawn."""
-    if event.status == "ended" and not sys.stdout.isatty():
+    if event.status == ENDED and not sys.stdout.isatty():
         for output in event.task["outputs"]:
             row = rows[output["name"]]
             facts = [fact for fact in numbers(row) if fact]
@@ -322,7 +326,7 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
-        if event.status != "ended":
+        if event.status != ENDED:
             rows[name].status = event.status
         else:
             vars(rows[name]).update(vars(row_of(folder, name)))
@@ -339,5 +343,5 @@ def table_of(rows: Sequence[SummaryRow]) -> str:
         done = sum(row.status == DONE for row in rows)
         errors.append(("surfaces", open_words(done, opened)))
     if absent:
-        errors.append(("absent", f"{len(absent)} without the label, such as {', '.join(absent[:MOST_ABSENT])}"))
+        errors.append((ABSENT, f"{len(absent)} without the label, such as {', '.join(absent[:MOST_ABSENT])}"))
     return table(lines) + (f"\n\n{listing(errors)}" if errors else "")

@@ -26,6 +26,7 @@ from ...core.files.temporary_names import may_be_in_use, remove_leftovers, tempo
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume
 from ..arguments import label_for_checks
 
+WAITING, RUNNING = "waiting", "running"
 DONE, ABSENT, FAILED = "done", "absent", "failed"  # absent: the case has no such label
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"

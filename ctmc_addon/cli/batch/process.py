@@ -23,7 +23,7 @@ from typing import IO, Any, NamedTuple
 
 from ...core import CtmcError, OutputError
 from ...core.files.atomic_write import write_json
-from .files import failed_record, read_record, record_path, require_batch, without_folders
+from .files import RUNNING, WAITING, failed_record, read_record, record_path, require_batch, without_folders
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
@@ -32,11 +32,12 @@ PATIENCE = 5.0  # seconds that a process gets to leave by itself
 LOOK = 0.5  # seconds between two looks whether the batch still lives
 KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
 
+ENDED = "ended"
 Task = Mapping[str, Any]
 
 
 class Event(NamedTuple):
-    """A change in the state of a task: 'running', 'waiting' again, or 'ended' with its records written."""
+    """A change in the state of a task: `RUNNING`, `WAITING` again, or `ENDED` with its records written."""
 
     task: Task
     status: str
@@ -267,7 +268,7 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
                 assert last.process.task is not None
                 assert last.asked_bytes is not None
                 waiting.appendleft((last.process.task, last.asked_bytes))
-                yield Event(last.process.task, "waiting")
+                yield Event(last.process.task, WAITING)
                 processes.remove(last.process)
                 last.process.stop()
                 continue
@@ -282,7 +283,7 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
                 process = idle.pop()
                 process.begin({**task, "reserved": need})
                 running.append(Running(process, need))
-                yield Event(task, "running")
+                yield Event(task, RUNNING)
             for process in idle:  # what it keeps is for those that run
                 process.close()
             idle = []
@@ -309,7 +310,7 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
             elif words is None:
                 processes.remove(process)
                 process.stop()
-            yield Event(done_task, "ended")
+            yield Event(done_task, ENDED)
     finally:
         for process in processes:
             process.close()

@@ -221,9 +221,11 @@ def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absen
     assert outcome.code == 0
     assert "absent  volume-4-label-9  label 9 is empty here; the labels are 1, 2" in outcome.out
     assert "3 cases: 2 done, 1 absent; see summary.html" in outcome.out
+    again = ctmc("batch", phantom_folder, *words, "--resume")
+    assert (again.code, again.out.splitlines()[0]) == (0, "cases  1, 1 done before")  # what is absent is not looked for
     again = ctmc("batch", phantom_folder, *words, "--resume", "--strict")
     assert again.code == 1
-    assert again.errors == ["ctmc: 1 of 3 cases failed: volume-4-label-9"]
+    assert again.errors == ["ctmc: 1 of 3 cases lack the label, as --strict refuses: volume-4-label-9"]
     liver, tumour, none = summary(tmp_path)
     assert (none["status"], none["faces"]) == ("absent", None)
     assert [row["case"] for row in (liver, tumour, none)] == [f"volume-4-label-{label}" for label in (1, 2, 9)]

@@ -8,6 +8,7 @@ import statistics
 from collections import Counter
 from collections.abc import Sequence
 
+from ..files import DONE
 from .rows import NOTES_BETWEEN, SummaryRow
 
 FEWEST = 5  # cases, below which nothing is unusual
@@ -24,7 +25,7 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
     groups: dict[str, list[SummaryRow]] = {}
     for row in rows:
         row.outlier = ""
-        if row.status == "done":
+        if row.status == DONE:
             groups.setdefault(str(row.label), []).append(row)
     for group in groups.values():
         center, deviation = center_and_deviation([row.volume_mm3 for row in group if row.volume_mm3 is not None])

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from ....core.files.mesh_files import PAGE
-from ..files import read_record, thumbnail_path
+from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, read_record, thumbnail_path
 
 # Of each of several surfaces.
 MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "components", "closed", "self_intersections")
@@ -25,7 +25,7 @@ class SummaryRow:
     """
 
     case: str
-    status: str = "waiting"
+    status: str = WAITING
     faces: int | None = None
     volume_mm3: float | None = None
     seconds: float | None = None
@@ -53,7 +53,7 @@ class SummaryRow:
     def fill(self, record: Mapping[str, Any] | None, folder: Path | None = None) -> None:
         """Fill the row from an output's JSON, and say whether its page and thumbnail lie in the folder."""
         if record is None:
-            self.status, self.error = "failed", "the case left no JSON; is the disk full?"
+            self.status, self.error = FAILED, "the case left no JSON; is the disk full?"
             return
         self.status = record["status"]
         self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
@@ -78,7 +78,7 @@ class SummaryRow:
         self.memory_bytes = record.get("memory_bytes")
         self.notes = NOTES_BETWEEN.join(record.get("notes", ()))
         self.page = f"{self.case}{PAGE}" in (record.get("files") or ())
-        self.thumbnail = folder is not None and self.status == "done" and thumbnail_path(folder, self.case).is_file()
+        self.thumbnail = folder is not None and self.status == DONE and thumbnail_path(folder, self.case).is_file()
 
     def columns(self) -> dict[str, Any]:
         """Return what stands in the CSV and the JSON."""
@@ -105,7 +105,7 @@ def row_of(folder: Path, name: str) -> SummaryRow:
 def counts(rows: Sequence[SummaryRow]) -> str:
     """Return how many are in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
     states = [row.status for row in rows]
-    order = ("done", "absent", "failed", "running", "waiting")
+    order = (DONE, ABSENT, FAILED, RUNNING, WAITING)
     texts = [f"{states.count(state)} {state}" for state in order if state in states]
     return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
 
