@@ -63,14 +63,20 @@ def map_steps(
 
 
 def _pooled(pool: ThreadPoolExecutor, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-    """What `pool.map` returns, or this thread's results where there is no memory for the stack of another."""
+    """What `pool.map` returns; where there is no memory for the stack of another thread, this one does what is left."""
+    done: dict[int, Result] = {}
+
+    def keep(number: int) -> Result:
+        done[number] = work(items[number])
+        return done[number]
+
     try:
-        return pool.map(work, items)
+        return pool.map(keep, range(len(items)))
     except RuntimeError as error:
         if str(error) != NO_THREAD:
             raise
-    pool.shutdown(cancel_futures=True)
-    return map(work, items)
+    pool.shutdown(cancel_futures=True)  # waits for what threads have begun, which is not done again
+    return (done[number] if number in done else work(item) for number, item in enumerate(items))
 
 
 def side_by_side_steps(

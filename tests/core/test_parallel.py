@@ -120,9 +120,16 @@ def test_work_is_done_by_this_thread_where_no_other_can_be_started(monkeypatch):
         room.pop()
         started(thread)
 
+    def square(number):
+        squared.append(number)
+        time.sleep(0.001)
+        return number * number
+
+    squared = []
     monkeypatch.setattr(threading.Thread, "start", start)
-    assert finish(map_steps(lambda number: number * number, range(40), threads=4)) == [n * n for n in range(40)]
+    assert finish(map_steps(square, range(40), threads=4)) == [n * n for n in range(40)]
     assert room == []
+    assert sorted(squared) == list(range(40))  # each once
 
 
 def doubled(number, slow=()):
