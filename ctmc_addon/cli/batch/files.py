@@ -31,7 +31,7 @@ DONE, ABSENT, FAILED = "done", "absent", "failed"  # absent: the case has no suc
 UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
-PATIENCE = 5.0  # seconds for removing what is not finished
+PATIENCE, TICK = 5.0, 0.02  # seconds for removing what is not finished, and between two tries
 SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
 
 
@@ -180,7 +180,9 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
 def remove_in_use(folder: Path) -> None:
     """Remove a folder in which others may still write for a moment."""
     end = time.monotonic() + PATIENCE
-    while folder.exists() and time.monotonic() < end:  # a file may come while the others are removed
+    shutil.rmtree(folder, ignore_errors=True)
+    while folder.exists() and time.monotonic() < end:  # a file came while the others were removed
+        time.sleep(TICK)
         shutil.rmtree(folder, ignore_errors=True)
 
 
