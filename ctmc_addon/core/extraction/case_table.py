@@ -20,7 +20,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,12 +172,13 @@ class CornerLists:
     edges: NDArray[np.intp]
 
     @staticmethod
-    def columns(kind: int) -> tuple[int, list[int]]:
+    @cache
+    def columns(kind: int) -> tuple[int, tuple[int, ...]]:
         """How many corners the list of a kind has, and which of them are the corners of its triangles in turn."""
         triangles = (kind + 1) // 2
         if kind % 2:
-            return triangles + 2, [corner for n in range(triangles) for corner in (0, n + 1, n + 2)]
-        return 3 * triangles, list(range(3 * triangles))
+            return triangles + 2, tuple(corner for n in range(triangles) for corner in (0, n + 1, n + 2))
+        return 3 * triangles, tuple(range(3 * triangles))
 
 
 def as_fan(triangles: list[Triangle]) -> Loop:

@@ -30,6 +30,7 @@ from .order import Places
 
 MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
 VOXELS_AT_ONCE = 1 << 13  # whose corners are looked up at once, for the same reason
+FEW_VOXELS = 1 << 9  # whose corners are written in one call, as the calls take longer than what they write
 
 
 def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None, out: NDArray[np.int32]) -> None:
@@ -55,8 +56,8 @@ def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None
     offset_of_edge = [edge // 4 * size + (low & 1) for edge, (low, _) in enumerate(EDGES)]
     offset_of_edge += [interior * size for interior in range(3, 6)]
     corners = slab.tables.corners
-    neighbor_of_corner = np.array(neighbor_of_edge, np.intp)[corners.edges]
-    offset_of_corner = np.array(offset_of_edge, np.int32)[corners.edges]
+    neighbor_of_corner = np.array(neighbor_of_edge, np.intp).take(corners.edges)
+    offset_of_corner = np.array(offset_of_edge, np.int32).take(corners.edges)
 
     by_kind = np.argsort(slab.corner_list_kind, kind="stable")
     ends = np.cumsum(slab.segments.voxels.sum(axis=1)).tolist()
@@ -73,6 +74,9 @@ def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None
             vertices = vertex_of.take(vertex_flat_index, mode="clip")
             for items, rows in runs.pieces(first, len(voxel)):
                 block = out[rows].reshape(-1, len(columns))
+                if len(block) < FEW_VOXELS:
+                    block[:] = vertices[:, items].take(columns, axis=0).T
+                    continue
                 for column, source in enumerate(columns):
                     block[:, column] = vertices[source, items]
 

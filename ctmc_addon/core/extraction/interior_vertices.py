@@ -25,25 +25,43 @@ HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8
 """(8, 3) whether a corner is the high one along x, y, z."""
 
 
-def with_trilinear_topology(slab: Slab, grid: Grid, sampler: Sampler, threshold: float) -> Slab:
-    """The slab with the configuration of the trilinear interpolant's surface in every ambiguous voxel."""
-    needs_decision = NEEDS_DECISION.take(slab.configuration)
-    needs_decision[slab.ghosts] = False
-    ambiguous = np.flatnonzero(needs_decision)
-    values = corner_values(slab.samples(ambiguous), grid, sampler)
+def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler, threshold: float) -> list[Slab]:
+    """The slabs with the configuration of the trilinear interpolant's surface in every ambiguous voxel.
+
+    A slab has few of them, so several slabs are decided at once: it is a hundred calls either way.
+    """
+    of_slabs = [_ambiguous_voxels(slab) for slab in slabs]
+    samples = zip(*(slab.samples(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)), strict=True)
+    x, y, z = map(np.concatenate, samples)
+    values = corner_values((x, y, z), grid, sampler)
     if grid.upper is not None:  # as far above the threshold as below the upper limit: one threshold for both
         values = np.minimum(values, threshold + (grid.upper - values))
-    decided = decide(values, threshold, slab.configuration[ambiguous].astype(np.uint8))
-    configuration = slab.configuration.copy()
-    configuration[ambiguous] = decided
-    has_interior = np.flatnonzero(trilinear_tables().interior_count.take(decided))
-    return replace(
-        slab,
-        configuration=configuration,
-        with_interior=ambiguous[has_interior],
-        corner_values=values[has_interior],
-        tables=trilinear_tables(),
-    )
+    cases = [slab.configuration.take(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)]
+    decided = decide(values, threshold, np.concatenate(cases).astype(np.uint8))
+    has_interior = trilinear_tables().interior_count.take(decided) > 0
+    made, end = [], 0
+    for slab, voxels in zip(slabs, of_slabs, strict=True):
+        own = slice(end, end := end + len(voxels))
+        configuration = slab.configuration.copy()
+        configuration[voxels] = decided[own]
+        inside = np.flatnonzero(has_interior[own])
+        made.append(
+            replace(
+                slab,
+                configuration=configuration,
+                with_interior=voxels[inside],
+                corner_values=values[own][inside],
+                tables=trilinear_tables(),
+            )
+        )
+    return made
+
+
+def _ambiguous_voxels(slab: Slab) -> NDArray[np.intp]:
+    """Which of the voxels that are no ghost cells have more than one surface."""
+    needs_decision = NEEDS_DECISION.take(slab.configuration)
+    needs_decision[slab.ghosts] = False
+    return np.flatnonzero(needs_decision)
 
 
 def corner_values(samples: tuple[NDArray[np.intp], ...], grid: Grid, sampler: Sampler) -> NDArray[np.float64]:

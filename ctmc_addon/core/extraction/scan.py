@@ -7,6 +7,7 @@ Slabs are cut so that each is about as much work; the order of vertices and tria
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
@@ -26,6 +27,7 @@ SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cos
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
 SLAB_MIXED = 1 << 13  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
 SLAB_CROSSED = 1 << 14  # edges along x that noise crosses, in words that are each crossed many times
+DECIDED_SLABS = 4  # whose ambiguous voxels are decided at once, where there are so many for every thread
 MIXED_ROWS = 16  # of which one is looked at to estimate both
 BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
 KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
@@ -55,15 +57,19 @@ def scan_steps(
     if topology == "trilinear":
         trilinear_tables()  # made once, not by every thread
 
-    def find(layer_range: tuple[int, int]) -> Slab:
-        slab = find_active(grid, bits, *layer_range)
-        slab = with_trilinear_topology(slab, grid, sampler, threshold) if topology == "trilinear" else slab
-        slab.segments  # noqa: B018  (kept by the slab: each thread counts its own)
-        return slab
+    def find(layer_ranges: Sequence[tuple[int, int]]) -> list[Slab]:
+        slabs = [find_active(grid, bits, *layer_range) for layer_range in layer_ranges]
+        slabs = with_trilinear_topology(slabs, grid, sampler, threshold) if topology == "trilinear" else slabs
+        for slab in slabs:
+            slab.segments  # noqa: B018  (kept by the slab: each thread counts its own)
+        return slabs
 
     work = _surface_work(bits[: grid.layers, ::MIXED_ROWS]) * MIXED_ROWS
     ranges = _even_ranges(np.maximum(work, bits[0].size / SLAB_WORDS))
-    slabs = yield from stages.run(FINDING, map_steps(find, ranges, threads, ""))
+    at_once = max(1, min(DECIDED_SLABS, len(ranges) // (2 * threads))) if topology == "trilinear" else 1
+    groups = [ranges[first : first + at_once] for first in range(0, len(ranges), at_once)]
+    found = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
+    slabs = [slab for some in found for slab in some]
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
 
 

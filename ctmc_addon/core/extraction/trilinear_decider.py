@@ -42,8 +42,8 @@ FIRST_INSIDE, FIRST_OUTSIDE = (
 )
 """(256,) a bit for each of these faces whose first corner is inside, and outside."""
 
-SIDE = np.ascontiguousarray(np.where(INSIDE, 1.0, -1.0).T)
-"""(8, 256) 1 for inside corners, -1 for outside ones."""
+INSIDE_OF_CORNER = np.ascontiguousarray(INSIDE.T)
+"""(8, 256) whether a corner is inside in a case."""
 
 NEEDS_DECISION = AMBIGUOUS.any(axis=1)
 """(256,) whether a case has more than one surface: an ambiguous face, or two opposite corners alone."""
@@ -145,9 +145,13 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
     >>> trilinear_tables().interior_count[decide(corners, 0.0, np.array([129, 129], np.uint8))].tolist()
     [0, 3]
     """
-    difference = SIDE.take(case, axis=1) * np.abs(values.T - threshold)  # (8, n)
+    number = case.astype(np.intp)
     with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-        decided = case.astype(np.intp) << 6 | _connected_faces(difference, case)
+        difference = values.T - threshold  # (8, n)
+        wrong = (difference >= 0) != INSIDE_OF_CORNER.take(number, axis=1)
+        if wrong.any():
+            np.negative(difference, out=difference, where=wrong)
+        decided = number << 6 | _connected_faces(difference, number)
         configuration = trilinear_tables().configuration_of[:, 0].take(decided).astype(np.intp)
         voxel = np.flatnonzero(trilinear_tables().may_tunnel.take(decided))
         decided = decided.take(voxel)
@@ -158,7 +162,7 @@ def decide(values: NDArray[np.float64], threshold: float, case: NDArray[np.uint8
     return configuration
 
 
-def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.uint8]) -> NDArray[np.uint8]:
+def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.intp]) -> NDArray[np.uint8]:
     """A bit for each ambiguous face whose inside corners are connected."""
     first_connected, second_connected = np.zeros((2, len(case)), np.uint8)  # along the first diagonal, the second
     for face, (a, b, c, d) in enumerate(FACES):
