@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.cost_estimate import CALIBRATION, FieldCache, cost_estimate_steps
 from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
@@ -163,7 +164,7 @@ def stages(
 ) -> list[dict[str, Any]]:
     """For every stage of an extraction: seconds, the bytes it must read and write at least, and their seconds."""
     grid = make_grid(values)
-    seconds = stage_seconds(session, lambda: extract_steps(grid, threshold, False, threads))
+    seconds = stage_seconds(session, lambda: extract_steps(grid, threshold, False, Budget(threads)))
     counts = finish(count_steps(grid, threshold))
     bits = values.size / 8
     found = 5 * counts.active  # of every active voxel its place (int32) and its case

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Reading DICOM folders, against SimpleITK's series reader. The files are in the system's cache."""
+"""Reading DICOM folders and masks, against SimpleITK's series reader. The files are in the system's cache."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.cli.phantom.files import write_dicom_steps
-from ctmc_addon.core import Budget
+from ctmc_addon.cli.phantom.files import dicom_name, dicom_slice, write_dicom_steps
+from ctmc_addon.core import Budget, Volume
 from ctmc_addon.core.progress import finish
 from ctmc_addon.readers import read_volume
 
@@ -19,6 +19,8 @@ from .measuring import Session
 
 PATIENTS = ("ircadb01_abdomen", "lidc0314_thorax")  # whole series
 PEER = "SimpleITK's series reader"
+ORGANS = ("ts_nifti", "example_seg_fast_force_split.nii.gz")  # labels of a patient
+MASKS, WIDER = 8, 4  # of the largest organs; and each pixel of the labels is so many by so many of the masks
 
 
 def measure(session: Session) -> None:
@@ -30,6 +32,41 @@ def measure(session: Session) -> None:
     for folder in session.also:
         if folder.is_dir():
             compare(session, folder.name, folder)
+    organs = session.data.joinpath(*ORGANS)
+    if organs.exists():
+        masks(session, mask_folders(organs, session.scratch / "masks"))
+    else:
+        session.say(f"No {organs.name} in {session.data}: the row of masks is left out")
+
+
+def masks(session: Session, folder: Path) -> None:
+    """A folder of masks as one label volume; the peer reads each of them."""
+    folders = sorted(folder.iterdir())
+    labels = read_volume(folder)
+    assert set(labels.label_names.values()) == {each.name for each in folders}, "a mask is missing"
+    slices, rows, columns = labels.shape
+    session.compare(
+        f"reading {len(folders)} folders of {slices} DICOM slices of {columns} x {rows} with a mask each",
+        lambda: read_volume(folder, budget=Budget(threads=1)),
+        {f"{PEER}, each folder": (lambda: [simple_itk(each) for each in folders], 1.0)},
+    )
+
+
+def mask_folders(organs: Path, folder: Path) -> Path:
+    """A DICOM series for each of the largest organs of a label volume."""
+    import pydicom
+
+    values = read_volume(organs).values
+    counts = np.bincount(values.ravel())
+    largest = 1 + np.argsort(-counts[1:], kind="stable")[:MASKS]
+    for label in largest.tolist():
+        mask = (values == label).astype(np.int16).repeat(WIDER, axis=1).repeat(WIDER, axis=2)
+        volume = Volume(mask, np.diag([0.75, 0.75, 3.0, 1.0]))
+        own = folder / f"organ_{label}"
+        own.mkdir(parents=True)
+        for k, plane in enumerate(mask):
+            dicom_slice(pydicom, volume, plane, k, own.name).save_as(own / dicom_name(k + 1), enforce_file_format=True)
+    return folder
 
 
 def compare(session: Session, name: str, folder: Path) -> None:

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ctmc_addon.core import Budget, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.simplification.simplify import simplify
+from ctmc_addon.readers import read_volume
 
 from . import peers, scenes
 from .measuring import Row, Session
@@ -20,6 +22,11 @@ from .measuring import Row, Session
 VTK = "vtkQuadricDecimation"
 LEVELS = {0.5: 1.0, 0.9: 1.0, 0.95: 1.0}  # reduction: target of the mean error against VTK's
 SAMPLES = 20_000  # each way
+PATIENT = "ircadb01_abdomen"  # noisy: thousands of components
+# name: HU, reductions, target of the time against VTK's; every other pixel and row, raw otherwise
+PATIENT_SURFACES = {"bone": (280, (0.5, 0.9, 0.95), 0.5), "vessels": (140, (0.5, 0.9), 0.6)}
+PATIENT_STRIDE = (2, 2, 1)
+LARGE_BONE, LARGE_SECONDS, LARGE_SECOND_THREAD = 265, 9.0, 0.6  # HU, of all pixels; limits for 90 % removed
 
 
 def measure(session: Session) -> None:
@@ -42,6 +49,47 @@ def measure(session: Session) -> None:
         {"Blender's Decimate": (decimate(large, 0.1), 0.6)},
         repeats=repeats,
     )
+    if not (session.data / PATIENT).is_dir():
+        session.say(f"No {PATIENT} in {session.data}: rows left out")
+        return
+    volume = read_volume(session.data / PATIENT)
+    for name, (threshold, reductions, target) in PATIENT_SURFACES.items():
+        against_vtk(session, name, raw_surface(volume, threshold, PATIENT_STRIDE), reductions, target)
+    large_bone(session, raw_surface(volume, LARGE_BONE))
+
+
+def raw_surface(volume: Volume, threshold: float, stride: tuple[int, int, int] = (1, 1, 1)) -> TriangleMesh:
+    """A surface with all its components, in millimeters."""
+    made = reconstruct(volume, ReconstructionSettings(threshold=threshold, stride=stride)).mesh
+    return TriangleMesh(made.vertices, made.faces)
+
+
+def against_vtk(
+    session: Session, name: str, mesh: TriangleMesh, reductions: tuple[float, ...], target: float | None
+) -> None:
+    """Time and mean error of a patient's surface, one call each."""
+    full, on_full = TriangleTree(mesh), on_surface(mesh, SAMPLES)
+    for reduction in reductions:
+        work = f"QEM, {name} of {PATIENT}, {len(mesh.faces) / 1e3:.0f}k triangles to {1 - reduction:.0%}"
+        known = {}
+        for maker, make in {"CTMC": ours, VTK: peers.quadric_decimation}.items():
+            seconds, small = session.timed(make(mesh, reduction))
+            there, back = TriangleTree(small).distances(on_full), full.distances(on_surface(small, SAMPLES))
+            known[maker] = (seconds, float(there.mean() + back.mean()) / 2)
+        (seconds, error), (vtk_seconds, vtk_error) = known.values()
+        session.add(Row(session.part, work, VTK, seconds, vtk_seconds, target))
+        session.add(Row(session.part, f"{work}: mean error", VTK, error, vtk_error, 1.0, unit="mm"))
+
+
+def large_bone(session: Session, mesh: TriangleMesh) -> None:
+    """A surface that goes in batches, on one thread and on two."""
+    work = f"QEM, bone of {PATIENT}, {len(mesh.faces) / 1e6:.2f}M triangles to 10%"
+    taken = {}
+    for threads in session.threads:
+        taken[threads], _ = session.timed(lambda n=threads: simplify(mesh, reduction=0.9, budget=Budget(threads=n)))
+    session.add(Row(session.part, f"{work}, 1 thread", f"{LARGE_SECONDS:g} s", taken[1], LARGE_SECONDS, 1.0))
+    if 2 in taken:
+        session.add(Row(session.part, f"{work}, 2 threads", "CTMC, 1 thread", taken[2], taken[1], LARGE_SECOND_THREAD))
 
 
 def errors(session: Session, mesh: TriangleMesh, size: str) -> None:
