@@ -10,7 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import NamedTuple
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,10 +87,11 @@ class ComplexMesh:
     sides: NDArray[np.int32]
     normals: NDArray[np.float32] | None = None
 
-    @property
+    @cached_property
     def labels(self) -> tuple[int, ...]:
         """Every label that has a triangle, rising, without 0."""
-        return tuple(int(label) for label in np.unique(self.sides) if label)
+        ordered = np.sort(_narrow(self.sides.reshape(-1)), kind="stable")
+        return tuple(ordered[np.flatnonzero(np.diff(ordered, prepend=ordered.dtype.type(0)))].tolist())
 
     @property
     def interfaces(self) -> tuple[Interface, ...]:
@@ -183,8 +185,7 @@ def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, 
         As in `ComplexMesh`.
     """
     junctions = junction_vertices(faces, sides)
-    both = sides.reshape(-1)  # each triangle stands once for either side
-    both = both.astype(np.min_scalar_type(both.max(initial=0)))  # NumPy orders 16 bits in a fifth of the time
+    both = _narrow(sides.reshape(-1))  # each triangle stands once for either side
     order = np.argsort(both, kind="stable")
     starts = np.flatnonzero(np.diff(both[order], prepend=both.dtype.type(0)))
     borders = {}
@@ -204,6 +205,11 @@ def borders_of(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> dict[int, 
             corners, copied = split_pinched(renumbered[own - lowest], junctions[used])
             borders[label] = Border(corners, sides[number, 1 - side], np.append(used, used[copied]))
     return borders
+
+
+def _narrow(labels: NDArray[np.int32]) -> NDArray[Any]:
+    """Return labels in as few bits as hold the highest: NumPy orders 16 bits in a fifth of the time of 32."""
+    return labels.astype(np.min_scalar_type(labels.max(initial=0)))
 
 
 def junction_vertices(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> NDArray[np.bool_]:
