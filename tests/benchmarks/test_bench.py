@@ -6,13 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from benchmarks import documents, growth, patient, peers, processes
+from benchmarks import documents, growth, patient, peers, processes, reading
 from benchmarks.accuracy import PAGE as ACCURACY
 from benchmarks.bench import PARTS
 from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, processor_seconds, stage_seconds, timed
 
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.progress import Step
+from ctmc_addon.readers import read_volume
 
 pytestmark = pytest.mark.once
 
@@ -148,6 +149,16 @@ def test_a_whole_process_gives_the_triangles_it_wrote(tmp_path):
     out = tmp_path / "ball.stl"
     assert processes.reconstruct(source, out, ["--threshold", "0.5"]) == len(marching_cubes(values, 0.5).faces)
     assert out.stat().st_size == 84 + 50 * len(marching_cubes(values, 0.5).faces)
+
+
+def test_mask_folders_are_the_largest_organs_and_read_as_one_label_volume(tmp_path):
+    labels = np.zeros((3, 6, 12), np.uint8)
+    for label in range(1, 11):
+        labels[1, 1 : 2 + label // 3, label] = label  # of 1 to 4 voxels
+    organs = processes.written(tmp_path / "organs.nii", labels, np.eye(4))
+    volume = read_volume(reading.mask_folders(organs, tmp_path / "masks"))
+    voxels = {name: np.count_nonzero(volume.values == label) for label, name in volume.label_names.items()}
+    assert voxels == {f"organ_{label}": reading.WIDER**2 * (1 + label // 3) for label in range(3, 11)}
 
 
 def test_slicers_recipe_closes_a_label_and_decimates_it(tmp_path):
