@@ -74,11 +74,13 @@ def run_text(machine: dict[str, Any]) -> str:
 
 
 def rows_text(known: dict[str, Any]) -> str:
-    """When and how a part was measured, and its rows; targets are for whoever runs the benchmark, not for the page."""
-    load = known["machine"]["load"] or 0
+    """When, how and where a part was measured, and its rows; targets are for who runs the benchmark, not for the page."""
+    machine = known["machine"]
+    load = machine["load"] or 0
     busy = f", load {load:.0f} at the start" if load > 1 else ""
     lines = [row_cells(row) for row in known["rows"]]
-    return f"{known['machine']['date']}, `{known['command']}`{busy}.\n\n" + table(
+    where = f"{machine['processor']}, {machine['cores']} cores"
+    return f"{machine['date']}, `{known['command']}`, {where}{busy}.\n\n" + table(
         ["work", "peer", "CTMC", "peer", "ratio"], lines
     )
 

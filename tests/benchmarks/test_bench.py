@@ -55,12 +55,13 @@ def test_on_a_shared_machine_processor_time_and_the_least_of_the_calls_count(ses
 
 def test_the_rows_of_a_part_say_when_how_and_beside_whom_they_were_measured():
     row = Row("part", "work", "peer", 1.0, 2.0, note="all of it").as_dict()
-    known = {"command": "make x", "machine": {"date": "D", "load": 7.2}, "rows": [row]}
+    machine = {"date": "D", "load": 7.2, "processor": "P", "cores": 2}
+    known = {"command": "make x", "machine": machine, "rows": [row]}
     text = documents.rows_text(known)
-    assert text.startswith("D, `make x`, load 7 at the start.\n\n| work |")
+    assert text.startswith("D, `make x`, P, 2 cores, load 7 at the start.\n\n| work |")
     assert text.endswith("| work (all of it) | peer | 1 s | 2 s | 0.50 |")
-    known["machine"]["load"] = 0.3
-    assert documents.rows_text(known).startswith("D, `make x`.\n")
+    machine["load"] = 0.3
+    assert documents.rows_text(known).startswith("D, `make x`, P, 2 cores.\n")
 
 
 def test_a_call_is_timed_without_what_comes_before_and_after():
