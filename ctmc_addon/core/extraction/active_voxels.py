@@ -130,14 +130,14 @@ class Slab:
         layer_bytes = self.rows * self.pitch // BYTE
         slots = np.searchsorted(self.byte, (layers - self.low) * layer_bytes) * BYTE
         voxels = np.searchsorted(self.slot, slots)
-        vertices = [np.diff(np.searchsorted(of_axis, slots)) for of_axis in self.edge_slots]
         inside = np.zeros(len(self.with_interior) + 1, np.intp)
         np.cumsum(self.interior_counts, out=inside[1:])
-        vertices.append(np.diff(inside[np.searchsorted(self.with_interior, voxels)]))
+        ends = [np.searchsorted(of_axis, slots) for of_axis in self.edge_slots]
+        ends.append(inside[np.searchsorted(self.with_interior, voxels)])
         kind = self.corner_list_kind
         kinds = int(kind.max(initial=0)) + 1
         faces = np.array([np.bincount(kind[a:b], minlength=kinds) for a, b in pairwise(voxels.tolist())]).T
-        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.array(vertices), faces)
+        return Segments(layers[:-1] // self.unit, layers[:-1] % self.unit == 0, np.diff(np.array(ends)), faces)
 
     @property
     def interior_counts(self) -> NDArray[Any]:

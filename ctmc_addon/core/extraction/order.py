@@ -144,11 +144,12 @@ def _runs(
         Rows of an item of each list.
     """
     rows = counts * np.array(sizes, np.intp)[:, None]
-    segment = np.arange(len(unit))
-    keys = [np.broadcast_to(key, counts.shape).ravel() for key in (segment, group, unit)]
-    order = np.lexsort(keys)
+    # No two lists have a group in common, so a stable order of both keys leaves segments as they come.
+    keys = unit * (int(group.max(initial=0)) + 1) + group  # (lists, segments)
+    order = np.argsort(keys, axis=None, kind="stable")
     start = np.empty(counts.size, np.intp)
-    start[order] = np.cumsum(rows.ravel()[order]) - rows.ravel()[order]
+    in_order = rows.ravel()[order]
+    start[order] = np.cumsum(in_order) - in_order
     start = start.reshape(counts.shape)
     lists = list(zip(counts.tolist(), start.tolist(), sizes, strict=True))
     bounds = np.searchsorted(slab, np.arange(slab[-1] + 2)).tolist()

@@ -94,7 +94,9 @@ def _keep_freed_pages() -> None:
 def _even_ranges(work: NDArray[np.float64]) -> list[tuple[int, int]]:
     """Ranges (low, high) of layers with about equal shares of the work, near 1; an even number, where not just one."""
     done = np.cumsum(work)
-    count = 2 * math.ceil(done[-1] / 2) if done[-1] > 0.25 else 1  # less is not worth a second thread
+    if done[-1] <= 0.25:  # not worth a second thread
+        return [(0, len(work))]
+    count = 2 * math.ceil(done[-1] / 2)
     number = np.floor((done - work / 2) * (count / done[-1]))
     firsts = [0, *(np.flatnonzero(np.diff(number)) + 1), len(work)]
     return [(int(low), int(high)) for low, high in pairwise(firsts)]
