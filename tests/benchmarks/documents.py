@@ -74,7 +74,7 @@ def run_text(machine: dict[str, Any]) -> str:
 
 
 def rows_text(known: dict[str, Any]) -> str:
-    """When, how and where a part was measured, and its rows; targets are for who runs the benchmark, not for the page."""
+    """When, how and where a part was measured, and its rows; targets are for who runs it, not for the page."""
     machine = known["machine"]
     load = machine["load"] or 0
     busy = f", load {load:.0f} at the start" if load > 1 else ""
