@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from .order import Runs
 from .trilinear_decider import NEEDS_DECISION, crossings, decide, interior_points, trilinear_tables
 from .vertices import VertexArrays
 
+DECIDED_AT_ONCE = 1 << 16  # ambiguous voxels, for little memory: noise has 30,000 in a slab
 HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3) whether a corner is the high one along x, y, z."""
 
@@ -28,9 +30,21 @@ HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8
 def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler, threshold: float) -> list[Slab]:
     """The slabs with the configuration of the trilinear interpolant's surface in every ambiguous voxel.
 
-    A slab has few of them, so several slabs are decided at once: it is a hundred calls either way.
+    Most slabs have few of them, so several slabs are decided at once: it is a hundred calls either way.
     """
     of_slabs = [_ambiguous_voxels(slab) for slab in slabs]
+    before = np.cumsum([0, *map(len, of_slabs[:-1])])
+    cuts = [0, *(np.flatnonzero(np.diff(before // DECIDED_AT_ONCE)) + 1).tolist(), len(slabs)]
+    made = []
+    for low, high in pairwise(cuts):
+        made += _decided(slabs[low:high], of_slabs[low:high], grid, sampler, threshold)
+    return made
+
+
+def _decided(
+    slabs: Sequence[Slab], of_slabs: Sequence[NDArray[np.intp]], grid: Grid, sampler: Sampler, threshold: float
+) -> list[Slab]:
+    """The slabs with their ambiguous voxels `of_slabs` decided together."""
     samples = zip(*(slab.samples(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)), strict=True)
     x, y, z = map(np.concatenate, samples)
     values = corner_values((x, y, z), grid, sampler)

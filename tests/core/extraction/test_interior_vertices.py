@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import marching_cubes
+from ctmc_addon.core.extraction import interior_vertices
 from ctmc_addon.core.extraction.active_voxels import find_active
 from ctmc_addon.core.extraction.classify import inside_bits
 from ctmc_addon.core.extraction.gradients import Sampler
@@ -43,8 +44,10 @@ def test_corner_values_are_those_of_the_voxels_eight_samples():
         np.testing.assert_array_equal(found[voxel], values[np.ix_(z, y, x)].ravel())
 
 
+@pytest.mark.parametrize("at_once", [1, 1 << 16])
 @pytest.mark.parametrize("close_border", [False, True])
-def test_slabs_that_are_decided_at_once_become_what_each_becomes_alone(close_border):
+def test_slabs_that_are_decided_at_once_become_what_each_becomes_alone(close_border, at_once, monkeypatch):
+    monkeypatch.setattr(interior_vertices, "DECIDED_AT_ONCE", at_once)
     values = np.random.default_rng(5).normal(size=(9, 12, 11))
     values[3:6] = 1.0  # a slab without an ambiguous voxel is among them
     grid = make_grid(values, close_border=close_border)
