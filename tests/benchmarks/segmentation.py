@@ -27,12 +27,15 @@ from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps, connected_steps
 from ctmc_addon.core.segmentation.distance import grown_window, squared_distances, window_of
 from ctmc_addon.core.volume import ValueKind, to_index, transform_points
+from ctmc_addon.core.volume.smoothing.gaussian import convolved, weights
 from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
 
 Mask = NDArray[np.bool_]
 DATA = Path(os.environ.get("CTMC_TEST_CT", Path(__file__).resolve().parents[3] / "shared" / "data"))
 ORGANS = {"spleen": 1, "kidney": 2, "gallbladder": 4, "liver": 5, "vertebra": 28, "aorta": 52, "vena cava": 63,
-          "portal vein": 64}  # fmt: skip
+          "portal vein": 64, "hip": 77}  # fmt: skip
+MADE_TUMORS = {8: (16, 282, 228), 12: (2, 212, 188), 20: (4, 298, 168), 30: (7, 237, 223)}  # mm, and where in the liver
+MADE_HU, MADE_BLUR_MM = -40.0, 1.0
 ROOM_MM = 30.0  # around the truth, that peers see
 GOAL = 0.8
 SHOWN = (1, 2, 4, 6, 10, 12)
@@ -203,8 +206,6 @@ PEERS: dict[str, Method] = {
 
 def smoothed(case: Case) -> NDArray[np.float32]:
     """Return values smoothed by 1 mm, for methods that look at single voxels."""
-    from ctmc_addon.core.volume.smoothing.gaussian import convolved, weights
-
     values = case.ct.values.astype(np.float32)
     for axis, mm in enumerate(reversed(case.ct.spacing)):
         values = convolved(values, weights(1.0 / mm), axis)
@@ -291,6 +292,22 @@ def tumor() -> Case:
     return Case("tumor", ct, truth)
 
 
+def made_tumor(diameter_mm: float, middle: tuple[int, int, int]) -> Case:
+    """Return a tumor that was made: an uneven ball, blurred, taken off a patient's liver, whose noise it keeps."""
+    ct = readers.read_volume(DATA / "ts_dicom_j2k")
+    sides = np.array(ct.spacing[::-1])
+    away = (np.indices(ct.shape) - np.reshape(middle, (3, 1, 1, 1))) * sides[:, None, None, None]
+    distance = np.sqrt((away**2).sum(axis=0))
+    z, y, x = away / np.maximum(distance, 1e-6)
+    radius = diameter_mm / 2 * (1 + 0.2 * z * y + 0.1 * np.cos(5 * x + y))
+    truth = distance < radius
+    share = truth.astype(np.float32)
+    for axis, side in enumerate(sides):
+        share = convolved(share, weights(MADE_BLUR_MM / side), axis)
+    values = (ct.values + MADE_HU * share).round().astype(np.int16)
+    return Case(f"made tumor {diameter_mm} mm", Volume(values, ct.affine, kind=ValueKind.HU), truth)
+
+
 def cases() -> dict[str, Callable[[], Case]]:
     """Return what can be drawn here, by name."""
     found = phantoms()
@@ -298,6 +315,8 @@ def cases() -> dict[str, Callable[[], Case]]:
         found["tumor"] = tumor
     if (DATA / "ts_nifti").is_dir():
         found |= {name: lambda name=name: organ(name) for name in ORGANS}
+    if (DATA / "ts_dicom_j2k").is_dir():
+        found |= {f"made tumor {mm} mm": lambda mm=mm: made_tumor(mm, MADE_TUMORS[mm]) for mm in MADE_TUMORS}
     return found
 
 

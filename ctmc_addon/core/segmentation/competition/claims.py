@@ -3,10 +3,11 @@
 
 A block belongs to the click from which it is nearest by time. A click in a structure claims up to the time at which the
 cut is sharpest: where the difference of values across the border of what it has, on average over the border, is the
-largest (after Hojjatoleslami and Kittler 1998, doi:10.1109/83.701170). A later click corrects what the earlier ones
-came to, so it reaches only a few times as far as it lies from what is right: a click beside the border changes the
-border there, and no click undoes what another has done elsewhere. Nor does it lead through values that are unlike those
-of the structure and its own.
+largest (after Hojjatoleslami and Kittler 1998, doi:10.1109/83.701170). The first click takes a smaller structure, such
+as a tumor in a liver, where all around a near cut is brighter, or all is darker, and behind it nothing is.
+A later click corrects what the earlier ones came to, so it reaches only a few times as far as it lies from what is
+right, and less far in a small structure: a click beside the border changes the border there, and no click undoes what
+another has done elsewhere. Nor does it lead through values that are unlike those of the structure and its own.
 """
 
 from __future__ import annotations
@@ -27,10 +28,16 @@ Sides = tuple[float, float, float]
 BINS = 128  # of times, for the sharpest cut
 # Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
 FAR, FAR_CORRECTION = 0.4, 0.6
+COHERENT = 0.9  # share of the sharpness that is a rise or a fall alone, around a structure in a larger one
+VALLEY, FLAT = 0.5, 0.25  # sharpness and rise behind its cut, as shares of the rise there
+LEAST_RISE = 4.0  # units of the values from block to block, against noise
+LONGER = 1.5  # times the reach of the first click: its longest time, for what differences of values cost
+BEYOND = 1.5  # times the cut: where the border may lie at most
 BALL_MM = 3.0  # around a click what is like it belongs to it
 ALIKE_MM = 20.0  # of time by difference alone
 SMALLEST = 3  # times the ball of a click, against noise
-REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right
+REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right, at most
+LEAST_REACH, RADIUS_MM = 2.0, 4.0  # in a small structure as many times as its radius has this length
 LIKE = 30.0  # units of values by which what a correction adds may differ from what is known
 RARE = 0.02  # share of the structure's values, at either end, that it is not known by
 
@@ -106,19 +113,21 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     values, heights = ground.values[window], ground.heights[window]
     ball, alike = _ball(heights, sample_in(block, window), ground.sides_mm)
     known = ground.values[claims.labels == structure] if structure else values[:0]
+    passable = _squares_from(sample_in(block, window), values.shape, ground.sides_mm) <= reach_mm * reach_mm
     if known.size:
-        heights = heights + np.where(_is_like(values, known, values[ball][alike]), 0, np.int32(BLOCKED))
+        passable &= _is_like(values, known, values[ball][alike])
+    heights = heights + np.where(passable, 0, np.int32(BLOCKED))
     times = np.full(heights.shape, NEVER, np.uint32)
     times[ball][alike] = 0
     times = yield from sweep_steps(times, heights, (x, y, z))
-    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10))
+    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10) * (LONGER if structure and not known.size else 1))
     nearer = times < own.times
     cut = longest
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
         far = FAR_CORRECTION if known.size else FAR
         cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
-        own.reached[...] |= times < longest
+        own.reached[...] |= times < min(longest, BEYOND * cut)
     left = np.int32(cut) - times.astype(np.int32)
     claimed = nearer & (left > 0)
     if structure:
@@ -138,7 +147,10 @@ def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm
         return 0.0
     z, y, x = ((at - here) * side for at, here, side in zip(np.nonzero(right), block, sides_mm, strict=True))
     away_mm = math.sqrt(float((z * z + y * y + x * x).min())) if z.size else max_mm
-    return min(max_mm, REACH_MM + REACH * away_mm)
+    volume_mm3 = np.count_nonzero(right if structure else labels) * math.prod(sides_mm)
+    radius_mm = round((0.75 * volume_mm3 / math.pi) ** (1 / 3), 3)  # a machine's last bit does not matter
+    slope = min(max(radius_mm / RADIUS_MM, LEAST_REACH), REACH)
+    return min(max_mm, min(REACH_MM, radius_mm) + slope * away_mm)
 
 
 def _is_like(values: Floats, known: Floats, clicked: Floats) -> Mask:
@@ -149,16 +161,19 @@ def _is_like(values: Floats, known: Floats, clicked: Floats) -> Mask:
     return (values >= low) & (values <= high)
 
 
-def _ball(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[tuple[slice, ...], Mask]:
+def _squares_from(block: Sample, shape: tuple[int, ...], sides_mm: Sides) -> NDArray[np.float64]:
+    """Return squared distances of all blocks from one, mm2."""
+    z, y, x = (((np.arange(count) - at) * side) ** 2 for count, at, side in zip(shape, block, sides_mm, strict=True))
+    return z[:, None, None] + y[:, None] + x
+
+
+def _ball(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[Window, Mask]:
     """Return the window of a click's ball, and which blocks in it are in the ball and like the click's own."""
-    window, squares = [], []
-    for count, at, side in zip(heights.shape, block, sides_mm, strict=True):
-        reach = math.ceil(BALL_MM / side)
-        window.append(slice(max(0, at - reach), min(count, at + reach + 1)))
-        squares.append(((np.arange(window[-1].start, window[-1].stop) - at) * side) ** 2)
-    z, y, x = squares
-    inside = z[:, None, None] + y[:, None] + x <= BALL_MM * BALL_MM * (1 + 1e-6)
-    return tuple(window), inside & (np.abs(heights[tuple(window)] - heights[block]) <= cost_of(ALIKE_MM))
+    z, y, x = sides_mm
+    window = window_around([block], BALL_MM, (x, y, z), heights.shape)
+    part = heights[window]
+    inside = _squares_from(sample_in(block, window), part.shape, sides_mm) <= BALL_MM * BALL_MM * (1 + 1e-6)
+    return window, inside & (np.abs(part - heights[block]) <= cost_of(ALIKE_MM))
 
 
 def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longest: int, far: float) -> int:
@@ -166,6 +181,8 @@ def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longes
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts
     are compared in one look at the pairs.
+
+    A first click has the first cut around which all rises or all falls, if little does behind it.
 
     Parameters
     ----------
@@ -184,7 +201,7 @@ def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longes
     flat, level, other_clicks = times.ravel(), values.ravel(), same.ravel()
     inside = np.flatnonzero(flat < longest)
     bins = _bins(flat[inside], longest)
-    sums, pairs = np.zeros(BINS + 1), np.zeros(BINS + 1, np.int64)
+    sums, rises, pairs = np.zeros(BINS + 1), np.zeros(BINS + 1), np.zeros(BINS + 1, np.int64)
     place = np.unravel_index(inside, times.shape)
     for axis, pitch in enumerate((times.shape[1] * times.shape[2], times.shape[2], 1)):
         for step in (-1, 1):
@@ -193,15 +210,32 @@ def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longes
             later = _bins(flat[other], longest)
             counts = (later > bins[at]) & ~other_clicks[other]
             at, other, later = at[counts], other[counts], later[counts]
-            difference = np.abs(level[inside[at]] - level[other])
+            rise = level[other] - level[inside[at]]
             for ends, sign in ((bins[at], 1), (later, -1)):
-                sums += sign * np.bincount(ends, difference, BINS + 1)
+                sums += sign * np.bincount(ends, np.abs(rise), BINS + 1)
+                rises += sign * np.bincount(ends, rise, BINS + 1)
                 pairs += sign * np.bincount(ends, minlength=BINS + 1)
-    sharpness = (np.cumsum(sums) / np.maximum(np.cumsum(pairs), 1))[:BINS] * (1 - far * np.arange(BINS) / BINS)
-    sharpness[np.cumsum(np.bincount(bins, minlength=BINS))[:BINS] < smallest] = 0
-    # A click without any pair, alone in a grid of one value, has what it reaches.
-    best = int(sharpness.argmax()) if sharpness.max() > 0 else BINS - 1
+    across = np.maximum(np.cumsum(pairs), 1)[:BINS]
+    sharpness, rise = np.cumsum(sums)[:BINS] / across, np.abs(np.cumsum(rises)[:BINS] / across)
+    best = None if same.any() else _first_cut(sharpness, rise)
+    if best is None:
+        sharpness *= 1 - far * np.arange(BINS) / BINS
+        sharpness[np.cumsum(np.bincount(bins, minlength=BINS))[:BINS] < smallest] = 0
+        # A click without any pair, alone in a grid of one value, has what it reaches.
+        best = int(sharpness.argmax()) if sharpness.max() > 0 else BINS - 1
     return (best + 1) * max(1, longest // BINS)
+
+
+def _first_cut(sharpness: NDArray[np.float64], rise: NDArray[np.float64]) -> int | None:
+    """Return the cut around a structure in a larger one, None where there is none.
+
+    All around it values rise, or all around they fall, so that the mean difference is as large as the mean of the
+    absolute differences. Behind it, in the larger structure, neither is.
+    """
+    coherent = np.where(rise > COHERENT * sharpness, rise, 0)
+    highest = np.maximum.accumulate(coherent)
+    behind = (highest > LEAST_RISE) & ((sharpness < VALLEY * highest) | (rise < FLAT * highest))
+    return int(coherent[: int(behind.argmax())].argmax()) if behind.any() else None
 
 
 def _bins(times: Times, longest: int) -> NDArray[np.int64]:

@@ -40,6 +40,7 @@ CLICKED_MM = 1.5  # around a click that is its own whatever values say
 NOISE_MM = 1.0  # of the values that borders are drawn by
 SIGMA_MM = 1.7  # more, for those that times are counted on
 SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
+BONE_HU, BONE = 150.0, 0.1  # above it so much of that: bone differs more inside than from what is around it
 TABLE_HU = (-1024, 3072)
 GRAY_HU = 120.0  # between the lowest and the highest percent of values that are not HU
 STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
@@ -140,7 +141,9 @@ def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
     low, high = TABLE_HU
     hu = np.arange(low, high + 1, dtype=np.float64)
     # Rounded, so that the last bit of a machine's logarithm does not matter.
-    table = (np.rint(SOFT_HU * np.arcsinh((hu - MIDDLE_HU) / SOFT_HU) * 16) / 16).astype(np.float32)
+    scale = SOFT_HU * np.arcsinh((hu - MIDDLE_HU) / SOFT_HU)
+    scale -= (1 - BONE) * np.maximum(scale - scale[int(BONE_HU) - low], 0)
+    table = (np.rint(scale * 16) / 16).astype(np.float32)
     first, share = 0.0, 1.0
     if volume.kind != ValueKind.HU:
         table = (hu - low).astype(np.float32)
