@@ -14,6 +14,7 @@ from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
 from ctmc_addon.core.segmentation.competition.blocks import factors_of
 from ctmc_addon.core.segmentation.competition.border import _least_steps
+from ctmc_addon.core.segmentation.competition.claims import _first_cut, _reach_mm
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "ts_nifti"
@@ -130,6 +131,43 @@ def test_a_correction_beside_the_border_stays_beside_the_border():
     clicks = [Click((20, 20, 20), 1), Click((20, 20, 28), 1)]
     for number in (1, 2):
         assert dice(finish(compete_steps(volume, clicks[:number])) == 1, inside) > 0.98
+
+
+@pytest.mark.parametrize("radius", [4.0, 6.0, 10.0])
+def test_one_click_takes_a_small_body_in_a_larger_one(radius):
+    """As a tumor in a liver, whose own border is far sharper."""
+    spacing, center = (1.0, 1.0, 1.5), (33.0, 33.0, 33.0)
+    shape = (44, 66, 66)
+    small, large = body(shape, spacing, center, radius), body(shape, spacing, center, 27.0)
+    noise = np.random.default_rng(3).normal(0, 12, shape)
+    values = np.where(small, 60, np.where(large, 105, -100)) + noise
+    volume = Volume(values.round().astype(np.int16), np.diag([*spacing, 1.0]), kind="HU")
+    labels = finish(compete_steps(volume, [Click((22, 33, 33), 1)]))
+    assert dice(labels == 1, small) > 0.75
+
+
+def test_one_click_takes_a_bone_with_its_hard_shell():
+    spacing, center = (1.5, 1.5, 1.5), (30.0, 30.0, 30.0)
+    marrow, bone = body((41, 41, 41), spacing, center, 13.0), body((41, 41, 41), spacing, center, 18.0)
+    noise = np.random.default_rng(4).normal(0, 15, bone.shape)
+    values = np.where(marrow, 200, np.where(bone, 800, 40)) + noise
+    volume = Volume(values.round().astype(np.int16), np.diag([*spacing, 1.0]), kind="HU")
+    assert dice(finish(compete_steps(volume, [Click((20, 20, 20), 1)])) == 1, bone) > 0.93
+
+
+@pytest.mark.parametrize(("radius", "times"), [(4.0, 2.0), (12.0, 3.0), (28.0, 6.0)])
+def test_a_correction_of_a_small_structure_reaches_less_far(radius, times):
+    labels = body((71, 71, 71), (1.0, 1.0, 1.0), (35.0, 35.0, 35.0), radius).astype(np.uint8)
+    reach = _reach_mm(labels, (35, 35, 35 + int(radius) + 3), 1, (1.0, 1.0, 1.0), 65.0)
+    assert reach == pytest.approx(min(6.0, radius) + times * 3, abs=0.2)
+
+
+def test_the_first_cut_is_where_all_rises_and_nothing_does_behind():
+    sharpness = np.array([6.0, 8.0, 9.0, 5.0, 4.0, 12.0, 14.0])
+    assert _first_cut(sharpness, sharpness) == 2
+    assert _first_cut(sharpness, sharpness * 0.5) is None  # here it rises, and there it falls
+    assert _first_cut(sharpness[:4], sharpness[:4]) is None  # the valley is not deep enough
+    assert _first_cut(sharpness / 4, sharpness / 4) is None  # noise
 
 
 def price_of(inside: np.ndarray, gain: np.ndarray, prices: np.ndarray, sides: tuple[float, float, float]) -> float:

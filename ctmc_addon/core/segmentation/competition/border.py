@@ -151,7 +151,8 @@ def _least_steps(gain: Floats, prices: Floats, fixed: NDArray[np.int8], sides_mm
             per_side = np.float32(min(sides_mm) / side)
             head, tail = (slice(None),) * axis + (slice(1, None),), (slice(None),) * axis + (slice(None, -1),)
             flow[tail] += DUAL_STEP * per_side * (ahead[head] - ahead[tail])
-            np.clip(flow, lower, prices, out=flow)
+            np.maximum(flow, lower, out=flow)  # both together take a tenth of the time of np.clip with arrays
+            np.minimum(flow, prices, out=flow)
             moved = per_side * flow[tail]
             change[tail] += moved
             change[head] -= moved
