@@ -102,7 +102,7 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     structure : int
         0 for the surroundings.
     max_mm : float
-        Longest time of the first click in a structure.
+        How far the first click in a structure reaches.
     """
     reach_mm = _reach_mm(claims.labels, block, structure, ground.sides_mm, max_mm)
     if reach_mm == 0:
