@@ -73,8 +73,8 @@ def compete_steps(
     hu_per_mm : float
         How many HU count as much as a millimeter; fewer make a click claim only what is more like it.
     max_mm : float
-        Nothing farther from all clicks as the crow flies belongs to a structure. A first click's longest time is 1.5 times
-        as long, because differences of values count too.
+        Nothing farther from all clicks as the crow flies belongs to a structure. A first click's longest time is 1.5
+        times that, because differences of values count too.
 
     Returns
     -------
