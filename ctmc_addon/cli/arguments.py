@@ -259,11 +259,14 @@ def read_settings(path: str) -> dict[str, Any]:
 def with_flags(sentence: str) -> str:
     """Return the sentence with settings called by their flags, where these are other words than their names.
 
+    What `ctmc segment` takes no dataclass describes.
+
     Examples
     --------
     >>> with_flags("NaN voxels; set nan_as")
     'NaN voxels; set --nan-as'
     """
+    sentence = re.sub(r"\b(hu|max|opening)(_per)?_mm\b", lambda name: f"--{name[0].replace('_', '-')}", sentence)
     sentence = _with_flags_of((ReconstructionSettings, *kinds_of("reading")), sentence)
     # Where a figure's setting has another name than its flag, there is an underscore in it.
     return _with_flags_of(kinds_of("figure"), sentence) if "_" in sentence else sentence

@@ -136,8 +136,11 @@ def test_a_background_point_takes_voxels_away(ctmc, ct, tmp_path):
         (("-o", "l.csv.gz", "--seed", "liver", 20, 0, 3), "needs one of the suffixes .seg.nrrd"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "spleen", 2), "there is no structure 'spleen'"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "liver", -90), "nothing is left of liver"),
-        (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--max-mm", 0), "numbers above 0"),
-        (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--hu-per-mm", -1), "numbers above 0, not -1"),
+        (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--max-mm", 0), "--max-mm must be from 0.01 to 10000, not 0"),
+        (
+            ("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--hu-per-mm", -1),
+            "--hu-per-mm must be from 0.01 to 10000, not -1",
+        ),
         (
             ("-o", "l.nii", "--seed", "a", 20, 0, 3, "--seed", "b", 0, -14, 3, "--margin", "b", 30),
             "structures overlap, and l.nii has one label a voxel",

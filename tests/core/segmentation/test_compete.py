@@ -234,8 +234,14 @@ def test_competing_refuses_what_cannot_be():
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], np.zeros((8, 8, 8), bool)))
     with pytest.raises(SettingsError, match="256 clicks compete"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)] * 256))
-    with pytest.raises(SettingsError, match="numbers above 0, not 0 and 65"):
+    with pytest.raises(SettingsError, match="hu_per_mm must be from 0.01 to 10000, not 0"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], hu_per_mm=0.0))
+    with pytest.raises(SettingsError, match="max_mm must be from 0.01 to 10000, not 1e"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 1)], max_mm=1e300))
+    with pytest.raises(SettingsError, match="of structure 300"):
+        finish(compete_steps(volume, [Click((4, 4, 4), 300)]))
+    with pytest.raises(SettingsError, match="the volume has"):
+        finish(compete_steps(volume, [Click((9, 4, 4), 1)]))
 
 
 @pytest.mark.skipif(not REAL.is_dir(), reason="real CT 'ts_nifti' is not beside the checkout")

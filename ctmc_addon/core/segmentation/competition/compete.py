@@ -25,6 +25,7 @@ from ...volume.smoothing.gaussian import convolved, weights
 from ...volume.value_kind import ValueKind
 from ...volume.volume import Volume
 from ..distance import Mask, Spacing, Window
+from ..layers import MOST_STRUCTURES
 from ..points import Sample, sample_in, window_around
 from .blocks import Factors, block_means, blocks_any, drawn_steps, factors_of
 from .border import Border, border_steps
@@ -36,6 +37,7 @@ Floats = NDArray[np.float32]
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
+LIMITS = (0.01, 10_000.0)  # of both
 CLICKED_MM = 1.5  # around a click that is its own whatever values say
 NOISE_MM = 1.0  # of the values that borders are drawn by
 SIGMA_MM = 1.7  # more, for those that times are counted on
@@ -84,15 +86,12 @@ def compete_steps(
     Raises
     ------
     SettingsError
-        If there is no click in a structure, more than 255, one that is not allowed, or a number is not above zero.
+        If there is no click in a structure, more than 255 clicks, one that is not allowed or lies outside, a structure
+        above 255, or `hu_per_mm` or `max_mm` is not from 0.01 to 10,000.
     """
-    if not (0 < hu_per_mm < math.inf and 0 < max_mm < math.inf):
-        raise SettingsError(f"hu_per_mm and max_mm are numbers above 0, not {hu_per_mm:g} and {max_mm:g}; raise them")
-    if len(clicks) > MOST_CLICKS:
-        raise SettingsError(f"{len(clicks)} clicks compete, and at most {MOST_CLICKS} can; draw in several regions")
-    own = [click for click in clicks if click.structure]
-    if not own:
-        raise SettingsError("no click lies in a structure; give one, the surroundings come after it")
+    _require_within("hu_per_mm", hu_per_mm)
+    _require_within("max_mm", max_mm)
+    own = _own_clicks(clicks, volume)
     if allowed is not None and not all(allowed[click.sample] for click in own):
         raise SettingsError("a click in a structure lies outside of the range; widen the range, or click elsewhere")
     stages = Stages(STAGES)
@@ -119,6 +118,27 @@ def compete_steps(
         ball, inside = _ball(click.sample, min(CLICKED_MM, max_mm), volume.spacing, labels.shape)
         labels[ball][inside if allowed is None else inside & allowed[ball]] = click.structure
     return labels
+
+
+def _require_within(name: str, value: float) -> None:
+    low, high = LIMITS
+    if not low <= value <= high:
+        raise SettingsError(f"{name} must be from {low:g} to {high:g}, not {value:g}")
+
+
+def _own_clicks(clicks: Sequence[Click], volume: Volume) -> list[Click]:
+    """Return the clicks in structures; refuse what none can be."""
+    if len(clicks) > MOST_CLICKS:
+        raise SettingsError(f"{len(clicks)} clicks compete, and at most {MOST_CLICKS} can; draw in several regions")
+    for click in clicks:
+        if not 0 <= click.structure <= MOST_STRUCTURES:
+            raise SettingsError(f"a click is of structure {click.structure}; number structures from 1 to 255")
+        if not all(0 <= at < count for at, count in zip(click.sample, volume.shape, strict=True)):
+            raise SettingsError(f"a click lies at {click.sample}, and the volume has {volume.shape}; click inside it")
+    own = [click for click in clicks if click.structure]
+    if not own:
+        raise SettingsError("no click lies in a structure; give one, the surroundings come after it")
+    return own
 
 
 def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Mask]:
