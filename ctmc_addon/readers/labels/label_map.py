@@ -19,7 +19,7 @@ from ..value_kind import require_volume_memory
 from .colors import RGB
 
 MOST_LABELS = 65535
-LONGEST_NAME = 64  # characters, as in DICOM's short texts
+LONGEST_NAME = 200  # characters
 MOST_NAMED = 8  # in one note
 
 

@@ -57,7 +57,10 @@ _outside: ContextVar[bool] = ContextVar("outside", default=False)
 TEXT_ENCODINGS = ("ascii", "text", "txt")
 LONGEST_WORD = 400  # letters of a number: a double written without exponent has 309
 WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
-TO_MM = {"mm": 1.0, "millimeter": 1.0, "um": 0.001, "µm": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
+# Of micrometers once with the micro sign, once with the Greek letter.
+TO_MM = {"mm": 1.0, "millimeter": 1.0, "cm": 10.0, "m": 1000.0} | dict.fromkeys(
+    ("um", "\u00b5m", "\u03bcm", "micron"), 0.001
+)
 
 
 class NrrdFile(VolumeSource):
@@ -148,22 +151,33 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     return header
 
 
-def header_lines(stream: IO[bytes], name: str) -> tuple[list[bytes], list[str]]:
-    """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know."""
+def header_lines(stream: IO[bytes], name: str) -> tuple[list[str], list[str]]:
+    """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know.
+
+    They are decoded here: of bytes pynrrd drops every letter that is not ASCII.
+    """
     if stream.read(4) != b"NRRD":
         raise ReadError(f"{name} is not an NRRD file: it does not begin with 'NRRD'; export or copy it again")
-    lines, names = [b"NRRD" + stream.readline(MOST_HEADER)], []
+    lines, names = [header_text(b"NRRD" + stream.readline(MOST_HEADER))], []
     listing = False
     while line := stream.readline(MOST_HEADER).strip(b"\r\n"):
         if stream.tell() > MOST_HEADER:
             raise ReadError(f"{name} has a header of more than {MOST_HEADER} bytes; export it again")
         if listing:
-            names.append(line.decode("utf-8", "replace").strip())
+            names.append(header_text(line).strip())
         elif re.match(rb"data ?file:\s*LIST", line, re.IGNORECASE):
             listing = True
         else:
-            lines.append(line)
+            lines.append(header_text(line))
     return lines, names
+
+
+def header_text(line: bytes) -> str:
+    """Return a line as UTF-8, as 3D Slicer writes it; as Latin-1 where it is not."""
+    try:
+        return line.decode("utf-8")
+    except UnicodeDecodeError:
+        return line.decode("latin-1")
 
 
 def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, int], list[int], int, bool]:

@@ -138,6 +138,26 @@ def test_slicer_segments_name_the_labels(tmp_path):
     assert volume.kind == "label"
 
 
+@pytest.mark.parametrize(
+    ("name", "encoding"),
+    [("Müller Leber", "utf-8"), ("名前", "utf-8"), ("Müller Leber", "latin-1"), ("x" * 150, "ascii")],
+)
+def test_a_segment_keeps_the_letters_of_its_name(tmp_path, name, encoding):
+    header = HEADER.format("raw", f"data file: ct.raw\nSegment0_LabelValue:=1\nSegment0_Name:={name}")
+    (tmp_path / "ct.raw").write_bytes((numbers(shape=(8, 6, 5)) % 2).astype("<i2").tobytes())
+    (tmp_path / "x.seg.nhdr").write_bytes(header.encode(encoding))
+    assert read_volume(tmp_path / "x.seg.nhdr").label_names == {1: name}
+
+
+@pytest.mark.parametrize("unit", ["um", "\u00b5m", "\u03bcm"])
+def test_micrometers_become_millimeters(tmp_path, unit):
+    space = "space: RAS\nspace directions: (1,0,0) (0,1,0) (0,0,2)\nspace origin: (0,0,0)\ndata file: ct.raw\n"
+    header = HEADER.replace("spacings: 1 1 2\n", "").format("raw", f'{space}space units: "{unit}" "{unit}" "{unit}"')
+    (tmp_path / "ct.raw").write_bytes(numbers(shape=(8, 6, 5)).astype("<i2").tobytes())
+    (tmp_path / "ct.nhdr").write_text(header, encoding="utf-8")
+    np.testing.assert_allclose(read_volume(tmp_path / "ct.nhdr").spacing, (0.001, 0.001, 0.002))
+
+
 def test_one_layer_of_a_list_is_a_volume(tmp_path):
     array = numbers(shape=(1, 5, 6, 7))
     directions = np.vstack([np.full(3, np.nan), DIRECTIONS])
