@@ -19,7 +19,7 @@ from .progress import Stages, Steps, finish
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .structures import structure_names
-from .volume.inside import InsideValues, inside_values_steps, range_values_steps, require_same_place
+from .volume.inside import InsideValues, inside_values_steps, range_values_steps
 from .volume.region import region_box
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
@@ -76,8 +76,8 @@ def measure_structures(
 
     Raises
     ------
-    LabelError
-        If CT and labels differ in size or place.
+    VolumeError, LabelError
+        If the labels' samples are not samples of the CT, or a label lies outside it.
 
     Examples
     --------
@@ -157,7 +157,6 @@ def _inside_steps(
         return (yield from range_values_steps(ct, threshold, settings.upper, region_box(ct, settings)))
     if labels is None:
         return None
-    require_same_place(ct, labels)
     return (yield from inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
 
 

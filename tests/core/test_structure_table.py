@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import (
-    LabelError,
     ReconstructionSettings,
     Volume,
     measure_structures,
@@ -16,6 +15,7 @@ from ctmc_addon.core import (
     reconstruct_labels,
     table_csv,
 )
+from ctmc_addon.core.errors import VolumeError
 from ctmc_addon.core.mesh import largest_diameter
 
 AFFINE = np.diag([-0.8, 0.8, 2.5, 1.0])
@@ -66,5 +66,7 @@ def test_without_a_ct_there_are_no_gray_values_and_another_grid_is_refused():
     results = reconstruct_labels(labels, ReconstructionSettings(), [4]).surfaces
     row = measure_structures(results)[0]
     assert (row.mean, row.deviation) == (None, None)
-    with pytest.raises(LabelError, match="must be as large"):
-        measure_structures(results, Volume(ct.values[1:], AFFINE, kind="HU"), labels)
+    moved = AFFINE.copy()
+    moved[2, 3] += AFFINE[2, 2] / 2
+    with pytest.raises(VolumeError, match="beside the samples of the CT"):
+        measure_structures(results, Volume(ct.values, moved, kind="HU"), labels)

@@ -42,7 +42,8 @@ def add_parser(commands: Any) -> None:
     parser.add_argument(
         "--ct",
         metavar="PATH",
-        help="of labels: the CT on their grid, for the values inside (default: INPUT, where its labels lie beside it)",
+        help="of labels: the CT that has samples where they have theirs, for the values inside; its axes may have "
+        "another order or direction (default: INPUT, where its labels lie beside it)",
     )
     add_settings(parser, many=("label",))
     add_work(parser)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError
 from ..progress import Step, Steps
+from .label_sources import moved_box, samples_on_grid, turned_values
 from .labels import label_extent_steps
 from .volume import Box, Volume
 
@@ -43,15 +44,17 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     ct : Volume
         Values that are not finite do not count.
     labels : Volume
-        As large as the CT and in the same place.
+        Their samples are samples of the CT, in any order and direction of the axes, of all of it or of a part.
     label : int
     box : ((x, stop), (y, stop), (z, stop)), optional
-        By default the whole volume.
+        In the labels; by default the whole volume.
 
     Raises
     ------
+    VolumeError
+        If the labels' samples are not samples of the CT.
     LabelError
-        If the volumes differ in size or place.
+        If the label lies outside the CT.
 
     Examples
     --------
@@ -61,18 +64,26 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     >>> finish(inside_values_steps(Volume(values, np.eye(4)), labels, 1))
     InsideValues(samples=2, mean=6.5, deviation=0.5)
     """
-    require_same_place(ct, labels)
+    axes, shift = samples_on_grid(labels, ct)
     extent = yield from label_extent_steps(labels, label, box or whole_box(labels))
     if extent is None:
         return None
+    on_ct = moved_box(extent.box, axes, shift)
+    if any(low < 0 or stop > size for (low, stop), size in zip(on_ct, ct.size, strict=True)):
+        raise LabelError(
+            f"label {label} of {labels.name} reaches out of {ct.name}; give the CT that it was drawn on, "
+            "or a region inside it"
+        )
 
     def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
+        part = (columns.start, columns.stop), (rows.start, rows.stop), (slab.start, slab.stop)
+        x, y, z = (range(low, stop) for low, stop in moved_box(part, axes.T, -axes.T @ shift))  # of the labels
         mask = np.zeros((len(slab), len(rows), len(columns)), bool)
         for layer in labels.each_layer:
-            mask |= layer.samples(slab, rows, columns) == label
+            mask |= turned_values(layer.samples(z, y, x) == label, axes)
         return ct.samples(slab, rows, columns)[mask]
 
-    return (yield from _summed_steps(chosen, extent.box, "Looking inside the label"))
+    return (yield from _summed_steps(chosen, on_ct, "Looking inside the label"))
 
 
 def range_values_steps(
@@ -127,16 +138,6 @@ def _summed_steps(
 def lie_in_one_place(ct: Volume, labels: Volume) -> bool:
     """Return whether a CT and labels have the same samples."""
     return ct.size == labels.size and _off_mm(ct, labels) <= SAME_PLACE * min(ct.spacing)
-
-
-def require_same_place(ct: Volume, labels: Volume) -> None:
-    """Raise `LabelError` where a CT and labels differ in size or place."""
-    if ct.size != labels.size:
-        sizes = [" x ".join(map(str, volume.size)) for volume in (ct, labels)]
-        raise LabelError(f"{ct.name} has {sizes[0]} voxels and its labels have {sizes[1]}; they must be as large")
-    if not lie_in_one_place(ct, labels):
-        off = _off_mm(ct, labels)
-        raise LabelError(f"{ct.name} and its labels lie {off:.3g} mm apart; they must lie in the same place")
 
 
 def _off_mm(ct: Volume, labels: Volume) -> float:

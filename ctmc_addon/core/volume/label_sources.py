@@ -18,7 +18,7 @@ from ..errors import VolumeError
 from ..progress import Step, Steps
 from .affine import to_index, transform_points
 from .slice_reader import SliceReader, ValuesInMemory
-from .volume import Volume
+from .volume import Box, Volume
 
 NEAR = 0.05
 """Of a sample: as far as the corners of labels may lie from samples of the CT, which is what files round."""
@@ -86,7 +86,7 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
         own, other = (" x ".join(f"{side:.3g}" for side in volume.spacing) for volume in (labels, ct))
         raise VolumeError(
             f"{labels.name} has samples every {own} mm along {labels.orientation}, the CT every {other} mm along "
-            f"{ct.orientation}; resample it to the CT, or load it as a CT of its own"
+            f"{ct.orientation}; resample it to the CT, or use it without this CT"
         )
     shift = np.rint(ends[0]).astype(np.int64)
     nearest = corners @ axes.T + shift
@@ -94,29 +94,54 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
         away = np.linalg.norm(transform_points(ct.affine, nearest) - there_mm, axis=1).max()
         raise VolumeError(
             f"{labels.name} lies up to {away:.3g} mm beside the samples of the CT; resample it to the CT, "
-            "or load it as a CT of its own"
+            "or use it without this CT"
         )
     return axes, shift
 
 
+def turned_values(values: NDArray[Any], axes: NDArray[np.int64]) -> NDArray[Any]:
+    """Return values of labels (slices, rows, columns) in the order and directions of a CT's axes; a view.
+
+    Parameters
+    ----------
+    values : (slices, rows, columns)
+    axes : (3, 3)
+        As `samples_on_grid` returns it.
+    """
+    order = np.abs(axes).argmax(axis=1)  # the axis of the labels that runs along each of the CT, x first
+    signs = axes.sum(axis=1)
+    turned = values.transpose(2, 1, 0).transpose(*order)[tuple(slice(None, None, int(sign)) for sign in signs)]
+    return turned.transpose(2, 1, 0)
+
+
+def moved_box(box: Box, axes: NDArray[np.int64], shift: NDArray[np.int64]) -> Box:
+    """Return the box in a CT of a box in labels, which may lie outside it.
+
+    Examples
+    --------
+    >>> moved_box(((0, 2), (0, 3), (0, 4)), np.diag([1, -1, 1]), np.array([5, 9, 0]))
+    ((5, 7), (7, 10), (0, 4))
+    """
+    corners = np.array(box).T - ((0, 0, 0), (1, 1, 1))  # first and last sample
+    first, last = np.sort(corners @ axes.T + shift, axis=0).tolist()
+    x, y, z = ((low, high + 1) for low, high in zip(first, last, strict=True))
+    return x, y, z
+
+
 def _on_grid(layer: Volume, ct: Volume, axes: NDArray[np.int64], shift: NDArray[np.int64]) -> NDArray[Any]:
     """Return one layer of labels on the whole grid of a CT."""
-    values = layer.values.transpose(2, 1, 0)  # x, y, z
-    order = np.abs(axes).argmax(axis=1)  # the axis of the labels that runs along each of the CT
-    signs = axes.sum(axis=1)
-    moved = values.transpose(*order)[tuple(slice(None, None, int(sign)) for sign in signs)]
-    low = np.array(
-        [first - (size - 1) * (sign < 0) for first, size, sign in zip(shift, moved.shape, signs, strict=True)]
-    )
+    moved = turned_values(layer.values, axes).transpose(2, 1, 0)  # x, y, z
+    columns, rows, slices = layer.size
+    low = np.array(moved_box(((0, columns), (0, rows), (0, slices)), axes, shift))[:, 0]
     start, stop = np.maximum(low, 0), np.minimum(low + moved.shape, ct.size)
     inside = moved[tuple(slice(int(a), int(max(a, b))) for a, b in zip(start - low, stop - low, strict=True))]
-    outside = np.count_nonzero(values) - np.count_nonzero(inside)
+    outside = np.count_nonzero(moved) - np.count_nonzero(inside)
     if outside:
         raise VolumeError(
             f"{layer.name} has {outside} voxels of labels outside the CT; choose the labels of this CT, "
-            "or load them as a CT of their own"
+            "or use them without this CT"
         )
-    out = np.zeros(ct.shape, values.dtype)
+    out = np.zeros(ct.shape, moved.dtype)
     part = out.transpose(2, 1, 0)[tuple(slice(int(a), int(b)) for a, b in zip(start, stop, strict=True))]
     part[...] = inside
     return out

@@ -20,8 +20,14 @@ def case(tmp_path_factory):
     values = np.random.default_rng(5).integers(-1000, 400, (12, 20, 24)).astype(np.int16)
     labels = np.zeros(values.shape, np.uint8)
     labels[3:9, 4:14, 4:16], labels[8:11, 14:18, 17:22] = 1, 2
-    for name, array in (("volume-3", values), ("segmentation-3", labels), ("moved", labels[1:])):
-        nibabel.save(nibabel.Nifti1Image(array.T, AFFINE), folder / f"{name}.nii")
+    half = AFFINE.copy()
+    half[2, 3] += AFFINE[2, 2] / 2
+    for name, array, affine in (
+        ("volume-3", values, AFFINE),
+        ("segmentation-3", labels, AFFINE),
+        ("moved", labels, half),
+    ):
+        nibabel.save(nibabel.Nifti1Image(array.T, affine), folder / f"{name}.nii")
     return folder, values, labels
 
 
@@ -51,6 +57,18 @@ def test_all_labels_have_the_numbers_of_the_report(ctmc, case, tmp_path):
     assert beside.read_bytes() == path.read_bytes()
 
 
+def test_labels_whose_rows_run_the_other_way_are_measured_in_their_ct(ctmc, case, tmp_path):
+    """A DICOM series and the NIfTI that was made of it differ so."""
+    folder, values, labels = case
+    other = AFFINE @ np.array([[1, 0, 0, 0], [0, -1, 0, 19], [0, 0, 1, 0], [0, 0, 0, 1]])
+    nibabel.save(nibabel.Nifti1Image(labels[:, ::-1].T, other), tmp_path / "labels.nii")
+    words = ("--ct", folder / "volume-3.nii", "--label", "all", "-o", tmp_path / "t.csv")
+    done = ctmc("measure", tmp_path / "labels.nii", *words)
+    assert (done.code, done.errors) == (0, [])
+    means = [float(row["mean_hu"]) for row in rows_of(tmp_path / "t.csv")]
+    assert means == pytest.approx([values[labels == label].mean() for label in (1, 2)], rel=1e-8)
+
+
 def test_a_threshold_is_measured_in_its_own_volume(ctmc, case, tmp_path):
     folder, values, _ = case
     done = ctmc("measure", folder / "volume-3.nii", "--threshold", 300, "-o", tmp_path / "t.csv")
@@ -66,7 +84,7 @@ def test_a_threshold_is_measured_in_its_own_volume(ctmc, case, tmp_path):
     [
         (
             ["moved.nii", "--ct", "volume-3.nii", "--label", "all"],
-            "its labels have 24 x 20 x 11",
+            "moved lies up to 1.5 mm beside the samples of the CT; resample it",
         ),
         (["moved.nii", "--ct", "segmentation-3.nii", "--label", "1"], "has labels; give the CT to --ct"),
         (["moved.nii", "--label", "7"], "the labels are 1, 2"),
