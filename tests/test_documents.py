@@ -11,6 +11,7 @@ import re
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from ctmc_addon.cli import main
@@ -122,15 +123,20 @@ def test_the_python_of_the_simulation_page_makes_tetrahedra(readme_folder, monke
     assert grid.volume == pytest.approx(enclosed, rel=1e-3)
 
 
-def test_the_command_lines_of_the_segmenting_page_make_labels(readme_folder, monkeypatch):
+def test_the_command_lines_of_the_segmenting_page_make_labels(tmp_path, monkeypatch):
     page = page_of("segmenting.md").partition("## Four structures of a patient")[0]  # that one is not in the tests
     lines = [line for line in page.splitlines() if re.match(r"ctmc (segment|reconstruct) ", line)]
-    monkeypatch.chdir(readme_folder)
+    monkeypatch.chdir(tmp_path)
+    # Pixels as small and as noisy as those of the page's phantom: larger ones average the noise away.
+    assert main(["phantom", "ct", "--format", "all", "--slices", "8"]) == 0
     assert [main(shlex.split(line)[1:]) for line in lines] == [0, 0, 0, 0]
     volumes = {name: read_volume(f"{name}.seg.nrrd") for name in ("tumor", "organs", "ablation")}
     assert list(volumes["organs"].label_names.values()) == ["tumor", "liver"]
     tumor, ablation = (int((volumes[name].values == 1).sum()) for name in ("tumor", "ablation"))
     assert 0 < tumor < ablation
+    liver = np.logical_or.reduce([layer.values == 2 for layer in volumes["organs"].each_layer])
+    truth = read_volume("ct/segmentation-0.nii.gz").values == 1
+    assert 2 * (liver & truth).sum() / (liver.sum() + truth.sum()) > 0.95  # Dice
 
 
 def test_the_python_of_the_segmenting_page_runs(readme_folder, monkeypatch, capsys):
