@@ -3,14 +3,13 @@
 
 from __future__ import annotations
 
-import os
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from ..core import OutputError, Write
+from ..core import Write
 from ..core.files.atomic_write import refused
 from ..core.files.temporary_names import temporary_name
 
@@ -57,7 +56,5 @@ def surface_writer(folder: Path, suffix: str, space: str) -> Iterator[SurfaceWri
         raise refused(folder, error) from error
     try:
         yield SurfaceWriter(hidden, suffix, space)
-    except OutputError as error:
-        raise OutputError(str(error).replace(hidden.name + os.sep, "")) from error
     finally:
         shutil.rmtree(hidden, ignore_errors=True)

@@ -23,7 +23,7 @@ from typing import Any
 
 from ..errors import OutputError
 from .input_files import plan_output, require_no_input
-from .temporary_names import remove_leftovers, temporary_name
+from .temporary_names import remove_leftovers, temporary_name, without_temporary
 
 REMEDIES = {
     errno.ENOENT: "the folder does not exist; make it first",
@@ -170,7 +170,7 @@ def _refusing(path: Path) -> Iterator[None]:
 def refused(path: Path, error: OSError) -> OutputError:
     """Return an `OutputError` that says what an `OSError` about `path` means, with a remedy."""
     remedy = REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
-    return OutputError(f"{path} cannot be written: {remedy}")
+    return OutputError(f"{without_temporary(path)} cannot be written: {remedy}")
 
 
 def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = ()) -> Path:

@@ -26,6 +26,17 @@ def temporary_name(prefix: str = PREFIX) -> str:
     return f"{prefix}{_machine()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
 
 
+def without_temporary(path: Path) -> Path:
+    """Return a path without the folders that have such names, as a message shows it.
+
+    Examples
+    --------
+    >>> without_temporary(Path("out", temporary_name(), "case 1", "bone.stl")).as_posix()
+    'out/case 1/bone.stl'
+    """
+    return Path(*(part for part in path.parts if not NAME.fullmatch(part)))
+
+
 def may_be_in_use(name: str) -> bool:
     """Whether the process that chose a name may still run: false only for one of this machine that has ended."""
     match = NAME.fullmatch(name)

@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Files that appear whole or not at all, alone and together."""
 
+import errno
 import os
 import stat
 from pathlib import Path
@@ -45,6 +46,15 @@ def test_an_error_leaves_the_older_file(tmp_path):
 def test_a_missing_folder_is_refused(tmp_path):
     with pytest.raises(OutputError, match=r"b\.txt"), whole_file(tmp_path / "a" / "b.txt"):
         pass
+
+
+@pytest.mark.parametrize("prefix", [".ctmc-", ".ctmc-run-"])
+def test_a_full_disk_is_said_without_the_folders_of_what_is_not_complete(tmp_path, prefix):
+    hidden = tmp_path / temporary_name(prefix) / "case"
+    hidden.mkdir(parents=True)
+    with pytest.raises(OutputError) as error, whole_file(hidden / "bone.stl"):
+        raise OSError(errno.ENOSPC, "")
+    assert str(error.value).startswith(f"{tmp_path / 'case' / 'bone.stl'} cannot be written: the disk is full")
 
 
 @pytest.mark.parametrize("links", [True, False])
