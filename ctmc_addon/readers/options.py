@@ -110,7 +110,7 @@ class ReadingOptions(Described):
     )
     flip: str = setting(
         "",
-        "Axes that lie the other way round than the files say or was assumed, such as z or xz",
+        "Axes that run the other way than the files say, or than was assumed, such as z or xz",
         label="Flip",
         type=str,
         check=checked_flip,

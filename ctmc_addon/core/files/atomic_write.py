@@ -182,7 +182,8 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     target = Path(path)
     if suffixes and not (target.suffix and target.name.lower().endswith(suffixes)):  # .stl alone has none
         name = target.name or "an empty name"
-        raise OutputError(f"{name} needs one of the suffixes {', '.join(suffixes)}; they choose the format")
+        several = f"one of the suffixes {', '.join(suffixes)}; it chooses the format"
+        raise OutputError(f"{name} needs {several if len(suffixes) > 1 else f'the suffix {suffixes[0]}'}")
     if target.is_dir():
         raise refused(target, IsADirectoryError(errno.EISDIR, ""))
     plan_output(target)

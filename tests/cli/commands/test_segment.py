@@ -131,7 +131,7 @@ def test_a_background_point_takes_voxels_away(ctmc, ct, tmp_path):
         (("-o", "l.seg.nrrd", "--seed", "liver", 99, 0, 3), "the point 99 0 3 lies outside of the volume"),
         (
             ("-o", "l.stl", "--seed", "liver", 20, 0, 3),
-            "l.stl needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm; they",
+            "l.stl needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm; it",
         ),
         (("-o", "l.csv.gz", "--seed", "liver", 20, 0, 3), "needs one of the suffixes .seg.nrrd"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "spleen", 2), "there is no structure 'spleen'"),

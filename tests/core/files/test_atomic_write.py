@@ -48,6 +48,16 @@ def test_a_missing_folder_is_refused(tmp_path):
         pass
 
 
+@pytest.mark.parametrize(
+    ("suffixes", "needed"),
+    [((".csv",), "the suffix .csv"), ((".stl", ".ply"), "one of the suffixes .stl, .ply; it chooses the format")],
+)
+def test_a_name_without_a_known_suffix_is_told_which_it_needs(tmp_path, suffixes, needed):
+    with pytest.raises(OutputError) as error:
+        require_writable(tmp_path / "a.txt", suffixes)
+    assert str(error.value) == f"a.txt needs {needed}"
+
+
 @pytest.mark.parametrize("prefix", [".ctmc-", ".ctmc-run-"])
 def test_a_full_disk_is_said_without_the_folders_of_what_is_not_complete(tmp_path, prefix):
     hidden = tmp_path / temporary_name(prefix) / "case"
