@@ -34,11 +34,13 @@ class UsageError(CtmcError):
 class Parser(argparse.ArgumentParser):
     """A parser in which INPUT may follow a flag with several numbers, and whose first word may name a command below.
 
-    `figure` has flags and an INPUT of its own, and two commands below it, which `add_subparsers` does not allow.
+    `figure` has flags and an INPUT of its own, and two commands below it, which `add_subparsers` does not allow. What
+    begins as a negative number is a value and not a flag, -1e1 too, as in Python 3.14; whoever reads it refuses -40,5.
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:
         super().__init__(*args, **{"allow_abbrev": False, **options})
+        self._negative_number_matcher = re.compile(r"-\.?\d")
         self.commands: dict[str, Parser] = {}
         self.set_defaults(parser=self)
 

@@ -99,7 +99,10 @@ def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
                     " or ".join(["write a whole number" if about.type is int else "write a number", *about.words])
                 ) from error
             if len(numbers) != about.size and (len(numbers) != 1 or about.size != 3):
-                raise argparse.ArgumentTypeError(f"write {about.size} numbers with spaces between them")
+                several = f"write {about.size} numbers with spaces between them"
+                raise argparse.ArgumentTypeError(
+                    several if about.size > 1 else "write one number, with a decimal point"
+                )
             value = numbers if len(numbers) > 1 else numbers * 3 if about.size == 3 else numbers[0]
         try:
             return checked(name, (value,), about)[0] if about.many else checked(name, value, about)

@@ -72,6 +72,20 @@ def test_a_value_outside_its_limits_is_wrong_usage():
         parsed("--simplifier decimate --max-error 1")
 
 
+@pytest.mark.parametrize(("word", "number"), [("-2e2", -200.0), ("-.5", -0.5), ("-1E+3", -1000.0), ("-7", -7.0)])
+def test_a_negative_number_is_not_a_flag_in_any_spelling(word, number):
+    assert parsed(f"--threshold {word}").threshold == number
+    parser = Parser()
+    parser.add_argument("--seed", nargs=4)
+    assert parser.parse_args(["--seed", "tumor", word, word, "3"]).seed == ["tumor", word, word, "3"]
+
+
+@pytest.mark.parametrize("word", ["-200,5", "200,5"])
+def test_a_decimal_comma_is_refused_with_how_numbers_are_written(word):
+    with pytest.raises(argparse.ArgumentError, match="write one number, with a decimal point"):
+        parsed(f"--threshold {word}")
+
+
 def test_what_is_not_a_number_is_not_the_flags():
     parser = Parser(exit_on_error=False)
     parser.add_argument("input")
