@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 import io
 import os
 import sys
@@ -13,6 +14,7 @@ from importlib import import_module
 from ..core import VERSION, CtmcError, memory_refusal
 from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
+from .terminal import checked_output
 
 WORKER = "batch-case"  # for `ctmc batch` to start, not for people
 
@@ -49,25 +51,30 @@ def run(argv: Sequence[str] | None) -> int:
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")  # a terminal without the letters of a file's name
     try:
-        arguments = sys.argv[1:] if argv is None else list(argv)
-        args = parser(arguments[0] if arguments else None).parse_args(arguments)
-        try:
-            with ExitStack() as undo:
-                undo.enter_context(own_input_files())
-                if getattr(args, "quiet", False):
-                    nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
-                    undo.enter_context(redirect_stdout(nowhere))
-                    undo.enter_context(redirect_stderr(nowhere))
-                undo.enter_context(memory_refusal("the work", "choose a region, a larger stride or a smaller volume"))
-                args.run(args)
-        except UsageError as error:
-            args.parser.error(with_flags(str(error)))
-        sys.stdout.flush()
+        with checked_output():
+            arguments = sys.argv[1:] if argv is None else list(argv)
+            args = parser(arguments[0] if arguments else None).parse_args(arguments)
+            try:
+                run_command(args)
+            except UsageError as error:
+                args.parser.error(with_flags(str(error)))
     except SystemExit as stop:  # argparse has printed help or the usage error
         return stop.code if isinstance(stop.code, int) else 0
     except CtmcError as error:
         print(f"ctmc: {with_flags(' '.join(str(error).split()))}", file=sys.stderr)
         return 1
     except BrokenPipeError:  # `ctmc info ... | head` closes the pipe early, which is not an error.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
+        pass
     return 0
+
+
+def run_command(args: argparse.Namespace) -> None:
+    """Run the command of parsed flags."""
+    with ExitStack() as undo:
+        undo.enter_context(own_input_files())
+        if getattr(args, "quiet", False):
+            nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
+            undo.enter_context(redirect_stdout(nowhere))
+            undo.enter_context(redirect_stderr(nowhere))
+        undo.enter_context(memory_refusal("the work", "choose a region, a larger stride or a smaller volume"))
+        args.run(args)

@@ -3,12 +3,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, redirect_stdout, suppress
 from pathlib import Path
-from typing import TextIO, TypeVar
+from typing import Any, TextIO, TypeVar, cast
 
 from ..core import OutputError, Step, Steps, finish
+from ..core.files.atomic_write import refused
 
 T = TypeVar("T")
 WIDTH = 30
@@ -60,6 +63,49 @@ class Progress:
             return finish(steps, self)
         finally:
             steps.close()
+
+
+class CheckedOutput:
+    """A stream whose errors are sentences, such as that of a full disk behind `ctmc info ... > FILE`."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.stream = stream
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.stream, name)
+
+    def write(self, text: str) -> int:
+        """Write to the stream."""
+        with self._refusing():
+            return self.stream.write(text)
+
+    def flush(self) -> None:
+        """Flush the stream."""
+        with self._refusing():
+            self.stream.flush()
+
+    @contextmanager
+    def _refusing(self) -> Iterator[None]:
+        try:
+            yield
+        except OSError as error:
+            with suppress(OSError), open(os.devnull, "w", encoding="utf-8") as nowhere:
+                os.dup2(nowhere.fileno(), self.stream.fileno())  # else Python fails once more when it ends
+            if isinstance(error, BrokenPipeError):
+                raise
+            raise refused(Path("standard output"), error) from error
+
+
+@contextmanager
+def checked_output() -> Iterator[None]:
+    """Flush standard output at the end; what goes wrong there is an `OutputError`, a pipe that was closed excepted."""
+    with open(os.devnull, "w", encoding="utf-8") as nowhere:
+        output = CheckedOutput(sys.stdout or nowhere)  # none where it was closed, as by `>&-`
+        with redirect_stdout(cast(TextIO, output)):
+            try:
+                yield
+            finally:
+                output.flush()
 
 
 def table(rows: Sequence[Sequence[str]], indent: str = "") -> str:

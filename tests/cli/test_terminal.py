@@ -1,8 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import errno
 import io
+import sys
 
 import pytest
 
+from ctmc_addon.cli import main
 from ctmc_addon.cli.terminal import Progress, require_empty, table
 from ctmc_addon.core import Step
 from ctmc_addon.core.errors import OutputError
@@ -67,3 +70,41 @@ def test_a_folder_with_hidden_files_alone_is_empty(tmp_path):
     (tmp_path / "table.md").write_bytes(b"")
     with pytest.raises(OutputError, match=r"is not empty \(it holds table.md\); choose another$"):
         require_empty(tmp_path, "choose another")
+
+
+class Broken(io.StringIO):
+    """A stream whose disk is full, or whose reader has gone: for what is written, or only when it is flushed."""
+
+    def __init__(self, number, at_once):
+        super().__init__()
+        self.number, self.at_once = number, at_once
+
+    def write(self, text):
+        return self.fail() if self.at_once else len(text)
+
+    def flush(self):
+        self.fail()
+
+    def fail(self):
+        raise OSError(self.number, "")
+
+
+@pytest.mark.parametrize("at_once", [True, False])
+@pytest.mark.parametrize("words", [("settings",), ("info", "--help")])
+@pytest.mark.parametrize(
+    ("number", "code", "sentence"),
+    [(errno.ENOSPC, 1, "ctmc: standard output cannot be written: the disk is full; free"), (errno.EPIPE, 0, "")],
+)
+def test_standard_output_on_a_full_disk_is_one_sentence(monkeypatch, capsys, at_once, words, number, code, sentence):
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", Broken(number, at_once))
+        assert main(words) == code
+    errors = capsys.readouterr().err
+    assert errors.startswith(sentence)
+    assert errors.count("\n") == code
+
+
+def test_without_a_standard_output_a_command_runs(monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(sys, "stdout", None)
+        assert main(("settings",)) == 0
