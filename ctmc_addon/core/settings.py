@@ -6,7 +6,7 @@ The panel, the command line, the checks, the reports and the manual are made fro
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -252,8 +252,8 @@ class ReconstructionSettings(Described):
                 f"smoothing_mm {self.smoothing_mm:g} is the width of smoothing gaussian, and smoothing is "
                 f"{self.smoothing}; choose one"
             )
-        if self.region is not None and any(self.region[axis] >= self.region[axis + 3] for axis in range(3)):
-            raise SettingsError(f"region {self.region} is empty; give the lowest x, y, z first, then the highest")
+        if self.region is not None:
+            require_corners_in_order(self.region)
 
     @property
     def simplifies(self) -> bool:
@@ -324,3 +324,9 @@ def is_allowed(settings: Any, name: str) -> bool:
     """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
     other, choice = INCOMPATIBLE.get(name, (name, None))
     return choice is None or getattr(settings, other) != choice
+
+
+def require_corners_in_order(region: Sequence[float]) -> None:
+    """Raise `SettingsError` for a region whose highest corner is not above its lowest along every axis."""
+    if any(region[axis] >= region[axis + 3] for axis in range(3)):
+        raise SettingsError(f"region {tuple(region)} is empty; give the lowest x, y, z first, then the highest")

@@ -186,7 +186,7 @@ def test_without_threshold_or_label_otsus_is_used_and_said():
             SettingsError,
             "stride 16 along y",
         ),
-        ("HU", {"threshold": 0, "region": (100, 0, 0, 200, 9, 9)}, SettingsError, "leaves less than 2"),
+        ("HU", {"threshold": 0, "region": (100, 0, 0, 200, 9, 9)}, SettingsError, "leaves fewer than 2"),
     ],
 )
 def test_what_gives_no_surface_is_one_sentence(kind, settings, error, words):

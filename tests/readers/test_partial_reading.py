@@ -193,11 +193,11 @@ def test_flipped_and_respaced_regions_in_millimeters_are_those_of_the_whole(tmp_
 
 def test_a_stride_longer_than_the_volume_and_one_of_no_samples_are_refused(tmp_path):
     path = npy()(tmp_path)
-    with pytest.raises(CtmcError, match="stride 9 along z leaves less than 2 of 9 samples"):
+    with pytest.raises(CtmcError, match="stride 9 along z leaves fewer than 2 of 9 samples"):
         read_volume(path, stride=(1, 1, 9))
     with pytest.raises(CtmcError, match="stride takes 3 whole numbers"):
         read_volume(path, stride=(0, 1, 1))
-    with pytest.raises(CtmcError, match=r"region .* leaves less than 2"):
+    with pytest.raises(CtmcError, match=r"region .* leaves fewer than 2"):
         read_volume(path, region=(50, 0, 0, 60, 5, 5))
 
 

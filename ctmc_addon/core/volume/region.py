@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from ..settings import ReconstructionSettings
+from ..settings import ReconstructionSettings, require_corners_in_order
 from .affine import to_index, transform_points
 from .volume import Box, Placed
 
@@ -199,11 +199,12 @@ def box_of(volume: Placed, region: Region | None, unit: str) -> Box:
     Raises
     ------
     SettingsError
-        If fewer than two samples of the volume along an axis lie in the region.
+        If fewer than two samples of the volume along an axis lie in the region, or its corners are not in order.
     """
     if region is None:
         x, y, z = volume.size
         return (0, x), (0, y), (0, z)
+    require_corners_in_order(region)
     low, high = np.array(region[:3]), np.array(region[3:])
     if unit == "mm":
         corners = np.array(list(product(*zip(low, high, strict=True))))  # (8, 3)
@@ -215,7 +216,7 @@ def box_of(volume: Placed, region: Region | None, unit: str) -> Box:
         start, stop = max(0, math.floor(low[axis] + 1e-6)), min(size, math.ceil(high[axis] - 1e-6) + 1)
         if stop - start < 2:
             raise SettingsError(
-                f"region {region} ({unit}) leaves less than 2 of the volume's {size} samples along "
+                f"region {region} ({unit}) leaves fewer than 2 of the volume's {size} samples along "
                 f"{'xyz'[axis]}; choose one inside the volume"
             )
         box.append((start, stop))

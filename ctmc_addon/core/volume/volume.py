@@ -215,7 +215,7 @@ class Volume(Placed):
         for axis, size, side in zip("xyz", self.size, stride, strict=True):
             if side >= size:
                 raise SettingsError(
-                    f"stride {side} along {axis} leaves less than 2 of {size} samples; choose a smaller one"
+                    f"stride {side} along {axis} leaves fewer than 2 of {size} samples; choose a smaller one"
                 )
         x, y, z = (0, 0, 0) if self.box is None else (start for start, _ in self.box)
         columns, rows, slices = self.size

@@ -6,9 +6,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume
+from ctmc_addon.core import ReconstructionSettings, SettingsError, Volume
 from ctmc_addon.core.volume.region import (
     EDGES,
+    box_of,
     moved_region,
     region_axes,
     region_box,
@@ -82,3 +83,16 @@ def test_letters_stand_outside_on_their_side(volume):
     assert places["P"][1] < corners[:, 1].min()
     assert places["S"][2] > corners[:, 2].max()
     assert places["I"][2] < corners[:, 2].min()
+
+
+@pytest.mark.parametrize("unit", ["voxel", "mm"])
+@pytest.mark.parametrize(
+    ("region", "sentence"),
+    [
+        ((0, 4, 0, 5, 1, 5), "is empty; give the lowest x, y, z first, then the highest"),
+        ((9, 0, 0, 20, 5, 5), "leaves fewer than 2 of the volume's 6 samples along x; choose one inside the volume"),
+    ],
+)
+def test_a_region_without_two_samples_says_what_is_wrong(region, sentence, unit):
+    with pytest.raises(SettingsError, match=sentence):
+        box_of(Volume(np.zeros((6, 6, 6), np.int16), np.eye(4)), region, unit)
