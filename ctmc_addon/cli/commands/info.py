@@ -14,7 +14,7 @@ import numpy as np
 from ... import readers
 from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
-from ...core.volume import ValueFacts, ValueKind, label_extents_steps, value_facts_steps
+from ...core.volume import ValueFacts, ValueKind, label_extents_steps, region_limits, value_facts_steps
 from ...reporting.formatting import SIDES
 from ..arguments import add_input, reading_of
 from ..terminal import Progress, dimensions, listing, titled
@@ -29,7 +29,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "info",
         help="say what a volume is",
-        description="Shape, spacing, orientation, values, series, labels and notes of a volume.",
+        description="Shape, spacing, orientation, place in RAS mm, values, series, labels and notes of a volume.",
     )
     add_input(parser)
     parser.add_argument("--json", action="store_true", help="as JSON, for programs")
@@ -63,6 +63,7 @@ def facts_of(
         "spacing_mm": list(volume.spacing),
         "orientation": volume.orientation,
         "affine": volume.affine.tolist(),
+        "place_ras_mm": [end + 0.0 for end in region_limits(volume, "mm")],  # 0, not -0
         "dtype": str(volume.dtype),
         "kind": volume.kind,
         "low": values.low if finite else None,
@@ -107,6 +108,9 @@ def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
 
 def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     """Return the facts for a person, and the series as the scanner's operator called them."""
+    ends = facts["place_ras_mm"]
+    sides = zip("xyz", ends[:3], ends[3:], strict=True)
+    place = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in sides)
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
     values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"
@@ -127,6 +131,7 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
             "orientation",
             f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})",
         ),
+        ("place", f"{place} mm (RAS, from the centers of the outermost samples)"),
         ("dtype", facts["dtype"]),
         ("values", values),
     ]

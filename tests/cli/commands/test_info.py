@@ -1,6 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
 
+import nibabel
 import numpy as np
 import pytest
 
@@ -68,6 +69,14 @@ def test_json_has_the_same_facts_for_programs(ctmc, phantom_folder):
     labels = json.loads(facts(ctmc("info", phantom_folder / "segmentation-4.nii.gz", "--json")))["labels"]
     assert [label["value"] for label in labels] == [0, 1, 2]
     assert sum(label["voxels"] for label in labels) == 64 * 64 * 9
+
+
+def test_it_says_where_the_volume_lies(ctmc, tmp_path):
+    affine = np.array([[-0.5, 0, 0, 100], [0, -0.5, 0, 0], [0, 0, 3, -40], [0, 0, 0, 1]])
+    nibabel.save(nibabel.Nifti1Image(np.zeros((11, 21, 5), np.int16), affine), tmp_path / "ct.nii")
+    assert "place        x 95 to 100, y -10 to 0, z -40 to -28 mm" in facts(ctmc("info", tmp_path / "ct.nii"))
+    said = json.loads(facts(ctmc("info", tmp_path / "ct.nii", "--json")))
+    assert said["place_ras_mm"] == [95, -10, -40, 100, 0, -28]  # in the order of --region
 
 
 def test_voxels_without_a_value_are_counted(ctmc, tmp_path):
