@@ -15,7 +15,7 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import label_class
-from .file_formats import files_below, format_of, natural_key, segmentation_sibling, stem, suffix
+from .file_formats import files_below, format_of, natural_key, segmentation_names, segmentation_sibling, stem, suffix
 from .labels.beside import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
@@ -55,6 +55,7 @@ __all__ = [
     "open_volume_steps",
     "read_volume",
     "read_volume_steps",
+    "segmentation_names",
     "segmentation_sibling",
     "stem",
     "suffix",

@@ -93,10 +93,19 @@ def files_below(folder: Path) -> Iterator[Path]:
 
 def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:
     """Return the LiTS label file `segmentation-N` beside `volume-N` (.nii or .nii.gz), or None."""
-    volume = Path(path)
-    match = re.fullmatch(r"volume-(.+?)\.nii(\.gz)?", volume.name, re.IGNORECASE)
-    if match is None:
-        return None
-    ends = (".nii.gz", ".nii") if match[2] else (".nii", ".nii.gz")
-    siblings = (volume.with_name(f"segmentation-{match[1]}{end}") for end in ends)
+    siblings = (Path(path).with_name(name) for name in segmentation_names(path))
     return next((sibling for sibling in siblings if sibling.is_file()), None)
+
+
+def segmentation_names(path: str | os.PathLike[str]) -> tuple[str, ...]:
+    """Return what the label file of a volume of LiTS may be called, the likelier name first; of no other any.
+
+    Examples
+    --------
+    >>> segmentation_names("lits/volume-6.nii"), segmentation_names("liver.nii")
+    (('segmentation-6.nii', 'segmentation-6.nii.gz'), ())
+    """
+    match = re.fullmatch(r"volume-(.+?)\.nii(\.gz)?", Path(path).name, re.IGNORECASE)
+    if match is None:
+        return ()
+    return tuple(f"segmentation-{match[1]}{end}" for end in ((".nii.gz", ".nii") if match[2] else (".nii", ".nii.gz")))

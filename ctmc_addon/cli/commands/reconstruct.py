@@ -14,6 +14,7 @@ from ... import readers
 from ...core import (
     AUTO,
     Budget,
+    LabelError,
     Reconstruction,
     ReconstructionSettings,
     Stage,
@@ -27,7 +28,7 @@ from ...core import (
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
 from ...core.mesh import SMALL
-from ...core.volume import require_labels
+from ...core.volume import ValueKind, require_labels
 from ...reporting.formatting import count
 from ..arguments import (
     UsageError,
@@ -260,8 +261,13 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
     LabelError
         If the volume cannot have a label.
     """
-    if label is not None:
-        require_labels(volume, label)  # raises before the surface is made
+    if label is not None:  # raises before the surface is made
+        names = readers.segmentation_names(path) if source.path == path else ()
+        if names and volume.kind == ValueKind.HU:
+            raise LabelError(
+                f"{path.name} holds HU, and {names[0]} is not beside it; put it there, or give a threshold"
+            )
+        require_labels(volume)
     if source.path != path:
         note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))

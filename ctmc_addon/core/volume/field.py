@@ -302,7 +302,7 @@ def field_window_steps(volume: Volume, settings: ReconstructionSettings, budget:
     if settings.smoothing_method == "constrained" and settings.label is None:
         raise constrained_threshold_error()
     if settings.label is not None:
-        require_labels(volume, settings.label)
+        require_labels(volume)
         window = yield from _label_box_steps(volume, settings, settings.label, window, budget)
     return window
 

@@ -111,12 +111,11 @@ def labels_by_layer_steps(
     return out
 
 
-def require_labels(volume: Volume, label: int | str) -> None:
+def require_labels(volume: Volume) -> None:
     """Raise `LabelError` if a label is asked of Hounsfield units."""
     if volume.kind == ValueKind.HU:
         raise LabelError(
-            f"{volume.name} holds HU, in which {label} is a density and not a label; "
-            "give the label volume, or a threshold"
+            f"{volume.name} holds HU, which are densities and not labels; give the label volume, or a threshold"
         )
 
 
@@ -136,7 +135,7 @@ def chosen_labels_steps(
     """
     values: list[int] = []
     for choice in choices:
-        require_labels(volume, choice)
+        require_labels(volume)
         if choice == ALL:
             extents = yield from label_extents_steps(volume, box, threads)
             if not extents:

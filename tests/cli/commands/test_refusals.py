@@ -3,6 +3,7 @@
 
 import errno
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +76,13 @@ def test_a_label_is_not_sought_among_hounsfield_units(refused, phantom_folder, t
     sentence = refused("reconstruct", phantom_folder / "dicom", "-o", tmp_path / "x.stl", "--label", "2")
     assert "holds HU" in sentence
     assert "threshold" in sentence
+
+
+def test_a_case_of_lits_without_its_labels_is_told_which_file_is_missing(refused, phantom_folder, tmp_path):
+    shutil.copy(phantom_folder / "volume-4.nii.gz", tmp_path / "volume-6.nii.gz")
+    sentence = refused("measure", tmp_path / "volume-6.nii.gz", "--label", "liver")
+    assert "volume-6.nii.gz holds HU, and segmentation-6.nii.gz is not beside it; put it there" in sentence
+    assert "dicom holds HU, which are densities" in refused("measure", phantom_folder / "dicom", "--label", "liver")
 
 
 def test_voxels_without_a_value_name_the_remedy(refused, ctmc, tmp_path):

@@ -85,7 +85,7 @@ def test_an_unknown_name_is_answered_with_those_close_to_it():
 def test_a_label_of_hounsfield_units_is_refused():
     values = np.random.default_rng(0).integers(-1000, 1000, (6, 6, 6)).astype(np.int16)
     volume = Volume(values, np.eye(4), kind="HU", name="ct")
-    with pytest.raises(LabelError, match="ct holds HU, in which 99 is a density"):
+    with pytest.raises(LabelError, match="ct holds HU, which are densities and not labels"):
         reconstruct(volume, ReconstructionSettings(label=99))
     with pytest.raises(LabelError, match="HU"):
         finish(chosen_labels_steps(volume, ["all"]))

@@ -93,7 +93,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         for run in runs:
             if run.label is not None:
                 labels = structures.require_volume_of(scene, run)
-                require_labels(labels, run.label)
+                require_labels(labels)
         items = [scene.ctmc.structure_of(run) for run in runs]
         beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
