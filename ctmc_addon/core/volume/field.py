@@ -243,9 +243,10 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
     smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget)
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
+        is_open = not settings.close_border and _reaches_border(field, mask, volume)
+        words = "closed flat at the border, the surface would enclose" if is_open else "the surface encloses"
         volumes = (
-            f"; the surface encloses {smooth.volume_mm3:.1f} mm3 at alpha 1 and stride 1, "
-            f"the samples {smooth.label_mm3:.1f} mm3"
+            f"; {words} {smooth.volume_mm3:.1f} mm3 at alpha 1 and stride 1, the samples {smooth.label_mm3:.1f} mm3"
         )
     notes = [smoothed_note(slice_steps, volumes)]
     if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
@@ -309,11 +310,25 @@ def field_window_steps(volume: Volume, settings: ReconstructionSettings, budget:
 
 def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Placed) -> bool:
     """Return whether a label reaches the border of its window where the volume goes on."""
-    window = [
+    x, y, z = (
         (start + (start > 0), stop - (stop < n)) for (start, stop), n in zip(field.window, volume.size, strict=True)
-    ]
-    inner = relative_box((window[0], window[1], window[2]), field.origin)
-    return np.count_nonzero(mask[box_slices(inner)]) < np.count_nonzero(mask)
+    )
+    return _reaches_out(field, mask, (x, y, z))
+
+
+def _reaches_border(field: Field, mask: NDArray[np.bool_], volume: Placed) -> bool:
+    """Return whether a label reaches the border of the volume, where its surface is open unless it is closed there."""
+    x, y, z = ((1, n - 1) for n in volume.size)
+    return _reaches_out(field, mask, (x, y, z))
+
+
+def _reaches_out(field: Field, mask: NDArray[np.bool_], box: Box) -> bool:
+    """Return whether a label has samples outside a box of the volume."""
+    inner = tuple(
+        (max(start, 0), min(stop, n))
+        for (start, stop), n in zip(relative_box(box, field.origin), mask.shape[::-1], strict=True)
+    )
+    return np.count_nonzero(mask[box_slices((inner[0], inner[1], inner[2]))]) < np.count_nonzero(mask)
 
 
 def _refined_window(field: Field, volume: Placed, smooth: SmoothField, close_border: bool) -> Box:

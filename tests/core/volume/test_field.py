@@ -105,6 +105,22 @@ def test_nan_beyond_a_region_is_refused_only_where_smoothing_reaches_it():
         reconstruct(Volume(values, np.eye(4)), ReconstructionSettings(smoothing_mm=1.0, **settings))
 
 
+@pytest.mark.parametrize("axis", [0, 1, 2])
+@pytest.mark.parametrize(
+    ("shift", "close", "is_open"), [(-1, False, True), (1, False, True), (-1, True, False), (0, False, False)]
+)
+def test_the_note_says_what_a_label_encloses_only_where_its_surface_is_closed(axis, shift, close, is_open):
+    labels = (ball() > 0).astype(np.uint8)
+    cut = [slice(None)] * 3  # through the ball's middle, at the end of the volume that `shift` names
+    middle = labels.shape[axis] // 2
+    cut[axis] = {-1: slice(middle, None), 0: slice(None), 1: slice(None, middle)}[shift]
+    volume = Volume(labels[tuple(cut)], np.eye(4), kind="label")
+    result = reconstruct(volume, ReconstructionSettings(label=1, close_border=close))
+    assert result.measures.closed is not is_open
+    words = "; closed flat at the border, the surface would enclose " if is_open else "; the surface encloses "
+    assert words in result.notes[0]
+
+
 SOURCES = [
     {"threshold": 0.0},
     {"threshold": 0.0, "nan_as": -1.0},
