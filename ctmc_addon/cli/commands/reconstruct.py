@@ -311,14 +311,19 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         ("area", f"{report['area_mm2'] / 100:.2f} cm2"),
         ("surface", f"{shape}, {components}, Euler number {report['euler']}"),
         *(("small", line) for line in small_components_lines(result)),
-        ("threshold", f"{result.threshold:.6g}"),
+        *([] if result.settings.label is not None else [("threshold", f"{result.threshold:.6g}")]),
         ("voxels", f"{result.voxels_visited} visited"),
         *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
-    settings = f"settings: {command_of(result.settings) or 'the defaults'}"
+    settings = f"settings: {command_of(given_of(result)) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
+
+
+def given_of(result: Reconstruction) -> ReconstructionSettings:
+    """Return the settings that were given: with alpha as `auto` where it was chosen."""
+    return result.settings if result.alpha_choice is None else replace(result.settings, alpha=AUTO)
 
 
 def head_of(volume: Volume) -> str:
@@ -328,8 +333,7 @@ def head_of(volume: Volume) -> str:
 
 def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
-    shared = surfaces.results[0].settings
-    chose = surfaces.results[0].alpha_choice is not None
+    shared, chose = given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
     head = ("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "components")
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most, mm") if chose else head]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]
@@ -343,8 +347,6 @@ def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path]
         rows.append((str(number), name, str(measures.faces), *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
-    if chose:
-        shared = replace(shared, alpha=AUTO)
     settings = command_of(shared if surfaces.times else replace(shared, label=None))
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""

@@ -42,7 +42,8 @@ def test_auto_writes_the_bytes_of_the_number_that_it_says(ctmc, tmp_path, labels
     assert (by_hand["alpha"], by_hand["alpha_choice"]) == (alpha, None)
     assert report["alpha_choice"]["min_angle_deg"] == (12 if "12" in more else 5)
     assert f"Alpha {alpha:g} was chosen: the largest at which no triangle of the full surface" in said
-    assert f"settings: --label 2 --alpha {alpha:g}" in said
+    assert f"settings: --label 2 --alpha auto{' --min-angle 12' if '12' in more else ''} " in said
+    assert "threshold" not in said.partition("note")[0]  # a label has none
     if not more:
         words = ("--label", "2", "--alpha", f"{alpha + 0.001:.3f}")
         assert made(ctmc, tmp_path, "above", labels_file, *words)[1]["smallest_angle_deg"] < 5
