@@ -12,7 +12,7 @@ help:  ## say what there is (this list)
 setup:  ## make .venv with Blender as a module, the readers' libraries and the command ctmc
 	@PYTHON='$(PYTHON)' '$(or $(starter),python3)' tools/setup_environment.py
 
-demo: setup  ## phantom to tumour: files, reconstruction, picture and report in out/demo; CT=PATH: the same with a CT
+demo: setup  ## phantom to tumor: files, reconstruction, picture and report in out/demo; CT=PATH: the same with a CT
 	@$(python) tools/demo.py $(if $(CT),"$(CT)")
 
 test: setup  ## the tests, in one Blender version, a process for each core; ARGS="-n 0" for one process

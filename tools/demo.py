@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What `make demo` runs: a CT with liver tumours of known volume, and their surface the paper's way.
+"""What `make demo` runs: a CT with liver tumors of known volume, and their surface the paper's way.
 
-Su and Ma: labels of the tumours, a stride of 2 x 2 pixels, alpha, 90 % simplification; beside it strides of
+Su and Ma: labels of the tumors, a stride of 2 x 2 pixels, alpha, 90 % simplification; beside it strides of
 1 and 3 pixels, and every volume against the phantom's truth. `make demo CT=PATH` does the same with a CT of your
 own, its volumes against that with a stride of 1 pixel, and says what it chose. Everything lands in out/demo.
 """
@@ -90,7 +90,7 @@ def main() -> int:
 
 
 def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
-    """Make the phantom, reconstruct its tumours, write everything to `folder` and print the table."""
+    """Make the phantom, reconstruct its tumors, write everything to `folder` and print the table."""
     made_folder(folder)
     require_own_slices(folder, list(WRITERS), slices)
     stages = Stages(STAGES)
@@ -100,7 +100,7 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
         chosen = (
             "the labels are smoothed with every sample on its own side, their volume kept; larger voxels cut corners"
         )
-        subject = Subject(SETTINGS, "tumour", chosen, made)
+        subject = Subject(SETTINGS, "tumor", chosen, made)
         reconstructed(folder, folder / f"{made.labels.name}.nii.gz", stages, progress, subject)
 
 
@@ -207,10 +207,10 @@ def told(
         ("closed", *("yes" if result.mesh.closed else "no" for result in many)),
     ]
     shape = f"{dimensions(volume.size)} voxels of {dimensions(volume.spacing)} mm"
-    facts = [("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumours")] if made else [(volume.name, shape)]
+    facts = [("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumors")] if made else [(volume.name, shape)]
     if made:
         counted = against(true, made.counted_mm3())
-        facts.append(("truth", f"{true / 1000:.2f} ml of tumour; its labelled voxels count {counted:+.1f} %"))
+        facts.append(("truth", f"{true / 1000:.2f} ml of tumor; its labeled voxels count {counted:+.1f} %"))
     else:
         facts.append(("chosen", subject.chosen))
     facts.append(("settings", f"{command_of(subject.settings)} (strides 1 and 3 beside it)"))

@@ -30,11 +30,11 @@ REAL = ROOT.parent / "shared" / "data" / "lidc0314_abdomen30"
 # Bone without the couch, and without the specks of noise that any threshold finds.
 BONE = ["--threshold", "200", "--close-border", "--min-part", "100"]
 BONE += ["--region", "75", "130", "0", "425", "424", "29"]
-TUMOUR = ["--label", "2", "--smoothing-mm", "0.75"]
+TUMOR = ["--label", "2", "--smoothing-mm", "0.75"]
 # Names of the cases on the page, and the settings of all their experiments.
 CASES = {
-    "phantom-29": ("phantom, 29 slices", TUMOUR),
-    "phantom-250": ("phantom, 250 slices", TUMOUR),
+    "phantom-29": ("phantom, 29 slices", TUMOR),
+    "phantom-250": ("phantom, 250 slices", TUMOR),
     "abdomen": ("real CT, 30 slices", BONE),
 }
 EXPERIMENTS = {

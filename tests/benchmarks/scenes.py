@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctmc_addon.core.phantom.phantom import Phantom, centered, phantom
-from ctmc_addon.core.phantom.shapes import Blob, grow_tumours, liver_shape
+from ctmc_addon.core.phantom.shapes import Blob, grow_tumors, liver_shape
 from ctmc_addon.core.volume.volume import Volume
 from ctmc_addon.readers import read_volume
 
@@ -30,7 +30,7 @@ def tumours(seed: int = 0) -> NDArray[np.uint8]:
     chance = np.random.Generator(np.random.PCG64(seed))
     liver = liver_shape(chance, 1.0, FINE_MM[2])
     axes = grid_about(liver, FINE_MM)
-    return painted(grow_tumours(chance, liver, 1.0, FINE_MM, axes), axes)
+    return painted(grow_tumors(chance, liver, 1.0, FINE_MM, axes), axes)
 
 
 def whole_liver(seed: int = 0) -> NDArray[np.uint8]:

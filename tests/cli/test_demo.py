@@ -27,8 +27,8 @@ def test_the_demo_leaves_its_files_and_tells_the_truth(demo, tmp_path, capfd):
     demo.demo(tmp_path / "out", slices=15, size=128)
     told, progress = capfd.readouterr()
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == [
-        "dicom", "png", "report.json", "segmentation-0.nii.gz", "truth.json", "tumour.blend", "tumour.png",
-        "tumour.stl", "volume-0.nii.gz",
+        "dicom", "png", "report.json", "segmentation-0.nii.gz", "truth.json", "tumor.blend", "tumor.png",
+        "tumor.stl", "volume-0.nii.gz",
     ]  # fmt: skip
     report = json.loads((tmp_path / "out" / "report.json").read_text("utf-8"))
     truth = json.loads((tmp_path / "out" / "truth.json").read_text("utf-8"))
@@ -44,7 +44,7 @@ def test_the_demo_leaves_its_files_and_tells_the_truth(demo, tmp_path, capfd):
         assert -25 < error < 0  # pixels of 3 mm: every simplification here makes round shapes smaller
     for word in ("2 x 2 px", "--simplify 0.9", "Simplifying, s", "triangles kept", "against the truth"):
         assert word in told
-    assert "Rendering tumour.png" in progress
+    assert "Rendering tumor.png" in progress
 
 
 def test_the_demo_s_own_phantom_loses_less_than_4_per_cent(demo):

@@ -99,5 +99,5 @@ def truth_of(phantom: Phantom) -> dict[str, Any]:
             [round(position, 3) for position in center] for center in phantom.tumour_centres_ras_mm
         ],
         "liver_volume_mm3": phantom.liver_volume_mm3,
-        "labels": {"0": "background", "1": "liver", "2": "tumour"},
+        "labels": {"0": "background", "1": "liver", "2": "tumor"},
     }

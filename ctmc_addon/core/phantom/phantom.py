@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An abdominal CT with known truth: body, liver, spine, ribs and irregular tumours, from a seed.
+"""An abdominal CT with known truth: body, liver, spine, ribs and irregular tumors, from a seed.
 
 Shapes live in patient millimeters about the middle of the stack: x to the left, y to the back, z to the
 head. A slice is the mean over its thickness, as a scanner's is: a voxel that a surface cuts has HU of both sides.
@@ -20,14 +20,14 @@ from ..memory import require
 from ..progress import Step, Steps, finish
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
-from .shapes import grow_tumours, liver_shape
+from .shapes import grow_tumors, liver_shape
 
 FIELD_MM = 379.0  # the field of view for which the anatomy is drawn; other fields scale it
-LIVER, TUMOUR = 1, 2
+LIVER, TUMOR = 1, 2
 
 # HU of a portal venous phase
 AIR, SKIN, FAT, MUSCLE, VISCERA = -1000, 30, -100, 55, 20
-LIVER_HU, TUMOUR_HU, AORTA_HU = 115, 55, 160
+LIVER_HU, TUMOR_HU, AORTA_HU = 115, 55, 160
 CORTICAL, SPONGY, DISC, CANAL, RIB = 600, 220, 90, 30, 450
 
 
@@ -41,14 +41,14 @@ class Phantom:
         (slices, size, size) int16 HU, axes towards the patient's left, back and head (LPS). Slices touch, and each is
         the mean over its thickness.
     labels : Volume
-        uint8 on the same grid: 0 background, 1 liver, 2 tumour, as in LiTS. A voxel has the label of its center,
+        uint8 on the same grid: 0 background, 1 liver, 2 tumor, as in LiTS. A voxel has the label of its center,
         also where its HU are a mixture.
     tumour_volumes_mm3 : tuple of float
-        True volume of every tumour, largest first: the integral of its analytic surface over the sphere of
-        directions, exact to rounding. Counting labelled voxels gives another number, `counted_mm3`, which
+        True volume of every tumor, largest first: the integral of its analytic surface over the sphere of
+        directions, exact to rounding. Counting labeled voxels gives another number, `counted_mm3`, which
         comes nearer the finer the grid is.
     liver_volume_mm3 : float
-        True volume of the liver with its tumours, as far as it lies within the stack.
+        True volume of the liver with its tumors, as far as it lies within the stack.
     tumour_centres_ras_mm : tuple of (x, y, z) float
         In the order of the volumes.
     seed : int
@@ -62,7 +62,7 @@ class Phantom:
     tumour_centres_ras_mm: tuple[tuple[float, float, float], ...]
     seed: int
 
-    def counted_mm3(self, label: int = TUMOUR) -> float:
+    def counted_mm3(self, label: int = TUMOR) -> float:
         """Return the number of voxels with this label times the volume of a voxel."""
         x, y, z = self.volume.spacing
         return int(np.count_nonzero(self.labels.values == label)) * x * y * z
@@ -76,7 +76,7 @@ def phantom(
     Parameters
     ----------
     slices : int
-        3 or more. From 4 slices on no tumour reaches the first or the last one.
+        3 or more. From 4 slices on no tumor reaches the first or the last one.
     size : int
         Rows and columns, 16 or more.
     spacing : (x, y, z) float, millimeters
@@ -89,7 +89,7 @@ def phantom(
     Returns
     -------
     Phantom
-        Every tumour lies within the liver and is labelled in at least two neighboring slices.
+        Every tumor lies within the liver and is labeled in at least two neighboring slices.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def phantom_steps(
     scale = min(spacing[0], spacing[1]) * size / FIELD_MM
     rng = np.random.Generator(np.random.PCG64(seed))
     liver = liver_shape(rng, scale, spacing[2])
-    tumours = grow_tumours(rng, liver, scale, spacing, axes)
+    tumors = grow_tumors(rng, liver, scale, spacing, axes)
 
     values = np.empty((slices, size, size), np.int16)
     labels = np.zeros((slices, size, size), np.uint8)
@@ -125,13 +125,13 @@ def phantom_steps(
     for k, z in enumerate(axes[2].tolist()):
         yield Step(k / slices, "Making the phantom")
         tissue = background.in_slice(z, spacing[2])
-        for label, shape in [(LIVER, liver), *((TUMOUR, tumour) for tumour in tumours)]:
+        for label, shape in [(LIVER, liver), *((TUMOR, tumor) for tumor in tumors)]:
             rows, columns = (slice(*np.searchsorted(axes[axis], shape.box(axis)).tolist()) for axis in (1, 0))
             inside, share = shape.in_slice(axes[0][columns], axes[1][rows], z, spacing[2])
             labels[k, rows, columns][inside] = label
             window = tissue[rows, columns]
-            # A tumour takes the place of liver.
-            window += share * (LIVER_HU - window if label == LIVER else TUMOUR_HU - LIVER_HU)
+            # A tumor takes the place of liver.
+            window += share * (LIVER_HU - window if label == LIVER else TUMOR_HU - LIVER_HU)
         values[k] = scanned(tissue, np.random.Generator(np.random.PCG64([seed, k])))
 
     affine = np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])
@@ -144,11 +144,11 @@ def phantom_steps(
             affine,
             name=f"segmentation-{seed}",
             kind=ValueKind.LABEL,
-            label_names={LIVER: "liver", TUMOUR: "tumour"},
+            label_names={LIVER: "liver", TUMOR: "tumor"},
         ),
-        tumour_volumes_mm3=tuple(round(tumour.volume_mm3(), 3) for tumour in tumours),
+        tumour_volumes_mm3=tuple(round(tumor.volume_mm3(), 3) for tumor in tumors),
         liver_volume_mm3=round(liver.volume_mm3(half_height), 3),
-        tumour_centres_ras_mm=tuple((-t.center[0], -t.center[1], t.center[2]) for t in tumours),
+        tumour_centres_ras_mm=tuple((-t.center[0], -t.center[1], t.center[2]) for t in tumors),
         seed=seed,
     )
 
@@ -158,7 +158,7 @@ def checked_grid(
 ) -> tuple[float, float, float]:
     """Return the spacing, mm; raise a `SettingsError` for a grid outside its limits."""
     if slices < 3:
-        raise SettingsError(f"a phantom needs 3 slices or more, not {slices}, for a tumour to be in two of them")
+        raise SettingsError(f"a phantom needs 3 slices or more, not {slices}, for a tumor to be in two of them")
     if size < 16:
         raise SettingsError(f"a phantom needs 16 rows and columns or more, not {size}")
     if seed < 0:

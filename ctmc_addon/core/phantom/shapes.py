@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Star-shaped bodies of known volume: the phantom's liver and tumours.
+"""Star-shaped bodies of known volume: the phantom's liver and tumors.
 
 A blob is an ellipsoid whose radius rises or falls towards some directions. In the space where the
 ellipsoid is the unit ball the radius along the unit vector n is a polynomial,
@@ -186,7 +186,7 @@ def liver_shape(rng: np.random.Generator, scale: float, gap_mm: float) -> Blob:
         np.array([[1.0, -0.55, 0.25], [0.55, 0.8, -0.2], [-0.5, 0.75, -0.3], [0.0, -0.6, -0.8], [-0.3, 0.0, 1.0]])
     )
     heights = np.array([0.55, -0.40, 0.12, -0.12, 0.08]) + (rng.random(5) - 0.5) * 0.06
-    tall = max(58.0 * scale, 2.6 * gap_mm)  # thick slices stretch it, so that two of them can cut a tumour
+    tall = max(58.0 * scale, 2.6 * gap_mm)  # thick slices stretch it, so that two of them can cut a tumor
     return Blob((-58.0 * scale, -12.0 * scale, 0.0), (82.0 * scale, 66.0 * scale, tall), lobes, heights)
 
 
@@ -200,35 +200,35 @@ SPREAD = unit_vectors(
 )
 
 
-def grow_tumours(
+def grow_tumors(
     rng: np.random.Generator, liver: Blob, scale: float, spacing: Point, axes: list[NDArray[np.float64]]
 ) -> list[Blob]:
-    """Return five to seven tumours inside the liver that do not touch; at least one whatever the grid is.
+    """Return five to seven tumors inside the liver that do not touch; at least one whatever the grid is.
 
     The first is the largest and sits deep in the right lobe; a smaller one without room in 60 tries is left out.
     """
     sizes = np.sort(6.0 + 13.0 * rng.random(int(rng.integers(4, 7))))[::-1]
-    tumours: list[Blob] = []
+    tumors: list[Blob] = []
     for number, size in enumerate([19.0 + 5.0 * float(rng.random()), *sizes.tolist()]):
         radius = size * scale
         for _ in range(60):
-            tumour = random_tumour(rng, liver, radius, spacing, axes, deep=number == 0)
-            if has_room(tumour, liver, tumours, scale):
-                tumours.append(tumour)
+            tumor = random_tumor(rng, liver, radius, spacing, axes, deep=number == 0)
+            if has_room(tumor, liver, tumors, scale):
+                tumors.append(tumor)
                 break
             if not number:
                 radius *= 0.9
-    return sorted(tumours, key=lambda tumour: -tumour.volume_mm3())
+    return sorted(tumors, key=lambda tumor: -tumor.volume_mm3())
 
 
-def has_room(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
-    """Return whether the tumour is inside the liver, with a margin, and does not touch the others."""
-    if not liver.inside(tumour.surface(1.05, 3.0 * scale)).all():
+def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
+    """Return whether the tumor is inside the liver, with a margin, and does not touch the others."""
+    if not liver.inside(tumor.surface(1.05, 3.0 * scale)).all():
         return False
     for other in others:
         distance = [
-            (tumour.center[axis] - other.center[axis])
-            / (tumour.half_axes[axis] * tumour.limits[1] + other.half_axes[axis] * other.limits[1])
+            (tumor.center[axis] - other.center[axis])
+            / (tumor.half_axes[axis] * tumor.limits[1] + other.half_axes[axis] * other.limits[1])
             for axis in range(3)
         ]
         if distance[0] ** 2 + distance[1] ** 2 + distance[2] ** 2 < 1.0:
@@ -236,7 +236,7 @@ def has_room(tumour: Blob, liver: Blob, others: list[Blob], scale: float) -> boo
     return True
 
 
-def random_tumour(
+def random_tumor(
     rng: np.random.Generator,
     liver: Blob,
     radius: float,
@@ -244,7 +244,7 @@ def random_tumour(
     axes: list[NDArray[np.float64]],
     deep: bool,
 ) -> Blob:
-    """Return a tumour of about this radius, mm, at random in the liver's box, or deep in its right lobe."""
+    """Return a tumor of about this radius, mm, at random in the liver's box, or deep in its right lobe."""
     half = radius * (0.8 + 0.45 * rng.random(3))
     lobes = unit_vectors(SPREAD + 0.7 * (rng.random(SPREAD.shape) - 0.5))
     heights = -0.24 + 0.58 * rng.random(len(SPREAD))

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.errors import MemoryLimitError, SettingsError
-from ctmc_addon.core.phantom.phantom import LIVER, MUSCLE, RIB, TUMOUR, Background, centered, phantom
+from ctmc_addon.core.phantom.phantom import LIVER, MUSCLE, RIB, TUMOR, Background, centered, phantom
 
 
 def grid_axes(slices, size, spacing):
@@ -26,20 +26,20 @@ def grid_axes(slices, size, spacing):
         (5, 64, (6.0, 6.0, 0.1)),
     ],
 )
-def test_every_tumour_is_in_two_neighboring_slices_and_off_the_border(slices, size, spacing):
+def test_every_tumor_is_in_two_neighboring_slices_and_off_the_border(slices, size, spacing):
     for seed in range(8):
         made = phantom(slices, size, spacing, seed)
-        tumour = made.labels.values == TUMOUR
+        tumor = made.labels.values == TUMOR
         assert len(made.tumour_volumes_mm3) >= 1
         heights = made.labels.affine[2]
         for _, _, z in made.tumour_centres_ras_mm:
             k = int((z - heights[3]) / heights[2])
-            near = tumour[max(k - 1, 0) : k + 3].any(axis=(1, 2))
+            near = tumor[max(k - 1, 0) : k + 3].any(axis=(1, 2))
             assert (near[:-1] & near[1:]).any()
-        assert not tumour[:, [0, -1]].any()
-        assert not tumour[:, :, [0, -1]].any()
+        assert not tumor[:, [0, -1]].any()
+        assert not tumor[:, :, [0, -1]].any()
         if slices > 3:
-            assert not tumour[[0, -1]].any()
+            assert not tumor[[0, -1]].any()
 
 
 def test_counted_voxels_come_near_the_true_volumes():
@@ -69,7 +69,7 @@ def test_tissues_have_their_hounsfield_units_and_the_noise_is_about_14():
     liver = values[labels == LIVER]
     assert np.median(liver) == pytest.approx(115, abs=1)
     assert 10 < np.percentile(liver, 84) - np.median(liver) < 18
-    assert 55 <= np.median(values[labels == TUMOUR]) < 70  # the liver shines in at their edges
+    assert 55 <= np.median(values[labels == TUMOR]) < 70  # the liver shines in at their edges
     assert 400 < values.max() < 1000
 
 

@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core.phantom.shapes import Blob, directions, grow_tumours, liver_shape, unit_vectors
+from ctmc_addon.core.phantom.shapes import Blob, directions, grow_tumors, liver_shape, unit_vectors
 
 
 def test_a_blob_without_lobes_is_an_ellipsoid():
@@ -68,7 +68,7 @@ def test_no_direction_lies_outside_the_limits_of_a_blob():
         axes = [(np.arange(n) - (n - 1) / 2) * gap for n, gap in ((512, 0.74), (512, 0.74), (29, 5.0))]
         for shape in [
             liver,
-            *grow_tumours(rng, liver, 1.0, (0.74, 0.74, 5.0), axes),
+            *grow_tumors(rng, liver, 1.0, (0.74, 0.74, 5.0), axes),
         ]:
             radii = shape.radius(*unit_vectors(rng.normal(size=(20000, 3))).T)
             assert shape.limits[0] < radii.min()

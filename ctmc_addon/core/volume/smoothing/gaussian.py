@@ -40,7 +40,7 @@ def smoothed_middle(planes: Sequence[NDArray[np.float32]], along_z: list[np.floa
 def weights(sigma: float) -> list[np.float32]:
     """Return the Gaussian's weights at 0, 1, 2... voxels; with their mirror images they add up to 1.
 
-    Rounded to multiples of 2^-24 before they are normalised, so that the last bit of a machine's
+    Rounded to multiples of 2^-24 before they are normalized, so that the last bit of a machine's
     exponential does not matter.
 
     Examples
