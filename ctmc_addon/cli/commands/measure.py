@@ -20,7 +20,7 @@ from ...core import (
     table_csv,
 )
 from ...core.files.atomic_write import require_writable, write_text
-from ...core.volume import ValueKind
+from ...core.volume import ValueKind, samples_on_grid
 from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
@@ -86,6 +86,8 @@ def ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionS
     ------
     LabelError
         If --ct holds labels.
+    VolumeError
+        If the labels' samples are not samples of the CT.
     """
     if settings.label is None:
         return volume
@@ -97,4 +99,5 @@ def ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionS
     ct = yield from needed_steps(source, path, options, ReconstructionSettings(), several=True)
     if ct.kind == ValueKind.LABEL:
         raise LabelError(f"{path.name} has labels; give the CT to --ct, and the labels as INPUT")
+    samples_on_grid(volume, ct)  # raises before the surfaces are made
     return ct

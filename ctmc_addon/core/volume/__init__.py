@@ -17,7 +17,7 @@ from .histogram import (
     tissue_bands,
 )
 from .inside import InsideValues, inside_values_steps, lie_in_one_place, range_values_steps
-from .label_sources import combined_labels, free_offset, placed_labels_steps
+from .label_sources import combined_labels, free_offset, placed_labels_steps, samples_on_grid
 from .labels import (
     ALL,
     LabelExtent,
@@ -141,6 +141,7 @@ __all__ = [
     "resliced",
     "round_ticks",
     "rounded_to",
+    "samples_on_grid",
     "settings_of_copy",
     "shown_range",
     "side_positions",

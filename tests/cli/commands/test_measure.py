@@ -10,6 +10,8 @@ import nibabel
 import numpy as np
 import pytest
 
+from ctmc_addon.cli.commands import measure
+
 AFFINE = np.diag([-2.0, -2.0, 3.0, 1.0])
 
 
@@ -67,6 +69,13 @@ def test_labels_whose_rows_run_the_other_way_are_measured_in_their_ct(ctmc, case
     assert (done.code, done.errors) == (0, [])
     means = [float(row["mean_hu"]) for row in rows_of(tmp_path / "t.csv")]
     assert means == pytest.approx([values[labels == label].mean() for label in (1, 2)], rel=1e-8)
+
+
+def test_a_ct_on_another_grid_is_refused_before_surfaces_are_made(refused, case, monkeypatch):
+    folder, _, _ = case
+    monkeypatch.setattr(measure, "surfaces_steps", lambda *_: pytest.fail("surfaces were made"))
+    sentence = refused("measure", folder / "moved.nii", "--ct", folder / "volume-3.nii", "--label", "all")
+    assert "beside the samples of the CT" in sentence
 
 
 def test_a_threshold_is_measured_in_its_own_volume(ctmc, case, tmp_path):
