@@ -234,9 +234,9 @@ def test_competing_refuses_what_cannot_be():
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], np.zeros((8, 8, 8), bool)))
     with pytest.raises(SettingsError, match="256 clicks compete"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)] * 256))
-    with pytest.raises(SettingsError, match="hu_per_mm must be from 0.01 to 10000, not 0"):
+    with pytest.raises(SettingsError, match=r"hu_per_mm must be from 0\.01 to 10000, not 0"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], hu_per_mm=0.0))
-    with pytest.raises(SettingsError, match="max_mm must be from 0.01 to 10000, not 1e"):
+    with pytest.raises(SettingsError, match=r"max_mm must be from 0\.01 to 10000, not 1e"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], max_mm=1e300))
     with pytest.raises(SettingsError, match="of structure 300"):
         finish(compete_steps(volume, [Click((4, 4, 4), 300)]))
