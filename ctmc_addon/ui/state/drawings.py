@@ -59,8 +59,13 @@ _drawn: dict[tuple[int, str], Drawn] = {}  # by session_uid of the scene, and ke
 
 def structures(scene: bpy.types.Scene) -> Iterator[Any]:
     """Yield what was drawn on the scene's CT, as far as the list of structures has it."""
-    fingerprint, sources = scene.ctmc.volume_fingerprint, {line.source for line in scene.ctmc.labels}
-    for item in scene.ctmc_draw.structures:
+    return structures_of(scene.ctmc)
+
+
+def structures_of(ct: Any) -> Iterator[Any]:
+    """Yield what was drawn on a CT of a scene, of which the panel knows `ct`, as far as its list has it."""
+    fingerprint, sources = ct.volume_fingerprint, {line.source for line in ct.labels}
+    for item in ct.id_data.ctmc_draw.structures:
         if fingerprint and item.fingerprint == fingerprint and item.key in sources:
             yield item
 
@@ -153,8 +158,8 @@ def remove(scene: bpy.types.Scene, item: Any) -> None:
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:
-    """Return a structure in memory, made of the file where it is not there yet; the scene's CT must be loaded."""
-    key, volume = (scene.session_uid, item.key), volumes.require_loaded(scene).volume
+    """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
+    key, volume = (scene.session_uid, item.key), volumes.require_known(item.fingerprint).volume
     drawn = _drawn.get(key)
     if drawn is None or drawn.mask.shape != volume.shape:
         mask = np.zeros(volume.shape, bool)
@@ -264,7 +269,7 @@ def follow_file(*_: Any) -> None:
     changed = set()
     for (uid, key), drawn in list(_drawn.items()):
         scene = scenes.get(uid)
-        item = scene and next((one for one in structures(scene) if one.key == key), None)
+        item = scene and next((one for one in scene.ctmc_draw.structures if one.key == key), None)
         if scene is None or item is None:
             del _drawn[uid, key]
             changed.add(uid)

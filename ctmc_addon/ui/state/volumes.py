@@ -106,14 +106,24 @@ def discard_unused(*_: Any) -> None:
         del _loaded[fingerprint]
 
 
+def known(fingerprint: str) -> Loaded | None:
+    """Return the CT with this fingerprint, the panel's or another; None where it is not in memory."""
+    return _loaded.get(fingerprint)
+
+
 def loaded(scene: bpy.types.Scene) -> Loaded | None:
     """Return what was last loaded for `scene`, if it was loaded in this session."""
-    return _loaded.get(scene.ctmc.volume_fingerprint)
+    return known(scene.ctmc.volume_fingerprint)
 
 
 def require_loaded(scene: bpy.types.Scene) -> Loaded:
     """Return the CT of the scene, or a `ReadError`."""
-    ct = loaded(scene)
+    return require_known(scene.ctmc.volume_fingerprint)
+
+
+def require_known(fingerprint: str) -> Loaded:
+    """Return the CT with this fingerprint, or a `ReadError`."""
+    ct = known(fingerprint)
     if ct is None:
         raise ReadError("the CT is not in memory; load it first")
     return ct
@@ -161,7 +171,12 @@ def last_path() -> Path | None:
 
 def called(scene: bpy.types.Scene) -> str:
     """Return what the CT of a scene is called: the panel's Name, else as its file or folder; it must be loaded."""
-    return str(scene.ctmc.volume_name).strip() or require_loaded(scene).volume.name
+    return called_as(scene.ctmc, require_loaded(scene))
+
+
+def called_as(stored: Any, ct: Loaded) -> str:
+    """Return what a CT of a scene is called; `stored` is what the panel knows of it."""
+    return str(stored.volume_name).strip() or ct.volume.name
 
 
 def missing(scene: bpy.types.Scene) -> bool:

@@ -354,24 +354,38 @@ def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
 
 def test_drawings_of_two_cts_of_one_name_lie_apart_under_the_name_of_the_panel(drawing, tmp_path):
     scene = bpy.context.scene
-    files = {}
     stroke(middle())
+    masks = [mask().copy()]
     scene.ctmc.volume_name = "case 7"
     (tmp_path / "second").mkdir()
     np.save(tmp_path / "second" / "ball.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
     bpy.ops.ctmc.load(filepath=str(tmp_path / "second" / "ball.npy"), spacing=(1, 1, 2))
     stroke(middle())
+    masks.append(mask().copy())
     scene.ctmc.volume_name = "case 7"
-    first = scene.ctmc_scans[0].volume_fingerprint
-    for _ in range(2):
-        before = mask().copy()
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
-        (new,) = set(tmp_path.glob("*drawn.seg.nrrd")) - files.keys()
-        files[new] = before
-        scans.activate(scene, first)
-    for file, before in files.items():
+    second, first = (ct.volume_fingerprint for ct in scans.all_of(scene))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    for fingerprint, before in zip((first, second), masks, strict=True):
+        file = tmp_path / f"case Scene case 7 {fingerprint[:4]} drawn.seg.nrrd"
         assert (read_volume(file).values == before).all()
-        assert file.name.startswith("case Scene case 7 ")
+    assert len(list(tmp_path.glob("*drawn.seg.nrrd"))) == 2
+
+
+def test_undo_keeps_what_was_drawn_on_another_ct(drawing, tmp_path):
+    scene = bpy.context.scene
+    stroke(middle())
+    item, before = drawings.active(scene), mask().copy()
+    first, key = item.fingerprint, item.key
+    np.save(tmp_path / "other.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"), spacing=(1, 1, 2))
+    bpy.ops.ed.undo_push(message="Loaded")
+    stroke(middle())
+    bpy.ops.ed.undo_push(message="Stroke")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert [one.key for one in scene.ctmc_draw.structures] == [key]
+    assert scans.activate(scene, first)
+    assert (mask() == before).all()
 
 
 def test_a_saved_drawing_lies_beside_the_blend_for_other_programs(drawing, tmp_path):
