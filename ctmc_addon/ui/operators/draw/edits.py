@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty
 
-from ....core import SettingsError, Steps, Volume
+from ....core import ReconstructionSettings, SettingsError, Steps, Volume
 from ....core.segmentation import (
     Mask,
     Window,
@@ -164,10 +164,9 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
 
 
 def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:
-    """Return the voxels of a label of the list, wherever it comes from."""
+    """Return the voxels of a label of the list, wherever it comes from; a `LabelError` where they are not in memory."""
     mask = np.zeros(volume_of(scene).shape, bool)
-    labels = structures.label_volume(scene)
-    for layer in () if labels is None else labels.each_layer:
+    for layer in structures.require_volume_of(scene, ReconstructionSettings(label=line.value)).each_layer:
         mask |= layer.values == line.value
     return mask
 

@@ -12,8 +12,8 @@ import pytest
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.volume import vdb_writer
-from ctmc_addon.core import finish
-from ctmc_addon.core.volume import label_extents_steps, volume_box
+from ctmc_addon.core import Volume, finish
+from ctmc_addon.core.volume import ValueKind, label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
@@ -264,6 +264,21 @@ def test_with_nothing_chosen_a_label_without_a_name_is_not_combined(drawing):
     stroke(middle())
     with pytest.raises(RuntimeError, match="choose another structure"):
         bpy.ops.ctmc.draw_combine()
+
+
+@pytest.mark.parametrize("how", ["or", "minus", "and"])
+def test_a_label_that_is_not_in_memory_is_not_combined(drawing, tmp_path, how):
+    scene, ct = bpy.context.scene, volumes.current(bpy.context.scene)
+    stroke(middle())
+    before = mask().copy()
+    labels = Volume(np.ones(ct.shape, np.uint8), ct.affine, kind=ValueKind.LABEL, label_names={1: "liver"})
+    structures.add_labels(scene, labels, "a file", tmp_path / "gone.nii.gz")
+    structures._sources.clear()  # as when the .blend is opened and the file is gone
+    drawing.other, drawing.combination = "liver", how
+    with pytest.raises(RuntimeError, match="the labels of liver are not in memory; press Load Again"):
+        bpy.ops.ctmc.draw_combine()
+    assert (mask() == before).all()
+    assert before.any()
 
 
 def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, monkeypatch):
