@@ -16,6 +16,7 @@ from ...needs import Needs
 from ...properties.structures import follow_ticks, tick
 from ...state import change_events, drawings, surfaces, volumes
 from ...translations import translate
+from ..scene.slice_object import in_object_mode
 
 
 def has_structures(operator: Any, context: bpy.types.Context) -> bool:
@@ -101,7 +102,7 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    needs = (has_structures,)
+    needs = (in_object_mode, has_structures)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         stored = context.scene.ctmc

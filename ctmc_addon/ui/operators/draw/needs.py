@@ -15,11 +15,15 @@ from ....core.volume import ValueKind
 from ....reporting.formatting import milliliters
 from ...state import drawings, volumes
 from ...translations import translate
+from ..scene.slice_object import in_object_mode
 
 
 def can_draw(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether a CT is in memory that can be drawn on, with the reason if not."""
-    if not volumes.has_volume(operator, context):
+    """Return whether a CT is in memory that can be drawn on, with the reason if not.
+
+    In edit mode Blender's steps of undo hold the mesh alone, so a change of the drawing could not be taken back.
+    """
+    if not (in_object_mode(operator, context) and volumes.has_volume(operator, context)):
         return False
     if volumes.require_loaded(context.scene).volume.kind == ValueKind.LABEL:
         operator.poll_message_set("This volume holds labels; load the CT to draw")

@@ -185,6 +185,21 @@ def test_scissors_remove_what_the_lasso_encloses(drawing):
     assert not (mask() & ~before).any()
 
 
+def test_in_edit_mode_nothing_is_drawn_nor_removed(drawing):
+    stroke(middle())
+    before = mask().copy()
+    bpy.ops.mesh.primitive_cube_add()
+    bpy.ops.object.mode_set(mode="EDIT")
+    edits = ("draw_margin", "draw_islands", "draw_holes", "draw_between", "draw_combine", "remove_structure")
+    for name in ("draw_stroke", "draw_grow", "draw_cut", "draw_lasso", "draw_add", "draw_tool", *edits):
+        assert not getattr(bpy.ops.ctmc, name).poll(), name
+    with pytest.raises(RuntimeError, match="Leave edit mode first"):
+        bpy.ops.ctmc.draw_margin()
+    assert (mask() == before).all()
+    bpy.ops.object.mode_set(mode="OBJECT")
+    assert bpy.ops.ctmc.draw_margin() == {"FINISHED"}
+
+
 def test_removing_a_structure_and_undo_brings_it_back(drawing):
     stroke(middle())
     before = mask().copy()
