@@ -169,13 +169,15 @@ def of(scene: bpy.types.Scene, item: Any) -> Drawn:
 
 
 def take(drawn: Drawn, item: Any) -> bool:
-    """Bring a mask to what the file has of it; return whether anything had changed."""
+    """Bring a mask to what the file has of it, in a copy: work under way may read it; return whether it had changed."""
     content = {entry.number: entry.content for entry in item.slices}
     numbers = content.keys() | drawn.unpacked.keys()
     changed = {n: content.get(n, b"") for n in numbers if content.get(n, b"") != drawn.unpacked.get(n, b"")}
     if changed or not drawn.revision:
-        unpack_into(drawn.mask, changed)
-        drawn.unpacked = content
+        mask = drawn.mask.copy()
+        unpack_into(mask, changed)
+        drawn.mask, drawn.unpacked = mask, content
+        drawn.labels = label_volume(mask, drawn.labels)
         is_stored(drawn)
     return bool(changed)
 

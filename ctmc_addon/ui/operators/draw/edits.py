@@ -25,7 +25,18 @@ from ....core.segmentation import (
 from ... import jobs
 from ...properties.structures import LABEL
 from ...state import drawings, session, structures
-from .needs import allowed_steps, can_draw, has_structure, limits_of, structure_of, volume_of, volume_text
+from .needs import (
+    Target,
+    allowed_steps,
+    can_draw,
+    has_structure,
+    limits_of,
+    require,
+    require_active,
+    target_of,
+    volume_of,
+    volume_text,
+)
 
 Work = Callable[[Mask, Volume, Window], Steps[Mask]]
 """Makes another mask of a window of a mask."""
@@ -48,27 +59,22 @@ class Edit(jobs.LongOperator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the work on the window of the structure."""
         scene = context.scene
-        item, volume = drawings.active(scene), volume_of(scene)
-        if item is None:
-            raise SettingsError("there is no structure; add one first")
+        item, volume = require_active(scene), volume_of(scene)
         window = drawings.window_in(scene, item)
         if window is None:
             raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
         reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
         mask = drawings.of(scene, item).mask[window].copy()
-        return edit_steps(self.work(scene)(mask, volume, window), window, scene.session_uid, item.key)
+        return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
-def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, key: str) -> Steps[jobs.Conclusion]:
+def edit_steps(work: Steps[Mask], window: Window, target: Target) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
     made = yield from work
 
     def conclude() -> str:
-        scene = session.scene_of(scene_uid)
-        if scene is None:
-            raise SettingsError("the scene was removed; draw in another one")
-        item = structure_of(scene, key)
+        scene, item = require(target)
         drawings.replace(scene, item, window, made)
         session.of(scene).message = ""
         return volume_text(scene, item)
@@ -160,7 +166,7 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
             raise SettingsError("choose another structure to combine with, drawn or a label")
         first, second = drawings.of(scene, item).mask.copy(), mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)
-        return edit_steps(combined_steps(first, second, how), (z, y, x), scene.session_uid, item.key)
+        return edit_steps(combined_steps(first, second, how), (z, y, x), target_of(scene, item))
 
 
 def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:

@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 import numpy as np
@@ -13,7 +13,7 @@ from ....core import ReadError, SettingsError, Steps, Volume
 from ....core.segmentation import Mask, Window, range_mask_steps
 from ....core.volume import ValueKind
 from ....reporting.formatting import milliliters
-from ...state import drawings, volumes
+from ...state import drawings, session, volumes
 from ...translations import translate
 from ..scene.slice_object import in_object_mode
 
@@ -42,6 +42,14 @@ def has_structure(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
+def require_active(scene: bpy.types.Scene) -> Any:
+    """Return the structure that is drawn on; a `SettingsError` where there is none."""
+    item = drawings.active(scene)
+    if item is None:
+        raise SettingsError("there is no structure; add one first")
+    return item
+
+
 def active_or_new(scene: bpy.types.Scene) -> Any:
     """Return the structure that is drawn on; the first stroke makes one."""
     return drawings.active(scene) or drawings.add(scene, translate("Structure"))
@@ -53,6 +61,35 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
         if item.key == key:
             return item
     raise SettingsError("the structure was removed; choose another one")
+
+
+class Target(NamedTuple):
+    """What work begins with, for `require` at its end: scene, CT, key of the structure, and its revision.
+
+    Without a key a structure is to be made.
+    """
+
+    scene_uid: int
+    fingerprint: str
+    key: str = ""
+    revision: int = 0
+
+
+def target_of(scene: bpy.types.Scene, item: Any | None) -> Target:
+    """Return a structure as it is now; None for one that is to be made."""
+    target = Target(scene.session_uid, scene.ctmc.volume_fingerprint)
+    return target if item is None else target._replace(key=item.key, revision=drawings.of(scene, item).revision)
+
+
+def require(target: Target) -> tuple[bpy.types.Scene, Any]:
+    """Return scene and structure once work is done; a `SettingsError` where they are not what it began with."""
+    scene = session.scene_of(target.scene_uid)
+    if scene is None:
+        raise SettingsError("the scene was removed; draw in another one")
+    item = structure_of(scene, target.key) if target.key else drawings.active(scene)
+    if target_of(scene, item) != target:
+        raise SettingsError("the structure has changed meanwhile, as by undo; do it once more")
+    return scene, item or active_or_new(scene)
 
 
 def volume_of(scene: bpy.types.Scene) -> Volume:

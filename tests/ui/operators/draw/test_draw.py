@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+from ui.strokes import mask, middle, stroke
 
 from ctmc_addon.blender.volume import vdb_writer
-from ctmc_addon.core import Volume, finish
-from ctmc_addon.core.volume import ValueKind, label_extents_steps, volume_box
+from ctmc_addon.core import finish
+from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
@@ -24,29 +25,8 @@ from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
 from ctmc_addon.ui.viewport.slice_hits import SliceHit
 
 
-def middle():
-    """The middle of the ball, RAS+ mm."""
-    box = volume_box(volumes.current(bpy.context.scene))
-    return tuple(((box[0] + box[7]) / 2).tolist())
-
-
-def stroke(*points, **options):
-    return bpy.ops.ctmc.draw_stroke(stroke=points_of(points), **options)
-
-
-def mask():
-    scene = bpy.context.scene
-    return drawings.of(scene, drawings.active(scene)).mask
-
-
 def packed():
     return {entry.number: entry.content for entry in drawings.active(bpy.context.scene).slices if entry.content}
-
-
-@pytest.fixture
-def drawing(loaded):
-    bpy.ops.ed.undo_push(message="Loaded")
-    return loaded.ctmc_draw
 
 
 def test_a_stroke_makes_a_structure_and_erasing_it_leaves_nothing(drawing):
@@ -185,21 +165,6 @@ def test_scissors_remove_what_the_lasso_encloses(drawing):
     assert not (mask() & ~before).any()
 
 
-def test_in_edit_mode_nothing_is_drawn_nor_removed(drawing):
-    stroke(middle())
-    before = mask().copy()
-    bpy.ops.mesh.primitive_cube_add()
-    bpy.ops.object.mode_set(mode="EDIT")
-    edits = ("draw_margin", "draw_islands", "draw_holes", "draw_between", "draw_combine", "remove_structure")
-    for name in ("draw_stroke", "draw_grow", "draw_cut", "draw_lasso", "draw_add", "draw_tool", *edits):
-        assert not getattr(bpy.ops.ctmc, name).poll(), name
-    with pytest.raises(RuntimeError, match="Leave edit mode first"):
-        bpy.ops.ctmc.draw_margin()
-    assert (mask() == before).all()
-    bpy.ops.object.mode_set(mode="OBJECT")
-    assert bpy.ops.ctmc.draw_margin() == {"FINISHED"}
-
-
 def test_removing_a_structure_and_undo_brings_it_back(drawing):
     stroke(middle())
     before = mask().copy()
@@ -279,21 +244,6 @@ def test_with_nothing_chosen_a_label_without_a_name_is_not_combined(drawing):
     stroke(middle())
     with pytest.raises(RuntimeError, match="choose another structure"):
         bpy.ops.ctmc.draw_combine()
-
-
-@pytest.mark.parametrize("how", ["or", "minus", "and"])
-def test_a_label_that_is_not_in_memory_is_not_combined(drawing, tmp_path, how):
-    scene, ct = bpy.context.scene, volumes.current(bpy.context.scene)
-    stroke(middle())
-    before = mask().copy()
-    labels = Volume(np.ones(ct.shape, np.uint8), ct.affine, kind=ValueKind.LABEL, label_names={1: "liver"})
-    structures.add_labels(scene, labels, "a file", tmp_path / "gone.nii.gz")
-    structures._sources.clear()  # as when the .blend is opened and the file is gone
-    drawing.other, drawing.combination = "liver", how
-    with pytest.raises(RuntimeError, match="the labels of liver are not in memory; press Load Again"):
-        bpy.ops.ctmc.draw_combine()
-    assert (mask() == before).all()
-    assert before.any()
 
 
 def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, monkeypatch):
