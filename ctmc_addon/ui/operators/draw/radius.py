@@ -16,6 +16,7 @@ from ...viewport.slice_hits import slice_under
 from .needs import can_draw
 
 DOUBLE = 120.0  # pixels at Blender's usual size, to the right, that double the radius
+ACCEPT, CANCEL = ("LEFTMOUSE", "RET", "NUMPAD_ENTER"), ("ESC", "RIGHTMOUSE")
 
 
 class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
@@ -50,17 +51,18 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         session.redraw_viewports()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse until it is clicked."""
+        """Follow the mouse until a click or Enter accepts; Esc and a right click bring the radius back."""
         if event.type == "MOUSEMOVE":
             moved = (event.mouse_x - self.left) / (DOUBLE * context.preferences.system.ui_scale)
             context.scene.ctmc_draw.radius_mm = self.before * 2.0**moved
             self.say(context)
-        if event.value != "PRESS" or event.type == "MOUSEMOVE":
+        is_accepted, is_cancelled = event.type in ACCEPT, event.type in CANCEL
+        if event.value != "PRESS" or not (is_accepted or is_cancelled):
             return {"RUNNING_MODAL"}
-        if event.type in ("ESC", "RIGHTMOUSE"):
+        if is_cancelled:
             context.scene.ctmc_draw.radius_mm = self.before
         self.cancel(context)
-        return {"FINISHED"}
+        return {"FINISHED"} if is_accepted else {"CANCELLED"}
 
     def cancel(self, context: Any) -> None:
         """Give pointer and status bar back."""
