@@ -18,7 +18,7 @@ from .margin import margin_steps
 from .packed import packed_slices, unpack_into, unpacked_mask
 from .patient_table import without_table_steps
 from .points import sample_at
-from .range_mask import range_mask_steps
+from .range_mask import in_range, range_mask_steps
 from .scissors import scissors_steps
 from .shown import cropped, veiled
 
@@ -41,6 +41,7 @@ __all__ = [
     "drawn_axis",
     "grown_window",
     "holes_filled_steps",
+    "in_range",
     "islands_steps",
     "layers_of",
     "margin_steps",

@@ -23,6 +23,7 @@ from ...blender.surface import read_provenance
 from ...core import Volume
 from ...core.segmentation import Change, Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind, linear, structure_color
+from ..properties.structures import LABEL, filling
 from . import change_events, session, volumes
 from . import structures as structure_list
 
@@ -147,14 +148,40 @@ def forget(scene: bpy.types.Scene, key: str) -> None:
         change_events.notify(scene.ctmc, change_events.DRAWN)
 
 
-def remove(scene: bpy.types.Scene, item: Any) -> None:
-    """Remove a structure and its line."""
-    stored, key = scene.ctmc, item.key
-    place = next(at for at, line in enumerate(stored.labels) if line.source == key)
-    stored.labels.remove(place)
-    stored.label_sources.remove([source.key for source in stored.label_sources].index(key))
-    stored.label_index = max(0, min(stored.label_index, len(stored.labels) - 1))
-    forget(scene, key)
+def remove(scene: bpy.types.Scene, line: Any) -> None:
+    """Remove a line of the list, with what was drawn of it; the setting `label` is then that of another line.
+
+    Without a line, surfaces are made at a threshold again, but of a volume of labels.
+    """
+    stored, source = scene.ctmc, line.source
+    at = next(at for at, other in enumerate(stored.labels) if other == line)
+    stored.labels.remove(at)
+    if at <= stored.label_index:
+        stored.label_index = max(0, stored.label_index - 1)
+    if source and not any(other.source == source for other in stored.labels):
+        stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+        forget(scene, source)
+    chosen, labels = chosen_in(scene), [other for other in stored.labels if other.kind == LABEL]
+    if labels and stored.label not in [other.value for other in labels]:
+        chosen["label"] = next((other for other in labels if other.chosen), labels[0]).value
+    ct = volumes.loaded(scene)
+    if not len(stored.labels) and stored.use_label and ct is not None and ct.volume.kind != ValueKind.LABEL:
+        chosen.update(use_label=False, use_threshold=stored.is_property_set("threshold"))
+    choose(scene, chosen)
+    change_events.notify(stored, "label")
+
+
+def chosen_in(scene: bpy.types.Scene) -> dict[str, Any]:
+    """Return the marked line, and of what a surface is made; a value stands before its switch, which it switches on."""
+    return {name: getattr(scene.ctmc, name) for name in ("label_index", "label", "use_label", "use_threshold")}
+
+
+def choose(scene: bpy.types.Scene, chosen: dict[str, Any]) -> None:
+    """Bring this back, without ticks that follow."""
+    with filling():
+        for name, value in chosen.items():
+            if getattr(scene.ctmc, name) != value:
+                setattr(scene.ctmc, name, value)
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:

@@ -7,7 +7,6 @@ from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import bpy
-import numpy as np
 
 from ....core import ReadError, SettingsError, Steps, Volume
 from ....core.segmentation import Mask, Window, range_mask_steps
@@ -103,12 +102,6 @@ def volume_of(scene: bpy.types.Scene) -> Volume:
 def limits_of(drawing: Any) -> tuple[float, float] | None:
     """Return the range that tools stay in; None where they need not."""
     return (drawing.low, drawing.high) if drawing.use_range else None
-
-
-def allowed_in(volume: Volume, window: Window, limits: tuple[float, float]) -> Mask:
-    """Return which samples of a small window are in a range."""
-    values = volume.values[window]
-    return np.asarray((values >= limits[0]) & (values <= limits[1]), bool)
 
 
 def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:

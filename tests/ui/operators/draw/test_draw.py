@@ -261,6 +261,8 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         drawn.erase, drawn.hit = False, SliceHit(middle(), np.eye(4, 3))
         drawn.start(bpy.context.scene)
         drawings.begin_stroke(drawn)
+        drawn.area = 0
+        monkeypatch.setattr(operators.draw.stroke, "viewport_at", lambda *_: object())
         monkeypatch.setattr(operators.draw.stroke, "slice_under", lambda *_: drawn.hit)
         moved = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
         assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
