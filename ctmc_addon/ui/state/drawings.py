@@ -10,6 +10,7 @@ that differ. While a stroke is drawn its mask is ahead of the file, until `store
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -43,6 +44,8 @@ class Drawn:
         The slices of the file that the mask was made of.
     revision : int
         Another number after every change of the mask; what shows it asks whether it has shown this one.
+    hash : str
+        Of the slices of the file; empty until it is asked for.
     grown : tuple or None
         The clicks and settings of the last Grow, and what came of them, which the next click changes.
     """
@@ -51,6 +54,7 @@ class Drawn:
     labels: Volume
     unpacked: dict[int, bytes] = field(default_factory=dict)
     revision: int = 0
+    hash: str = ""
     grown: tuple[Any, Change] | None = None
 
 
@@ -227,7 +231,21 @@ def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
 
 def is_stored(drawn: Drawn) -> None:
     """Note that a mask is what the file has, after a change."""
-    drawn.labels, drawn.revision = dataclasses.replace(drawn.labels), next(_revisions)
+    drawn.labels, drawn.revision, drawn.hash = dataclasses.replace(drawn.labels), next(_revisions), ""
+
+
+def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
+    """Return a hash of what the file has of a drawn line of the list; empty of another line."""
+    item = None if line is None else drawn_by(scene, line)
+    if item is None:
+        return ""
+    drawn = of(scene, item)
+    if not drawn.hash:
+        content = hashlib.sha256()
+        for number, packed in sorted(drawn.unpacked.items()):
+            content.update(f"{number} {len(packed)} ".encode() * bool(packed) + packed)
+        drawn.hash = content.hexdigest()
+    return drawn.hash
 
 
 def touched(drawn: Drawn) -> None:

@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from ...blender.slices import corners_of, slices_of
+from ...blender.surface import require_provenance
 from ...blender.viewport import WHOLE, Picture, PreviewSurface
 from ...core import CtmcError, Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
@@ -30,7 +31,6 @@ CROP_MM = 4.0  # around a structure, for its surface
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
-_made: dict[tuple[int, str], tuple[Any, int]] = {}  # the objects of a structure, and its revision when they came
 
 
 def tool_of(context: Any) -> str:
@@ -109,12 +109,9 @@ def draw_surfaces(context: Any) -> None:
 
 def is_made(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure's surface stands in the viewport as it was drawn; the two would flicker."""
-    objects = [obj for obj in surfaces.of_structure(scene, drawings.line_of(scene, item)) if obj.visible_get()]
-    state = [(obj.session_uid, obj.data.session_uid, len(obj.data.vertices)) for obj in objects]
-    key, revision = (scene.session_uid, item.key), drawings.of(scene, item).revision
-    if key not in _made or _made[key][0] != state:  # made just now, of what is drawn now
-        _made[key] = (state, revision)
-    return bool(objects) and _made[key][1] == revision
+    line = drawings.line_of(scene, item)
+    objects = [obj for obj in surfaces.of_structure(scene, line) if obj.visible_get()]
+    return drawings.hash_of(scene, line) in [require_provenance(obj).drawn for obj in objects]
 
 
 def shows(scene: bpy.types.Scene, label: int | None) -> bool:
@@ -201,7 +198,6 @@ def clear(*_: Any) -> None:
     """Forget what is shown, as another file is loaded."""
     _pictures.clear()
     _surfaces.clear()
-    _made.clear()
 
 
 def register() -> None:

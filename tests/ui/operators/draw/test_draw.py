@@ -196,6 +196,35 @@ def test_reconstruct_makes_what_was_drawn_under_its_name(drawing):
         assert measurements.of(obj).measures.volume == pytest.approx(drawn, rel=0.05)
 
 
+def test_a_surface_stands_for_the_drawing_that_it_was_made_of_alone(drawing, tmp_path):
+    def is_made():
+        return drawn.is_made(bpy.context.scene, drawings.active(bpy.context.scene))
+
+    drawing.radius_mm, drawing.ball = 5.0, True
+    stroke(middle())
+    assert not is_made()
+    bpy.ops.ctmc.reconstruct()
+    assert is_made()
+    bpy.context.scene.ctmc.reduction = 0.5
+    bpy.ops.ctmc.simplify()
+    assert is_made()
+    bpy.ops.ed.undo_push(message="Simplified")
+    x, y, z = middle()
+    stroke((x + 4, y, z))
+    bpy.ops.ed.undo_push(message="Stroke")
+    assert not is_made()
+    bpy.ops.ed.undo()
+    assert is_made()
+    bpy.ops.ed.redo()
+    bpy.ops.ctmc.simplify()  # from the full surface, which is not of this drawing
+    assert not is_made()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert not is_made()
+    bpy.ops.ctmc.simplify()  # the full surface is not in memory, so it is extracted from this drawing
+    assert is_made()
+
+
 def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
     scene = bpy.context.scene
     bpy.ops.ctmc.draw_add()
