@@ -23,6 +23,7 @@ from ....core.segmentation import (
     margin_steps,
 )
 from ... import jobs
+from ...properties.preferences import machine
 from ...properties.structures import LABEL
 from ...state import drawings, session, structures
 from .needs import (
@@ -143,8 +144,10 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
     bl_description = "Fill the slices between those that were drawn, in the planes in which they lie"
 
     def work(self, _scene: bpy.types.Scene) -> Work:
+        budget = machine().budget
+
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
-            return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask)))
+            return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask), budget))
 
         return steps
 

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import replace
 from types import MethodType, SimpleNamespace
 
@@ -13,12 +15,14 @@ bpy = pytest.importorskip("bpy")
 from ui.strokes import mask, middle, stroke
 
 from ctmc_addon.blender.volume import vdb_writer
-from ctmc_addon.core import finish
+from ctmc_addon.core import Budget, finish
+from ctmc_addon.core.segmentation import between_slices
 from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
 from ctmc_addon.ui.properties.drawing import points_of
+from ctmc_addon.ui.properties.preferences import Machine
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
 from ctmc_addon.ui.viewport import drawn
 from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
@@ -150,6 +154,24 @@ def test_slices_between_drawn_ones_are_filled(drawing):
     drawn = np.flatnonzero(mask().any(axis=(1, 2)))
     assert (np.diff(drawn) == 1).all()
     assert len(drawn) == 7
+
+
+def test_between_slices_uses_the_threads_of_the_preferences(drawing, monkeypatch):
+    used = []
+
+    @contextmanager
+    def threads(count):
+        used.append(count)
+        with ThreadPoolExecutor(count) as pool:
+            yield pool
+
+    monkeypatch.setattr(between_slices, "threads", threads)
+    monkeypatch.setattr(operators.draw.edits, "machine", lambda: Machine(Budget(3)))
+    x, y, z = middle()
+    for shift in (-6, 6):
+        stroke((x, y, z + shift))
+    bpy.ops.ctmc.draw_between()
+    assert used == [3]
 
 
 def test_scissors_remove_what_the_lasso_encloses(drawing):
