@@ -6,7 +6,6 @@ shape: nothing else is read or touched.
 """
 
 from .between_slices import between_slices_steps, drawn_axis
-from .brush import brush, brushed_window
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
 from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps
@@ -18,9 +17,10 @@ from .margin import margin_steps
 from .packed import packed_slices, unpack_into, unpacked_mask
 from .patient_table import without_table_steps
 from .points import sample_at
-from .range_mask import in_range, range_mask_steps
+from .range_mask import range_mask_steps
 from .scissors import scissors_steps
 from .shown import cropped, veiled
+from .strokes import brush, brushed_window
 
 __all__ = [
     "COMBINATIONS",
@@ -41,7 +41,6 @@ __all__ = [
     "drawn_axis",
     "grown_window",
     "holes_filled_steps",
-    "in_range",
     "islands_steps",
     "layers_of",
     "margin_steps",

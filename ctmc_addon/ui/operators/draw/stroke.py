@@ -12,7 +12,7 @@ import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty
 
 from ....core import CtmcError, SettingsError
-from ....core.segmentation import brushed_window, in_range
+from ....core.segmentation import brush
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
@@ -59,16 +59,8 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         """Draw from point to point."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
         drawn = drawings.of(scene, structure_of(scene, self.key))
-        window, inside = brushed_window(volume, points_mm, drawing.radius_mm, None if drawing.ball else normal)
-        if not inside.size:
-            return
-        limits = limits_of(drawing)
-        if limits is not None:
-            inside &= in_range(volume.values[window], *limits)
-        if self.erase:
-            drawn.mask[window] &= ~inside
-        else:
-            drawn.mask[window] |= inside
+        across = None if drawing.ball else normal
+        window = brush(drawn.mask, volume, points_mm, drawing.radius_mm, across, limits_of(drawing), self.erase)
         self.touched.update(range(window[0].start, window[0].stop))
         drawings.touched(drawn)
 

@@ -302,7 +302,7 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(operators.draw.stroke, "brushed_window", without_memory)
+        patch.setattr(operators.draw.stroke, "brush", without_memory)
         with pytest.raises(RuntimeError, match="memory"):
             stroke(middle())
         assert len(bpy.context.scene.ctmc.labels) == 0
