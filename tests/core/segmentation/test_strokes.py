@@ -157,6 +157,24 @@ def test_a_lasso_cuts_to_a_depth_below_what_is_seen_first(monkeypatch):
     assert (cut == expected).all()
 
 
+@pytest.mark.parametrize("depth_mm", [np.inf, 4.5])
+def test_a_lasso_of_many_corners_cuts_the_same_in_shorter_steps(monkeypatch, depth_mm):
+    turn = np.linspace(0, 2 * np.pi, 400, endpoint=False)
+    lasso = np.stack([0.8 + 0.45 * np.cos(turn), 0.8 + 0.45 * np.sin(turn)], axis=1)
+    volume, mask = grid(np.diag([1.0, 1.0, 2.0, 1.0])), np.ones(SHAPE, bool)
+    at_once = finish(scissors_steps(mask, volume, orthographic(), lasso, depth_mm=depth_mm))
+    layer, column, row = np.indices(SHAPE)
+    inside = (row - 8.0) ** 2 + (column - 8.0) ** 2 < 4.5**2
+    assert (at_once == ~(inside & (layer * 2 >= 18 - depth_mm))).all()
+    monkeypatch.setattr(scissors_module, "SIDES_PER_STEP", 400 * 100)
+    fractions = []
+    cut = finish(scissors_steps(mask, volume, orthographic(), lasso, depth_mm=depth_mm), fractions.append)
+    assert (cut == at_once).all()
+    turns = 1 if depth_mm == np.inf else 2
+    assert len(fractions) == turns * -(-mask.size // 100)
+    assert fractions == sorted(fractions)
+
+
 def test_in_a_perspective_view_a_lasso_is_a_cone():
     eye_height = 30.0
     # x / w and y / w with w the depth below an eye at (12, 12, 30).
