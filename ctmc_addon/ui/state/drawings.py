@@ -330,6 +330,28 @@ def follow_file(*_: Any) -> None:
         session.redraw_viewports()
 
 
+def bytes_of(fingerprint: str) -> int:
+    """Return the bytes of all masks of a CT."""
+    return sum(
+        _drawn[scene.session_uid, item.key].mask.nbytes
+        for scene in bpy.data.scenes
+        for item in scene.ctmc_draw.structures
+        if item.fingerprint == fingerprint and (scene.session_uid, item.key) in _drawn
+    )
+
+
+def discard() -> None:
+    """Release the masks of structures that have gone, and of CTs that are no longer in memory."""
+    kept = {
+        (scene.session_uid, item.key)
+        for scene in bpy.data.scenes
+        for item in scene.ctmc_draw.structures
+        if volumes.known(item.fingerprint) is not None
+    }
+    for key in _drawn.keys() - kept:
+        del _drawn[key]
+
+
 def after_load(*_: Any) -> None:
     """Take what an opened file has, where its CT is in memory still."""
     clear()
@@ -341,6 +363,7 @@ def follow(properties: Any, name: str) -> None:
     """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
     scene = properties.id_data
     if name == "volume":
+        discard()
         connect_all(scene)
     elif name in ("label_name", "label_color"):
         for item in structures(scene):
@@ -361,6 +384,7 @@ def register() -> None:
     """Listen for undo, for another file and for another CT."""
     change_events.subscribe(follow)
     structure_list.ask(voxels_of)
+    volumes.count(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
@@ -369,6 +393,7 @@ def unregister() -> None:
     """Stop listening, and release all masks."""
     change_events.unsubscribe(follow)
     structure_list.ask_no_more(voxels_of)
+    volumes.count_no_more(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     clear()

@@ -74,6 +74,7 @@ class Loaded:
 
 
 _loaded: dict[str, Loaded] = {}
+_beside: list[Callable[[str], int]] = []  # each returns the bytes that another module keeps of a CT
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
@@ -85,9 +86,20 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     _loaded[fingerprint] = loaded  # the last one loaded stands last
     used, room = used_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
-        room = None if room is None else room - _loaded[earlier].volume.nbytes
+        taken = _loaded[earlier].volume.nbytes + sum(bytes_of(earlier) for bytes_of in _beside)
+        room = None if room is None else room - taken
         if room is not None and room < 0:
             del _loaded[earlier]
+
+
+def count(bytes_of: Callable[[str], int]) -> None:
+    """Count what another module keeps of a CT, by its fingerprint, with the CT."""
+    _beside.append(bytes_of)
+
+
+def count_no_more(bytes_of: Callable[[str], int]) -> None:
+    """Stop counting it."""
+    _beside.remove(bytes_of)
 
 
 def used_fingerprints() -> set[str]:

@@ -80,6 +80,7 @@ def draw() -> None:
     context = bpy.context
     scene, space = context.scene, context.space_data
     ct = volumes.loaded(scene)
+    discard(scene)
     if ct is None or space is None or not space.overlay.show_overlays or not any(drawings.structures(scene)):
         return
     view, scale = scene.ctmc_view, machine().scale
@@ -93,6 +94,22 @@ def draw() -> None:
                 picture.draw(context.region_data, above=1)
     if scene.ctmc.preview:
         draw_surfaces(context)
+
+
+def discard(scene: bpy.types.Scene) -> None:
+    """Release the pictures and surfaces of structures, slices and scenes that have gone, or are of another CT."""
+    if not (_pictures or _surfaces):
+        return
+    ct, uid = volumes.loaded(scene), scene.session_uid
+    slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
+    structures = {item.key for item in drawings.structures(scene)}
+    others = {other.session_uid for other in bpy.data.scenes} - {uid}
+    for of, key, at in list(_pictures):
+        if of not in others and not (of == uid and key in structures and at in slices):
+            del _pictures[of, key, at]
+    for of, key in list(_surfaces):
+        if of not in others and not (of == uid and key in structures):
+            del _surfaces[of, key]
 
 
 def draw_surfaces(context: Any) -> None:
