@@ -133,6 +133,38 @@ def connect_all(scene: bpy.types.Scene) -> None:
             connect(scene, item)
 
 
+def take_along(scene: bpy.types.Scene, before: str) -> int:
+    """Move what was drawn on a CT to the panel's, which has the same samples; return how many structures that were.
+
+    Parameters
+    ----------
+    before : str
+        Fingerprint of the CT that was drawn on, as it was read before.
+    """
+    items = [item for item in scene.ctmc_draw.structures if item.fingerprint == before]
+    parked = next((scan for scan in scene.ctmc_scans if scan.volume_fingerprint == before), None)
+    if parked is None:
+        return 0
+    for item in items:
+        item.fingerprint = scene.ctmc.volume_fingerprint
+        line = connect(scene, item)
+        at = next((at for at, old in enumerate(parked.labels) if old.source == item.key), None)
+        if at is None:
+            continue
+        old, is_marked = parked.labels[at], at == parked.label_index
+        with filling():
+            line.opacity, line.opaque = old.opacity, old.opaque
+        line.chosen = old.chosen
+        if is_marked:
+            scene.ctmc.label_index = len(scene.ctmc.labels) - 1
+    keys = {item.key for item in items}
+    for lines, name in ((parked.labels, "source"), (parked.label_sources, "key")):
+        for at in reversed(range(len(lines))):
+            if getattr(lines[at], name) in keys:
+                lines.remove(at)
+    return len(items)
+
+
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
     """Return what was drawn of a structure, for the list; None of another source, or without the CT."""
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
@@ -192,7 +224,7 @@ def of(scene: bpy.types.Scene, item: Any) -> Drawn:
     """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
     key, volume = (scene.session_uid, item.key), volumes.require_known(item.fingerprint).volume
     drawn = _drawn.get(key)
-    if drawn is None or drawn.mask.shape != volume.shape:
+    if drawn is None or drawn.mask.shape != volume.shape or (drawn.labels.affine != volume.affine).any():
         mask = np.zeros(volume.shape, bool)
         drawn = _drawn[key] = Drawn(mask, label_volume(mask, volume))
         take(drawn, item)

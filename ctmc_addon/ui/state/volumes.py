@@ -7,7 +7,7 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,9 @@ from ...blender.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
+
+OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
+"""Reading options that move samples or change values; each sample stays the same one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,6 +70,13 @@ class Loaded:
         if other is None or (self.path, self.series_number) != (other.path, other.series_number):
             return False
         return self.times > 1 and self.full.size == other.full.size and self.reading.time != other.reading.time
+
+    def has_samples_of(self, other: Loaded | None) -> bool:
+        """Return whether it is the same series read another way, each sample the same one: what was drawn then fits."""
+        if other is None or (self.path, self.series_number) != (other.path, other.series_number):
+            return False
+        read = replace(other.reading, **{name: getattr(self.reading, name) for name in OF_THE_SAME_SAMPLES})
+        return read == self.reading and self.full.size == other.full.size and (self.file, other.file) == (None, None)
 
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
         """Return the settings as they are for `volume`."""
