@@ -118,6 +118,15 @@ class CTMCDrawing(PropertyGroup):
         max=100.0,
         precision=1,
     )
+    depth_mm: decimal(
+        "Depth",
+        "How deep Scissors cut, from what the view sees first of the structure in the lasso. 0 = through everything",
+        unit="CAMERA",
+        min=0.0,
+        soft_max=200.0,
+        max=5000.0,
+        precision=1,
+    )
     use_range: boolean("Stay in Range", "Brush, growing and margin touch only values in the range")
     low: decimal("From", "Lowest value, in HU or gray values", default=150.0, precision=1, step=500)
     high: decimal("To", "Highest value, in HU or gray values", default=3000.0, precision=1, step=500)

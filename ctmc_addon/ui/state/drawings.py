@@ -308,15 +308,12 @@ def revert(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
     touched(drawn)
 
 
-def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> int:
-    """Put another part into a structure, in the file too; return how many voxels have changed."""
+def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> None:
+    """Put another part into a structure, in the file too."""
     drawn = of(scene, item)
-    before = drawn.mask[window]
-    differs = (before != part).any(axis=(1, 2))
-    voxels = int((before != part).sum())
+    differs = (drawn.mask[window] != part).any(axis=(1, 2))
     drawn.mask[window] = part
     store(scene, item, (np.flatnonzero(differs) + window[0].start).tolist())
-    return voxels
 
 
 def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:

@@ -17,8 +17,8 @@ from ...core.volume import value_at, where_ray_meets
 from ..needs import Needs
 from ..properties.preferences import machine
 from ..state import volumes
+from ..state.tools import tool_of
 from ..translations import translate
-from . import drawn
 from .slice_hits import SliceHit, slice_under, slices_in
 
 CIRCLE = 64  # corners
@@ -55,11 +55,6 @@ class Tool:
     bl_space_type = "VIEW_3D"
     bl_context_mode = "OBJECT"
     bl_cursor = "CROSSHAIR"
-
-    @staticmethod
-    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
-        """Draw the name of the structure that the tool draws on."""
-        layout.prop(context.scene.ctmc_draw, "use_range")
 
 
 class BrushTool(Tool):
@@ -126,8 +121,8 @@ class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
     bl_keymap = keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
 
     @staticmethod
-    def draw_settings(_context: Any, _layout: Any, _tool: Any) -> None:
-        return
+    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
+        layout.prop(context.scene.ctmc_draw, "depth_mm")
 
 
 TOOLS = (GrowTool, BrushOfSlices, EraserOfSlices, ScissorsTool)
@@ -195,7 +190,7 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
         volume = volumes.current(context.scene)
         if context.area is not None and volume is not None:
             hit = slice_under(context.scene, context.area, event)
-            text = translate(HELP.get(drawn.tool_of(context), ""))
+            text = translate(HELP.get(tool_of(context), ""))
             say(context, text if hit is None else f"{place_text(volume, hit.point_mm)}   |   {text}")
             context.region.tag_redraw()
         return {"CANCELLED", "PASS_THROUGH"}
@@ -220,7 +215,7 @@ def say(context: Any, text: str) -> None:
 
 def watch() -> float | None:
     """Give the status bar back once another tool is active."""
-    if drawn.tool_of(bpy.context):
+    if tool_of(bpy.context):
         return WATCH
     quiet()
     return None

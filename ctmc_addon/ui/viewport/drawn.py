@@ -22,6 +22,7 @@ from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, drawings, session, surfaces, volumes
+from ..state.tools import tool_of
 from .slice_hits import slices_in
 
 DISPLAY_GAMMA = 2.2
@@ -31,14 +32,6 @@ CROP_MM = 4.0  # around a structure, for its surface
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
-
-
-def tool_of(context: Any) -> str:
-    """Return the name of the tool of ours that is active; empty for any other."""
-    if context.workspace is None or context.mode != "OBJECT":
-        return ""
-    tool = context.workspace.tools.from_space_view3d_mode("OBJECT", create=False)
-    return tool.idname if tool is not None and tool.idname.startswith("ctmc.") else ""
 
 
 def seen_color(item: Any) -> tuple[float, ...]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
@@ -31,7 +32,7 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_cut"
     bl_label = "Cut by Lasso"
-    bl_description = "Remove what a lasso encloses in the view, through everything, or all else"
+    bl_description = "Remove what a lasso encloses in the view, through everything or to a depth; or all else"
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     view: FloatVectorProperty(size=16, options={"HIDDEN", "SKIP_SAVE"})
@@ -49,7 +50,7 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
         corners = np.array([corner.at[:2] for corner in self.lasso], np.float64).reshape(-1, 2)
         view = np.array(self.view, np.float64).reshape(4, 4)
         mask = drawings.of(scene, item).mask.copy()
-        work = scissors_steps(mask, volume, view, corners, self.keep_inside)
+        work = scissors_steps(mask, volume, view, corners, self.keep_inside, scene.ctmc_draw.depth_mm or math.inf)
         return edit_steps(work, whole(volume.shape), target_of(scene, item))
 
 
