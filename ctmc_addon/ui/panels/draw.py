@@ -65,6 +65,7 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
     if tool in ("ctmc.brush", "ctmc.eraser"):
         column.prop(drawing, "radius_mm")
         column.prop(drawing, "ball")
+        column.prop(drawing, "on_surfaces")
     else:
         column.prop(drawing, "method")
         column.prop(drawing, "hu_per_mm" if drawing.method == "compete" else "opening_mm")

@@ -17,6 +17,8 @@ from ...translations import translate
 from ...viewport import slice_objects
 from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
 
+SOON = 0.01  # seconds between two looks whether the views have their sizes
+
 
 class CTMC_OT_quad_view(Needs, bpy.types.Operator):
     """Divide the viewport into Blender's four views, with three slices to draw on."""
@@ -45,26 +47,34 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()
         scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
-        # Blender gives the regions their sizes before it draws next.
         bpy.app.timers.register(partial(arrange, scene.session_uid, area.as_pointer()), first_interval=0.0)
         session.redraw_viewports()
         return {"FINISHED"}
 
 
-def arrange(scene_uid: int, pointer: int) -> None:
+def has_room(area: bpy.types.Area) -> bool:
+    """Return whether Blender has given the views of a viewport their sizes; until then each has that of the whole."""
+    views = [region for region in area.regions if region.type == "WINDOW"]
+    return 0.5 < sum(view.width * view.height for view in views) / (area.width * area.height) <= 1
+
+
+def arrange(scene_uid: int, pointer: int) -> float | None:
     """Frame the CT in every view of a viewport, and let the three from a side show their slices."""
     scene = session.scene_of(scene_uid)
     volume = None if scene is None else volumes.current(scene)
     if volume is None:
-        return
+        return None
     for window in bpy.context.window_manager.windows:
         for area in (area for area in window.screen.areas if area.as_pointer() == pointer):
+            if not has_room(area):
+                return SOON
             space = area.spaces.active
             for view in space.region_quadviews or [space.region_3d]:
                 frame(area, space, view, volume_box(volume) * machine().scale)
                 if view.lock_rotation:
                     clip(window, area, view)
     slice_objects.show_from_sides(scene)
+    return None
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_quad_view,))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brush and eraser: a stroke on a slice. The operator `ctmc.draw_stroke`.
+"""Brush and eraser: a stroke on a slice, or with a ball along surfaces. The operator `ctmc.draw_stroke`.
 
 The mask follows the mouse; the file gets the stroke when the button is let go. Esc brings back what the file has.
 """
@@ -18,14 +18,14 @@ from ...needs import Needs
 from ...properties.drawing import CTMCPoint
 from ...state import drawings, session, volumes
 from ...translations import translate
-from ...viewport.slice_hits import SliceHit, slice_under
+from ...viewport.slice_hits import SliceHit, brush_under
 from .needs import active_or_new, allowed_in, can_draw, limits_of, structure_of, volume_of
 
 Point = Sequence[float]
 
 
 class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
-    """Draw or erase along the mouse, on the slice where it begins."""
+    """Draw or erase along the mouse, on the slice where it begins or along surfaces."""
 
     bl_idname = "ctmc.draw_stroke"
     bl_label = "Draw Stroke"
@@ -53,8 +53,8 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         self.key = active_or_new(scene).key
         self.touched: set[int] = set()
 
-    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point) -> None:
-        """Draw from point to point."""
+    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point | None) -> None:
+        """Draw from point to point; a ball where there is no normal, on a surface."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
         drawn = drawings.of(scene, structure_of(scene, self.key))
         window, inside = brushed_window(volume, points_mm, drawing.radius_mm, None if drawing.ball else normal)
@@ -82,7 +82,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
-        hit = slice_under(context.scene, context.area, event)
+        hit = brush_under(context.scene, context.area, event)
         if hit is None:
             return {"CANCELLED", "PASS_THROUGH"}
         self.area, self.hit = context.area.as_pointer(), hit
@@ -98,7 +98,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
     def follow(self, context: bpy.types.Context, hit: SliceHit) -> None:
         """Draw up to where the mouse is now."""
         points = dict.fromkeys([tuple(self.hit.point_mm), tuple(hit.point_mm)])
-        self.dab(context.scene, list(points), hit.normal.tolist())
+        self.dab(context.scene, list(points), None if hit.on_surface else hit.normal.tolist())
         self.hit = hit
         session.redraw_viewports()
 
@@ -112,7 +112,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
                 drawings.end_stroke(self)
                 return self.finish(context)
             if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
-                hit = slice_under(context.scene, context.area, event, self.hit.corners_mm)
+                hit = brush_under(context.scene, context.area, event, self.hit)
                 if hit is not None:
                     self.follow(context, hit)
         except (CtmcError, MemoryError) as error:
