@@ -337,7 +337,7 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 
     def write(self, text: str) -> None:
         """Type a text, where the mouse is."""
-        self.call("xdotool", "type", "--delay", "10", text)
+        self.call("xdotool", "type", "--delay", "10", "--", text)
         self.ask("answer = 'written'")
 
     def key(self, keys: str) -> None:

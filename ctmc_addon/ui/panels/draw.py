@@ -65,6 +65,7 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
     if tool in ("ctmc.brush", "ctmc.eraser"):
         column.prop(drawing, "radius_mm")
         column.prop(drawing, "ball")
+        column.prop(drawing, "on_surfaces")
     elif tool == "ctmc.scissors":
         column.prop(drawing, "depth_mm")
     else:

@@ -82,6 +82,10 @@ class CTMCDrawing(PropertyGroup):
         precision=1,
     )
     ball: boolean("Ball", "Draw a ball through the slices around; otherwise a disc in the slice alone")
+    on_surfaces: boolean(
+        "On Surfaces",
+        "Draw along the CT's surfaces too, with a ball, where one lies before the slices",
+    )
     method: choice(
         "Grow",
         "How far a click reaches",

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was drawn, in the viewport: on the slices, and as a coarse surface that follows every stroke.
 
-While one of the tools is active, the surface ends at the slice that is drawn on, on the viewer's side, so that it never
-hides what is drawn. Nothing of this is written to the file.
+While a tool that draws on slices is active, the surface ends at the slice, on the viewer's side, so that it never hides
+what is drawn. Nothing of this is written to the file.
 """
 
 from __future__ import annotations
@@ -28,6 +28,8 @@ from .slice_hits import slices_in
 DISPLAY_GAMMA = 2.2
 SOON = 0.01  # seconds from a change to the surface
 CROP_MM = 4.0  # around a structure, for its surface
+EDGE = 0.17  # cosine: nobody draws on a slice that is seen nearly from its edge, 10 degrees, so it ends no surface
+CUTTING = "ctmc.scissors"  # cuts through everything, so the whole surface is shown
 
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
@@ -106,11 +108,11 @@ def discard(scene: bpy.types.Scene) -> None:
 
 
 def draw_surfaces(context: Any) -> None:
-    """Draw the coarse surfaces, with a tool of ours up to the slice."""
+    """Draw the coarse surfaces, up to the slice where there is one to draw on."""
     scene, region = context.scene, context.region_data
     if any(is_behind(scene, item) for item in drawings.structures(scene)):
         wake()
-    plane = plane_of(context) if tool_of(context) else WHOLE
+    plane = end_of(context)
     for item in drawings.structures(scene):
         _, surface = _surfaces.get((scene.session_uid, item.key), (0, None))
         if surface is not None and item.shown and not is_made(scene, item):
@@ -135,11 +137,17 @@ def labels_of(scene: bpy.types.Scene) -> set[int]:
     return {line.value for line in scene.ctmc.labels if line.source in keys}
 
 
+def end_of(context: Any) -> tuple[float, float, float, float]:
+    """Return the plane at which surfaces end in a view: that of its slice, to draw on it, and in Quad View."""
+    draws = tool_of(context) not in ("", CUTTING)
+    return plane_of(context) if draws or context.region_data.use_clip_planes else WHOLE
+
+
 def plane_of(context: Any) -> tuple[float, float, float, float]:
     """Return the plane of the slice that faces the viewer most, positive on the viewer's side; Blender units."""
     region = context.region_data
     eye = np.array(region.view_matrix.inverted())
-    best, most = WHOLE, 0.0
+    best, most = WHOLE, EDGE
     for corners_mm in slices_in(context.scene, context.space_data):
         corners = corners_mm * machine().scale
         normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])

@@ -160,4 +160,4 @@ def draw() -> None:
     if state.key is not None and drawn.shows(context.scene, state.key[0]):
         return
     view = context.region_data
-    state.shown.draw(view.perspective_matrix, view.view_matrix, state.color)
+    state.shown.draw(view.perspective_matrix, view.view_matrix, state.color, drawn.end_of(context))

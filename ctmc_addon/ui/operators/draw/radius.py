@@ -12,7 +12,7 @@ from ...needs import Needs
 from ...state import session
 from ...translations import translate
 from ...viewport import draw_tools
-from ...viewport.slice_hits import slice_under
+from ...viewport.slice_hits import brush_under
 from .needs import can_draw
 
 DOUBLE = 120.0  # pixels at Blender's usual size, to the right, that double the radius
@@ -39,7 +39,7 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
         self.before, self.left = context.scene.ctmc_draw.radius_mm, event.mouse_x
-        draw_tools.hold(slice_under(context.scene, context.area, event))
+        draw_tools.hold(brush_under(context.scene, context.area, event))
         context.window_manager.modal_handler_add(self)
         self.say(context)
         return {"RUNNING_MODAL"}

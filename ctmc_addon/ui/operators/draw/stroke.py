@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brush and eraser: a stroke on a slice. The operator `ctmc.draw_stroke`.
+"""Brush and eraser: a stroke on a slice, or with a ball along surfaces. The operator `ctmc.draw_stroke`.
 
 The mask follows the mouse; the file gets the stroke when the button is let go. Esc brings back what the file has.
 """
@@ -19,14 +19,14 @@ from ...properties.drawing import CTMCPoint
 from ...state import drawings, session, volumes
 from ...translations import translate
 from ...viewport.mouse import viewport_at
-from ...viewport.slice_hits import SliceHit, slice_under
+from ...viewport.slice_hits import SliceHit, brush_under
 from .needs import active_or_new, can_draw, limits_of, require_active, structure_of, volume_of
 
 Point = Sequence[float]
 
 
 class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
-    """Draw or erase along the mouse, on the slice where it begins."""
+    """Draw or erase along the mouse, on the slice where it begins or along surfaces."""
 
     bl_idname = "ctmc.draw_stroke"
     bl_label = "Draw Stroke"
@@ -55,8 +55,8 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         self.is_new = drawings.active(scene) is None
         self.key = (require_active(scene) if self.erase else active_or_new(scene)).key
 
-    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point) -> None:
-        """Draw from point to point."""
+    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point | None) -> None:
+        """Draw from point to point; a ball where there is no normal, on a surface."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
         drawn = drawings.of(scene, structure_of(scene, self.key))
         across = None if drawing.ball else normal
@@ -78,7 +78,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
-        hit = slice_under(context.scene, context.area, event)
+        hit = brush_under(context.scene, context.area, event)
         if hit is None:
             return {"CANCELLED", "PASS_THROUGH"}
         self.area, self.hit = context.area.as_pointer(), hit
@@ -94,7 +94,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
     def follow(self, context: bpy.types.Context, hit: SliceHit) -> None:
         """Draw up to where the mouse is now."""
         points = dict.fromkeys([tuple(self.hit.point_mm), tuple(hit.point_mm)])
-        self.dab(context.scene, list(points), hit.normal.tolist())
+        self.dab(context.scene, list(points), None if hit.on_surface else hit.normal.tolist())
         self.hit = hit
         session.redraw_viewports()
 
@@ -109,7 +109,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
                 return self.finish(context)
             if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
                 area = viewport_at(context, self.area)
-                hit = None if area is None else slice_under(context.scene, area, event, self.hit.corners_mm)
+                hit = None if area is None else brush_under(context.scene, area, event, self.hit)
                 if hit is not None:
                     self.follow(context, hit)
         except (CtmcError, MemoryError) as error:

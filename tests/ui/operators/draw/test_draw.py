@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+from mathutils import Vector
 from ui.strokes import mask, middle, stroke
 
 from ctmc_addon.blender.volume import vdb_writer
@@ -21,7 +22,7 @@ from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
 from ctmc_addon.ui.viewport import drawn
 from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
-from ctmc_addon.ui.viewport.slice_hits import SliceHit
+from ctmc_addon.ui.viewport.slice_hits import SliceHit, brush_along
 
 
 def packed():
@@ -278,7 +279,7 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         drawings.begin_stroke(drawn)
         drawn.area = 0
         monkeypatch.setattr(operators.draw.stroke, "viewport_at", lambda *_: object())
-        monkeypatch.setattr(operators.draw.stroke, "slice_under", lambda *_: drawn.hit)
+        monkeypatch.setattr(operators.draw.stroke, "brush_under", lambda *_: drawn.hit)
         moved = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
         assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
     assert not drawings.stroke_under_way()
@@ -383,6 +384,35 @@ def test_undo_keeps_what_was_drawn_on_another_ct(drawing, tmp_path):
     assert [one.key for one in scene.ctmc_draw.structures] == [key]
     assert scans.activate(scene, first)
     assert (mask() == before).all()
+
+
+def test_the_brush_meets_a_surface_before_the_slices_where_it_draws_on_those(drawing):
+    scene = bpy.context.scene
+    scene.ctmc.threshold, scene.ctmc.preview = 100.0, False
+    bpy.ops.ctmc.reconstruct()
+    bpy.context.view_layer.update()
+    x, y, z = middle()
+    ray = Vector((x, y, z + 200)) * 0.01, Vector((0.0, 0.0, -1.0))
+    scene.ctmc_view.show_slice, scene.ctmc_view.plane, scene.ctmc_view.position = True, "axial", 0.5
+    space, view = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True)), SimpleNamespace(use_clip_planes=False)
+
+    def met():
+        return brush_along(scene, space, view, ray)
+
+    on_slice = met()
+    assert not on_slice.on_surface
+    drawing.on_surfaces = True
+    on_surface = met()
+    assert on_surface.on_surface
+    inside = np.flatnonzero(volumes.current(scene).values[:, 12, 12] >= 100)  # along the ray
+    top = (volumes.current(scene).affine @ (12, 12, inside.max(), 1))[2]
+    assert top <= on_surface.point_mm[2] < top + volumes.current(scene).spacing[2]
+    assert abs(on_surface.normal[2]) == pytest.approx(1)
+    scene.ctmc_view.position = 1.0  # the slice lies before the surface
+    assert not met().on_surface
+    scene.ctmc_view.position = 0.5
+    view.use_clip_planes = True
+    assert met().point_mm == on_slice.point_mm
 
 
 def test_a_saved_drawing_lies_beside_the_blend_for_other_programs(drawing, tmp_path):

@@ -168,7 +168,7 @@ def test_a_stroke_follows_the_mouse_in_the_viewport_where_it_began(drawing, monk
     area = SimpleNamespace(type="VIEW_3D", as_pointer=lambda: 7)
     other = SimpleNamespace(type="VIEW_3D", as_pointer=lambda: 8)
     asked = []
-    monkeypatch.setattr(stroke_module, "slice_under", lambda _scene, area, *_: asked.append(area))
+    monkeypatch.setattr(stroke_module, "brush_under", lambda _scene, area, *_: asked.append(area))
     running = operator(CTMC_OT_draw_stroke, area=7, hit=SliceHit(middle(), np.eye(4, 3)))
     for areas in ([other, area], [other]):  # the mouse is over another editor; then the viewport is gone
         window = SimpleNamespace(screen=SimpleNamespace(areas=areas))
