@@ -110,6 +110,11 @@ class Desk:
 
     def open(self) -> None:
         """Start the X server on a free display, and Blender on it; returns when Blender answers."""
+        for old in (*self.folder.glob("ask-*.py"), *self.folder.glob("answer-*.json")):  # of a Blender that was killed
+            old.unlink()
+        self.questions, self.log_start = 0, 0
+        self.places.clear()
+        self.row, self.page = None, 0
         width, height = self.size
         screen = [
             "-screen",
@@ -163,20 +168,24 @@ class Desk:
                 self.tell("bpy.ops.wm.quit_blender()")
                 self.blender.wait(LIMIT)
         finally:
-            for process in (self.blender, self.mouse, self.server):
-                if process is not None and process.poll() is None:
-                    process.kill()
-                    process.wait()
-            for pipe in (
-                getattr(p, end) for p in (self.mouse, self.server) if p is not None for end in ("stdin", "stdout")
-            ):
-                if pipe is not None:
-                    pipe.close()
+            self.kill()
             if self.folder.exists():
                 if self.log.exists():
                     shutil.copyfile(self.log, self.pictures / "blender.log")
                 shutil.rmtree(self.folder)
         return None if self.blender is None else self.blender.returncode
+
+    def kill(self) -> None:
+        """End Blender at once, as a crash does, and its window; `open` begins anew in the same folder."""
+        for process in (self.blender, self.mouse, self.server):
+            if process is not None and process.poll() is None:
+                process.kill()
+                process.wait()
+        for pipe in (
+            getattr(p, end) for p in (self.mouse, self.server) if p is not None for end in ("stdin", "stdout")
+        ):
+            if pipe is not None:
+                pipe.close()
 
     # Questions --------------------------------------------------------------------------------------------------
 
@@ -328,7 +337,7 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 
     def write(self, text: str) -> None:
         """Type a text, where the mouse is."""
-        self.call("xdotool", "type", "--delay", "10", text)
+        self.call("xdotool", "type", "--delay", "10", "--", text)
         self.ask("answer = 'written'")
 
     def key(self, keys: str) -> None:

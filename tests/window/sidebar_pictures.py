@@ -4,7 +4,8 @@
 They are of the phantom unless a CT is given, such as LIDC-IDRI-0314 of The Cancer Imaging Archive (CC BY 3.0), of
 which the committed ones are. One Blender goes the newcomer's way, another through the page's steps in their order. The
 whole screens are kept in out/sidebar, their parts that the page shows in docs/pictures/sidebar. `ARGS=--seconds` goes
-the newcomer's way alone and prints its seconds; those pictures are in out/sidebar alone.
+the newcomer's way alone and prints its seconds; those pictures are in out/sidebar alone. `ARGS="--draw tumor"` makes a
+structure of structure_pictures.py alone, for docs/segmenting.md.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from PIL import Image
-from window import newcomer
+from window import newcomer, structure_pictures
 from window.desk import Desk
 from window.provision import NoWindowError, provide, require_means, used
 
@@ -91,6 +92,13 @@ def main() -> int:
         "--click", type=float, nargs=3, default=TUMOR, metavar=("R", "A", "S"), help="mm, where to draw"
     )
     parser.add_argument("--seconds", action="store_true", help="time the newcomer's way, and keep no picture of it")
+    parser.add_argument(
+        "--draw",
+        nargs="+",
+        choices=[*structure_pictures.RECIPES],
+        default=[],
+        help="make these structures alone, of the CT that docs/segmenting.md names",
+    )
     asked = parser.parse_args()
     try:
         require_means()
@@ -98,6 +106,9 @@ def main() -> int:
         with used(SUITE) as root:
             package, phantom = make()
             ct = asked.ct or phantom
+            if asked.draw:
+                draw_structures(root, package, ct, asked.draw)
+                return 0
             go_the_newcomers_way(root, package, ct, asked.threshold, shown=not asked.seconds)
             if asked.seconds:
                 return 0
@@ -122,6 +133,19 @@ def make() -> tuple[Path, Path]:
         subprocess.run([sys.executable, *command], cwd=ROOT, check=True, stdout=subprocess.DEVNULL)
     (package,) = OUT.glob("*.zip")
     return package, OUT / "ct" / "volume-0.nii.gz"
+
+
+def draw_structures(root: Path, package: Path, ct: Path, names: Sequence[str]) -> None:
+    """Make structures of a CT in the sidebar, one after the other."""
+    desk = Desk(root, OUT, structure_pictures.SIZE, LIMIT)
+    try:
+        desk.install(package)
+        path = desk.bring(ct)
+        desk.open()
+        for name in names:
+            structure_pictures.make_structure(desk, path, name, write)
+    finally:
+        desk.close()
 
 
 def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, *, shown: bool) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drawing by mouse on the slice in the viewport: strokes, undo, Esc, Ctrl, F, lasso, and a click that grows."""
+"""Drawing by mouse in the viewport: strokes on the slice and along a surface, undo, Esc, Ctrl, F, lasso, growing."""
 
 from __future__ import annotations
 
@@ -33,6 +33,18 @@ item = drawings.active(scene)
 answer = -1 if item is None else int(drawings.of(scene, item).mask.sum())
 """
 SELECTED = "answer = [[obj.name for obj in bpy.context.selected_objects], getattr(bpy.context.object, 'name', None)]"
+# The view from the head, and where the middle of the surface is in it.
+FROM_HEAD = """
+view = viewport()
+with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
+    bpy.ops.ctmc.view(side="S")
+"""
+SURFACE_MIDDLE = """
+from mathutils import Vector
+obj = next(obj for obj in bpy.data.objects if obj.name.endswith("Structure 2"))
+corners = [obj.matrix_world @ Vector(corner) for corner in obj.bound_box]
+answer = [round(value) for value in on_screen(sum(corners, Vector()) / 8)]
+"""
 VOXEL_MM2 = 0.74 * 0.74
 
 
@@ -149,4 +161,24 @@ def test_a_click_grows_and_reconstruct_makes_it(desk, at):
     assert len(made) == 1
     desk.ask("view = viewport()\nview.space.overlay.show_overlays = True")
     desk.look("draw-04-made")
+
+
+def test_the_brush_draws_along_a_surface(desk, at):
+    before = voxels(desk)
+    desk.ask(FROM_HEAD)
+    desk.ask(TAKE.format("ctmc.brush"))
+    desk.ask("bpy.context.scene.ctmc_view.show_slice = False; bpy.context.scene.ctmc_draw.on_surfaces = True")
+    x, y = desk.ask(SURFACE_MIDDLE)
+    desk.drag((x - 20, y), (x + 20, y))
+    desk.look("draw-05-on-surface")
+    assert voxels(desk) > before + 300  # half of the ball lies outside of the surface
+    with_bump = voxels(desk)
+    desk.hand("keydown", "ctrl")
+    desk.drag((x - 20, y), (x + 20, y))
+    desk.hand("keyup", "ctrl")
+    assert voxels(desk) < before < with_bump
+    desk.key("ctrl+z")
+    assert voxels(desk) == with_bump
+    desk.drag((120, 120), (160, 120))  # beside the surface
+    assert voxels(desk) == with_bump
     assert "Traceback" not in desk.last_words()

@@ -3,9 +3,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 from window.conftest import CT
-from window.scenes import IDLE, begin, load
+from window.scenes import IDLE, QUIET, begin, load
 
 pytestmark = pytest.mark.window
 
@@ -24,6 +25,7 @@ volume = ours("ui.state.volumes").current(bpy.context.scene)
 corners = ours("core.volume").volume_box(volume) * 0.01
 planes = {obj["ctmc_slice_plane"]: obj.location for obj in bpy.data.objects if "ctmc_slice_plane" in obj}
 bars = [region for region in view.area.regions if region.type in ("UI", "TOOLS")]
+heads = [region.y for region in view.area.regions if region.type in ("HEADER", "TOOL_HEADER") and region.height > 1]
 for region in (region for region in view.area.regions if region.type == "WINDOW" and region.data.lock_rotation):
     back = region.data.view_rotation @ Vector((0, 0, 1))
     plane = ("sagittal", "coronal", "axial")[max(range(3), key=lambda axis: abs(back[axis]))]
@@ -31,21 +33,37 @@ for region in (region for region in view.area.regions if region.type == "WINDOW"
     ends = [(max(region.x, bar.x), min(region.x + region.width, bar.x + bar.width)) for bar in bars]
     left = max([0] + [b - region.x for (a, b), bar in zip(ends, bars) if b > a and bar.type == "TOOLS"])
     right = min([region.width] + [a - region.x for (a, b), bar in zip(ends, bars) if b > a and bar.type == "UI"])
-    inside = left <= min(xs) and max(xs) <= right and 0 <= min(ys) and max(ys) <= region.height
-    share = max((max(xs) - min(xs)) / (right - left), (max(ys) - min(ys)) / region.height)
+    top = min([region.height] + [y - region.y for y in heads if y > region.y])
+    inside = left <= min(xs) and max(xs) <= right and 0 <= min(ys) and max(ys) <= top
+    share = max((max(xs) - min(xs)) / (right - left), (max(ys) - min(ys)) / top)
     clipped = Vector(region.data.clip_planes[0])
     answer[plane] = [inside, share, 100 * clipped.dot((*planes[plane], 1)), region.data.use_clip_planes]
 """
 
 
+# Share of the middle of the coronal slice's view that has the preview's color, a yellow; without one it is gray.
+PREVIEW = "s = bpy.context.scene.ctmc; s.use_threshold = True; s.threshold = -200; s.preview = {}"
+
+
+def yellow_in_front(desk, name):
+    """How many pixels of the lower left view, which sees the coronal slice, are yellow."""
+    x, y, width, height = desk.ask("""
+view = viewport()
+region = min((r for r in view.area.regions if r.type == "WINDOW"), key=lambda r: r.x + r.y)
+answer = [region.x, view.window.height - region.y - region.height, region.width, region.height]
+""")
+    pixels = np.asarray(desk.look(name).crop((x + 80, y + 60, x + width - 80, y + height - 10)), int)
+    return int((pixels[..., 0] - pixels[..., 2] > 20).sum())
+
+
 def test_each_slice_fills_its_view_and_no_surface_covers_it(desk):
-    begin(desk)
+    begin(desk, "CTMC_PT_draw")
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (8, 8, 1); s.preview = False")
     desk.ask("bpy.ops.ctmc.reconstruct()")
     desk.wait(IDLE)
     desk.ask("bpy.context.preferences.view.smooth_view = 0")
-    desk.ask(CALL.format("quad_view"))
+    desk.press("bpy.ops.ctmc.quad_view()", "quad_view")
     desk.look("quad-01-divided")
     views = desk.ask(VIEWS)
     assert set(views) == {"axial", "coronal", "sagittal"}
@@ -54,6 +72,15 @@ def test_each_slice_fills_its_view_and_no_surface_covers_it(desk):
         assert 0.8 < share <= 1
         assert behind == pytest.approx(0.01, abs=1e-3)
         assert clips
+
+
+def test_the_live_preview_covers_no_slice(desk):
+    desk.ask(PREVIEW.format(False))
+    without = yellow_in_front(desk, "quad-02-no-preview")
+    desk.ask(PREVIEW.format(True))
+    desk.wait(QUIET)
+    assert yellow_in_front(desk, "quad-02-preview") - without < 3000
+    desk.ask(PREVIEW.format(False))
 
 
 def test_a_slice_that_is_moved_takes_what_hides_the_surfaces_along(desk):

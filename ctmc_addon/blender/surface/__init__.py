@@ -17,7 +17,7 @@ from .objects import (
     update_reconstruction,
 )
 from .placement import SCALE
-from .provenance import Provenance, read_provenance, require_provenance, settings_of
+from .provenance import Provenance, read_provenance, require_provenance, set_drawn, settings_of
 from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
 
 __all__ = [
@@ -45,6 +45,7 @@ __all__ = [
     "require_updatable",
     "separated",
     "set_alpha",
+    "set_drawn",
     "settings_of",
     "surface_mesh_steps",
     "temporary_surfaces",

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 
 import bpy
 import numpy as np
@@ -113,7 +114,7 @@ def update_reconstruction(
     shade(obj, result, placement)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
-    write_provenance(obj, provenance_of_result(result, kept, fingerprint))
+    write_provenance(obj, replace(provenance_of_result(result, kept, fingerprint), drawn=before.drawn))
     discard(old, mesh)
 
 

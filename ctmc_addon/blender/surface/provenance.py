@@ -44,6 +44,8 @@ class Provenance:
         What was assumed.
     fingerprint : str
         Of the volume's values; empty where it is not known.
+    drawn : str
+        A hash of what was drawn by hand of the structure; empty of all others.
     """
 
     settings: ReconstructionSettings
@@ -58,9 +60,10 @@ class Provenance:
     spacing_mm: tuple[float, float, float]
     notes: tuple[str, ...]
     fingerprint: str = ""
+    drawn: str = ""
 
 
-OF_THE_PROPERTY = ("settings", "placement", "fingerprint")
+OF_THE_PROPERTY = ("settings", "placement", "fingerprint", "drawn")
 REPORTED = tuple(field.name for field in fields(Provenance) if field.name not in OF_THE_PROPERTY)
 
 
@@ -89,7 +92,8 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
     stored = obj.get(PROPERTY)
     try:
         x, y, z = stored["origin"]
-        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], stored.get("fingerprint", ""))
+        known = (stored.get("fingerprint", ""), stored.get("drawn", ""))
+        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *known)
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         return None  # no property, or another add-on's, of whatever kind
 
@@ -104,7 +108,7 @@ def require_provenance(obj: bpy.types.Object) -> Provenance:
 
 @lru_cache(maxsize=256)  # panels ask at every redraw
 def parsed(
-    settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str
+    settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str, drawn: str
 ) -> Provenance | None:
     """Return the provenance in the property's texts; None if a field is missing or of a wrong type."""
     try:
@@ -124,6 +128,7 @@ def parsed(
             spacing_mm=(positive(x), positive(y), positive(z)),
             notes=texts(reported["notes"]),
             fingerprint=str(fingerprint),
+            drawn=str(drawn),
         )
     except (TypeError, KeyError, ValueError, AttributeError, ArithmeticError, SettingsError):
         return None
@@ -140,12 +145,18 @@ def write_provenance(obj: bpy.types.Object, provenance: Provenance) -> None:
         "settings": json.dumps(settings),
         "report": json.dumps(report, ensure_ascii=False),
         "fingerprint": provenance.fingerprint,
+        "drawn": provenance.drawn,
     }
 
 
 def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> None:
     """Change the settings in an object's provenance."""
     write_provenance(obj, replace(require_provenance(obj), settings=settings))
+
+
+def set_drawn(obj: bpy.types.Object, drawn: str) -> None:
+    """Change the hash of what was drawn in an object's provenance."""
+    write_provenance(obj, replace(require_provenance(obj), drawn=drawn))
 
 
 def settings_of(obj: bpy.types.Object) -> ReconstructionSettings:

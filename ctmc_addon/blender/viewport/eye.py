@@ -29,7 +29,9 @@ FAR = 20_000  # pixels beyond which nobody zooms
 NEAR = 1e-4  # Blender units: what lies in the plane is shown
 AIR = 1.08  # room around what is framed
 LETTERS = 1.2  # and where letters stand beside it
-SIDEBARS = {"RIGHT": 1.0, "LEFT": -1.0}  # which way the free part of a viewport lies from the middle of a covered one
+# Where a bar lies on a viewport: right and up.
+BARS = {"RIGHT": (1.0, 0.0), "LEFT": (-1.0, 0.0), "TOP": (0.0, 1.0), "BOTTOM": (0.0, -1.0)}
+MOST = 0.6  # of a view that bars may cover on one side; what they cover more is not made room for
 
 
 def rotation_from(side: str) -> Any:
@@ -63,8 +65,22 @@ def show_from(view: Any, point: Sequence[float]) -> None:
     view.clip_planes = [(*away, NEAR - away.dot(Vector(point)))] * 6
 
 
+def covered_in(area: Any, region: Any) -> dict[str, float]:
+    """Return how many pixels of a region sidebars and headers cover on each side that `BARS` names."""
+    covered = dict.fromkeys(BARS, 0.0)
+    for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
+        if bar.type not in ("UI", "TOOLS", "HEADER", "TOOL_HEADER") or bar.alignment not in BARS:
+            continue
+        x = min(region.x + region.width, bar.x + bar.width) - max(region.x, bar.x)
+        y = min(region.y + region.height, bar.y + bar.height) - max(region.y, bar.y)
+        if min(bar.width, bar.height) > 1 and min(x, y) > 0:
+            is_beside = BARS[bar.alignment][0] != 0
+            covered[bar.alignment] += min(x, MOST * region.width) if is_beside else min(y, MOST * region.height)
+    return covered
+
+
 def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: str = "") -> None:
-    """Bring a box into the part of a viewport that no sidebar covers, seen from `side`, else as it is seen now.
+    """Bring a box into the part of a viewport that no bar covers, seen from `side`, else as it is seen now.
 
     Parameters
     ----------
@@ -77,24 +93,21 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
     if view.view_perspective == "CAMERA":
         view.view_perspective = "PERSP"
     region = region_of(area, view)
-    covered = dict.fromkeys(SIDEBARS, 0.0)
-    for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
-        if bar.type in ("UI", "TOOLS") and bar.alignment in covered and bar.width > 1:
-            over = min(region.x + region.width, bar.x + bar.width) - max(region.x, bar.x)
-            covered[bar.alignment] += min(max(over, 0), 0.6 * region.width)
-    free = region.width - sum(covered.values())
+    covered = covered_in(area, region)
+    width = max(region.width - covered["LEFT"] - covered["RIGHT"], 1.0)
+    height = max(region.height - covered["TOP"] - covered["BOTTOM"], 1.0)
     longer = max(region.width, region.height, 1)
     low, high = corners.min(axis=0), corners.max(axis=0)
     if view.lock_rotation:  # one of Blender's quad view: as near as the box as it is seen fits
         right_up = np.array([view.view_rotation @ Vector(axis) for axis in ((1, 0, 0), (0, 1, 0))])
         sides = np.maximum(np.ptp(corners @ right_up.T, axis=0), 1e-6) * LETTERS
-        distance = float((sides / (free, region.height)).max()) * longer * space.lens / (2 * SENSOR)
+        distance = float((sides / (width, height)).max()) * longer * space.lens / (2 * SENSOR)
     else:
         # As far away as the shorter free side needs it for the sphere about the box.
-        slope = SENSOR / space.lens * max(1.0, min(free, region.height)) / longer
+        slope = SENSOR / space.lens * min(width, height) / longer
         radius = max(float(np.linalg.norm(corners - (low + high) / 2, axis=1).max()), 1e-6) * AIR
         distance = radius / (slope if view.view_perspective == "ORTHO" else math.sin(math.atan(slope)))
     unit = 2 * distance * SENSOR / space.lens / longer  # of a pixel
-    shift = sum(SIDEBARS[way] * width for way, width in covered.items()) / 2 * unit
-    view.view_location = Vector((low + high) / 2) + view.view_rotation @ Vector((shift, 0.0, 0.0))
+    right, up = np.array([np.array(BARS[way]) * pixels for way, pixels in covered.items()]).sum(axis=0) / 2 * unit
+    view.view_location = Vector((low + high) / 2) + view.view_rotation @ Vector((right, up, 0.0))
     view.view_distance = distance

@@ -6,7 +6,6 @@ shape: nothing else is read or touched.
 """
 
 from .between_slices import between_slices_steps, drawn_axis
-from .brush import brush, brushed_window
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
 from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps
@@ -21,6 +20,7 @@ from .points import Sample, sample_at
 from .range_mask import range_mask_steps
 from .scissors import scissors_steps
 from .shown import cropped, veiled
+from .strokes import brush, brushed_window
 
 __all__ = [
     "COMBINATIONS",

@@ -19,7 +19,7 @@ Mask = NDArray[np.bool_]
 Floats = NDArray[np.float32]
 Spacing = tuple[float, float, float]
 Window = tuple[slice, slice, slice]
-BLOCK = 1 << 20  # samples worked on at once, each with some bytes
+BLOCK = 1 << 18  # samples worked on at once, each with some bytes
 SLACK = 1e-6  # share of a distance that is rounding
 
 
@@ -79,6 +79,12 @@ def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.in
     >>> squared_distances(np.array([[[True, False, False]], [[False] * 3]]), (1.0, 1.0, 2.0)).tolist()
     [[[0.0, 1.0, 4.0]], [[4.0, 5.0, 8.0]]]
     """
+    squares = _in_slices(mask, spacing_mm, limit_mm)
+    return _least_along(0, squares, spacing_mm[2], limit_mm)
+
+
+def _in_slices(mask: Mask, spacing_mm: Spacing, limit_mm: float) -> Floats:
+    """Do what `squared_distances` does in every slice by itself."""
     columns = mask.shape[2]
     at = np.arange(columns, dtype=np.int32)
     far = np.int32(2 * columns)
@@ -88,29 +94,37 @@ def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.in
     squares = steps.astype(np.float32) * np.float32(spacing_mm[0])
     squares *= squares
     squares[steps >= far] = np.inf
-    farthest = limit_mm * limit_mm * (1 + SLACK)
-    for axis, mm in ((1, spacing_mm[1]), (0, spacing_mm[2])):
-        nearest = squares.copy()
-        finite = nearest[np.isfinite(nearest)]
-        if not finite.size:
-            return squares
-        most = math.inf if finite.size < nearest.size else float(finite.max())
-        for step in range(1, mask.shape[axis]):
-            extra = np.float32((step * mm) ** 2)
-            if extra > farthest or extra >= most:
-                break
-            head, tail = [slice(None)] * 3, [slice(None)] * 3
-            head[axis], tail[axis] = slice(step, None), slice(None, -step)
-            for to, of in ((tuple(head), tuple(tail)), (tuple(tail), tuple(head))):
-                np.minimum(nearest[to], squares[of] + extra, out=nearest[to])
-        squares = nearest
-    return squares
+    return _least_along(1, squares, spacing_mm[1], limit_mm)
+
+
+def _least_along(axis: int, squares: Floats, mm: float, limit_mm: float) -> Floats:
+    """Return the least of squared distance and squared step, over all steps of so many mm along an axis."""
+    nearest = squares.copy()
+    finite = nearest[np.isfinite(nearest)]
+    if not finite.size:
+        return squares
+    most = math.inf if finite.size < nearest.size else float(finite.max())
+    for step in range(1, squares.shape[axis]):
+        extra = np.float32((step * mm) ** 2)
+        if extra > _farthest(limit_mm) or extra >= most:
+            break
+        head, tail = [slice(None)] * 3, [slice(None)] * 3
+        head[axis], tail[axis] = slice(step, None), slice(None, -step)
+        for to, of in ((tuple(head), tuple(tail)), (tuple(tail), tuple(head))):
+            np.minimum(nearest[to], squares[of] + extra, out=nearest[to])
+    return nearest
+
+
+def _farthest(limit_mm: float) -> float:
+    """Return the squared distance that a limit allows."""
+    return limit_mm * limit_mm * (1 + SLACK)
 
 
 def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = False) -> Steps[Mask]:
     """Find the samples that are at most `limit_mm` from one of the mask, the mask's own included.
 
-    Works on some slices at a time, so it takes a byte for each sample of the grid.
+    Works on some slices at a time. It takes a byte for each sample of the grid, and up to eight for each sample of the
+    slices that lie within the limit on either side of those: of all slices at most.
 
     Parameters
     ----------
@@ -135,13 +149,31 @@ def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = F
     slices, rows, columns = inner.shape
     reach = min(slices, math.ceil(limit_mm / spacing_mm[2]))
     most = np.float32(limit_mm * limit_mm * (1 - SLACK if below else 1 + SLACK))
-    layers = max(1, reach, BLOCK // (rows * columns))
+    layers = max(1, BLOCK // (rows * columns))
+    squares = np.empty((min(slices, layers + 2 * reach), rows, columns), np.float32)
+    first = known = 0  # the first slice that `squares` has, and the one behind the last
     for low in range(0, slices, layers):
         high = min(slices, low + layers)
-        first = max(0, low - reach)
-        squares = squared_distances(inner[first : high + reach], spacing_mm, limit_mm)
-        found[low:high] |= squares[low - first : high - first] <= most
-        yield Step(high / slices, "Measuring distances")
+        done = max(0, low - reach) - first
+        squares[: known - first - done] = squares[done : known - first]
+        first += done
+        while known < min(slices, high + reach):
+            more = inner[known : min(slices, high + reach, known + layers)]
+            squares[known - first : known - first + len(more)] = _in_slices(more, spacing_mm, limit_mm)
+            known += len(more)
+            yield Step((known + low) / (2 * slices), "Measuring distances")
+        near = squares[low - first : high - first] <= most
+        for step in range(1, reach + 1):
+            extra = np.float32((step * spacing_mm[2]) ** 2)
+            if extra > _farthest(limit_mm):
+                break
+            for way in (-step, step):
+                start, stop = max(low, -way), min(high, slices - way)
+                if start < stop:
+                    others = squares[start + way - first : stop + way - first]
+                    near[start - low : stop - low] |= others + extra <= most
+        found[low:high] |= near
+        yield Step((known + high) / (2 * slices), "Measuring distances")
     return result
 
 

@@ -3,7 +3,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..progress import Step, Steps
@@ -38,14 +41,19 @@ def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Mask]:
     >>> finish(range_mask_steps(volume, 2, 5)).astype(int).ravel().tolist()
     [0, 0, 1, 1, 1, 1, 0, 0]
     """
-    if not low <= high:
-        raise SettingsError(f"a range goes from a value to a higher one, not from {low:g} to {high:g}; swap them")
     mask = np.empty(volume.shape, bool)
     first = 0
     for values in slabs_of(volume):
-        inside = mask[first : first + len(values)]
-        np.greater_equal(values, low, out=inside)
-        inside &= values <= high
+        mask[first : first + len(values)] = in_range(values, low, high)
         first += len(values)
         yield Step(first / volume.shape[0], "Looking for the range")
     return mask
+
+
+def in_range(values: NDArray[Any], low: float, high: float) -> Mask:
+    """Do what `range_mask_steps` does for values in memory."""
+    if not low <= high:
+        raise SettingsError(f"a range goes from a value to a higher one, not from {low:g} to {high:g}; swap them")
+    inside: Mask = np.greater_equal(values, low)
+    inside &= values <= high
+    return inside

@@ -8,6 +8,7 @@ the lasso. A polygon that crosses itself has inside what an odd number of its si
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,10 +16,12 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..progress import Step, Steps
 from ..volume.volume import Placed
-from .distance import Mask, window_of
+from .distance import Mask, Window, window_of
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
 SAMPLES_PER_STEP = 1 << 18
+SIDES_PER_STEP = 1 << 24  # samples times sides of the lasso
 
 
 def scissors_steps(
@@ -65,26 +68,37 @@ def scissors_steps(
     for row in range(4):  # view times affine, as sums in a fixed order
         for column in range(4):
             matrix[row, column] = sum(float(view[row, k]) * float(volume.affine[k, column]) for k in range(4))
-    nearest = math.inf
-    for turn in range(1 if depth_mm == math.inf else 2):
-        counts = [side.stop - side.start for side in window]
-        layers = max(1, SAMPLES_PER_STEP // (counts[1] * counts[2]))
-        for low in range(window[0].start, window[0].stop, layers):
-            slab = (slice(low, min(window[0].stop, low + layers)), window[1], window[2])
-            z, y, x = np.nonzero(mask[slab])
-            index = [at + side.start for at, side in zip((x, y, z), slab[::-1], strict=True)]
-            clip = [((row[0] * index[0] + row[1] * index[1]) + row[2] * index[2]) + row[3] for row in matrix]
+    has_depth, nearest = depth_mm < math.inf, math.inf
+    low, high = lasso.min(axis=0), lasso.max(axis=0)
+    for turn in range(2 if has_depth else 1):  # with a depth, first what the view sees first
+        for z, y, x in _samples(mask, window, max(1, SIDES_PER_STEP // len(lasso))):
+            clip = [((row[0] * x + row[1] * y) + row[2] * z) + row[3] for row in matrix]
             seen = clip[3] > 0
             w = np.where(seen, clip[3], 1.0)
-            inside = seen & inside_polygon(clip[0] / w, clip[1] / w, lasso)
-            depth = _depth_mm(view, volume, index)
-            if turn == 0 and depth_mm < math.inf:
-                nearest = min(nearest, float(depth[inside].min())) if inside.any() else nearest
+            across, up = clip[0] / w, clip[1] / w
+            inside = seen & (across >= low[0]) & (across <= high[0]) & (up >= low[1]) & (up <= high[1])
+            inside[inside] = inside_polygon(across[inside], up[inside], lasso)
+            depth = _depth_mm(view, volume, [x, y, z]) if has_depth else None
+            if depth is not None and turn == 0:
+                nearest = float(np.min(depth[inside], initial=nearest))
             else:
-                cut = inside & (depth <= nearest + depth_mm) if depth_mm < math.inf else inside
-                result[slab][z, y, x] = cut if keep_inside else ~cut
-            yield Step((low - window[0].start) / counts[0], "Cutting")
+                cut = inside if depth is None else inside & (depth <= nearest + depth_mm)
+                result[z, y, x] = cut if keep_inside else ~cut
+            share = (int(z[0]) - window[0].start) / (window[0].stop - window[0].start)
+            yield Step((turn + share) / (2 if has_depth else 1), "Cutting")
     return result
+
+
+def _samples(mask: Mask, window: Window, at_once: int) -> Iterator[tuple[Indices, Indices, Indices]]:
+    """Yield the samples of a mask in a window, so many at once: slices, rows, columns, each (n,)."""
+    rows, columns = (side.stop - side.start for side in window[1:])
+    layers = max(1, SAMPLES_PER_STEP // (rows * columns))
+    for low in range(window[0].start, window[0].stop, layers):
+        slab = (slice(low, min(window[0].stop, low + layers)), window[1], window[2])
+        z, y, x = (at + side.start for at, side in zip(np.nonzero(mask[slab]), slab, strict=True))
+        for first in range(0, len(z), at_once):
+            part = slice(first, first + at_once)
+            yield z[part], y[part], x[part]
 
 
 def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
@@ -103,7 +117,7 @@ def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def _depth_mm(view: Floats, volume: Placed, index: list[NDArray[np.int64]]) -> Floats:
+def _depth_mm(view: Floats, volume: Placed, index: list[Indices]) -> Floats:
     """Return how deep samples lie along the view's direction, mm from an arbitrary plane; larger is farther.
 
     In a perspective view w grows with the depth, in an orthographic one z does: either is a plane's equation.

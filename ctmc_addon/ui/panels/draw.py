@@ -10,9 +10,9 @@ import bpy
 from ...core.volume import ValueKind
 from ..properties.structures import LABEL
 from ..state import drawings, volumes
+from ..state.tools import tool_of
 from ..translations import translate
 from ..viewport.draw_tools import TOOLS
-from ..viewport.drawn import tool_of
 from .layout import Step, draw_pair, draw_text, holds_hu, is_narrow, prepare
 
 
@@ -65,12 +65,15 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
     if tool in ("ctmc.brush", "ctmc.eraser"):
         column.prop(drawing, "radius_mm")
         column.prop(drawing, "ball")
+        column.prop(drawing, "on_surfaces")
+    elif tool == "ctmc.scissors":
+        column.prop(drawing, "depth_mm")
     else:
         column.prop(drawing, "method")
         column.prop(drawing, "hu_per_mm" if drawing.method == "compete" else "opening_mm")
         column.prop(drawing, "reach_mm")
     column = layout.column(align=True)
-    needs_range = drawing.method == "connected" and tool not in ("ctmc.brush", "ctmc.eraser")
+    needs_range = drawing.method == "connected" and tool not in ("ctmc.brush", "ctmc.eraser", "ctmc.scissors")
     row = column.row()
     row.enabled = not needs_range
     row.prop(drawing, "use_range")

@@ -82,6 +82,10 @@ class CTMCDrawing(PropertyGroup):
         precision=1,
     )
     ball: boolean("Ball", "Draw a ball through the slices around; otherwise a disc in the slice alone")
+    on_surfaces: boolean(
+        "On Surfaces",
+        "Draw along the CT's surfaces too, with a ball, where one lies before the slices",
+    )
     method: choice(
         "Grow",
         "How far a click reaches",
@@ -116,6 +120,15 @@ class CTMCDrawing(PropertyGroup):
         min=0.0,
         soft_max=10.0,
         max=100.0,
+        precision=1,
+    )
+    depth_mm: decimal(
+        "Depth",
+        "How deep Scissors cut, from what the view sees first of the structure in the lasso. 0 = through everything",
+        unit="CAMERA",
+        min=0.0,
+        soft_max=200.0,
+        max=5000.0,
         precision=1,
     )
     use_range: boolean("Stay in Range", "Brush, growing and margin touch only values in the range")

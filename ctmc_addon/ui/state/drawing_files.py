@@ -19,40 +19,43 @@ from ...core.files.file_names import file_name
 from ...core.files.label_files import Segment, write_labels_steps
 from ...core.segmentation import layers_of
 from ..properties.structures import called
-from . import drawings, session, volumes
+from . import drawings, scans, session, volumes
 
 SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
 SHORT = 4  # letters of a fingerprint
 _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
 
 
-def path_beside(blend: str, scene: bpy.types.Scene) -> Path:
-    """Return where the drawing of a scene goes: named after the .blend, and scene and CT where several have one.
+def path_beside(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
+    """Return where the drawing on a CT of a scene goes: after the .blend, and scene and CT where several have one.
 
     CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
     """
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
-    ct, fingerprint = volumes.called(scene), scene.ctmc.volume_fingerprint
-    stem = Path(blend).stem + (f" {scene.name} {ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
+    fingerprint = ct.volume_fingerprint
+    called_ct = volumes.called_as(ct, volumes.require_known(fingerprint))
+    stem = Path(blend).stem + (f" {scene.name} {called_ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
     return Path(blend).with_name(file_name(stem) + SUFFIX)
 
 
 def after_save(blend: str, *_: Any) -> None:
-    """Write the drawings of a .blend that was saved; what goes wrong is said in the panel and spoils nothing."""
+    """Write the drawings of a .blend that was saved, on every CT in memory; what goes wrong is said in the panel."""
     for scene in bpy.data.scenes if blend else ():
-        if volumes.loaded(scene) is None or volumes.is_coarse(scene):
-            continue
-        try:
-            write(path_beside(blend, scene), scene)
-        except (CtmcError, OSError, MemoryError) as error:
-            session.of(scene).message = str(error)
+        for ct in scans.all_of(scene):
+            known = volumes.known(ct.volume_fingerprint)
+            if known is None or known.file is not None:
+                continue
+            try:
+                write(path_beside(blend, scene, ct), scene, ct)
+            except (CtmcError, OSError, MemoryError) as error:
+                session.of(scene).message = str(error)
 
 
-def write(path: Path, scene: bpy.types.Scene) -> None:
-    """Write what was drawn in a scene, unless it is written there already; an empty drawing writes nothing."""
-    items = [(item, drawings.of(scene, item)) for item in drawings.structures(scene)]
+def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
+    """Write what was drawn on a CT of a scene, unless it is written there already; an empty drawing writes nothing."""
+    items = [(item, drawings.of(scene, item)) for item in drawings.structures_of(ct)]
     items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
-    lines = [drawings.line_of(scene, item) for item, _ in items]
+    lines = [next(line for line in ct.labels if line.source == item.key) for item, _ in items]
     state = [(called(line), tuple(line.color), drawn.revision) for line, (_, drawn) in zip(lines, items, strict=True)]
     key = (scene.session_uid, str(path))
     if not items or (_written.get(key) == state and path.exists()):
@@ -62,7 +65,7 @@ def write(path: Path, scene: bpy.types.Scene) -> None:
         Segment(called(line), srgb(line.color), label, layer)
         for label, (line, layer) in enumerate(zip(lines, used, strict=True), 1)
     ]
-    affine = np.asarray(volumes.require_loaded(scene).volume.affine)
+    affine = np.asarray(volumes.require_known(ct.volume_fingerprint).volume.affine)
     with whole_file(path) as temporary_path:
         finish(write_labels_steps(temporary_path, layers, segments, affine))
     _written[key] = state

@@ -10,6 +10,7 @@ that differ. While a stroke is drawn its mask is ahead of the file, until `store
 from __future__ import annotations
 
 import dataclasses
+import hashlib
 import uuid
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
@@ -23,6 +24,7 @@ from ...blender.surface import read_provenance
 from ...core import Volume
 from ...core.segmentation import Change, Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind, linear, structure_color
+from ..properties.structures import LABEL, filling
 from . import change_events, session, volumes
 from . import structures as structure_list
 
@@ -42,6 +44,8 @@ class Drawn:
         The slices of the file that the mask was made of.
     revision : int
         Another number after every change of the mask; what shows it asks whether it has shown this one.
+    hash : str
+        Of the slices of the file; empty until it is asked for.
     grown : tuple or None
         The clicks and settings of the last Grow, and what came of them, which the next click changes.
     """
@@ -50,6 +54,7 @@ class Drawn:
     labels: Volume
     unpacked: dict[int, bytes] = field(default_factory=dict)
     revision: int = 0
+    hash: str = ""
     grown: tuple[Any, Change] | None = None
 
 
@@ -59,8 +64,13 @@ _drawn: dict[tuple[int, str], Drawn] = {}  # by session_uid of the scene, and ke
 
 def structures(scene: bpy.types.Scene) -> Iterator[Any]:
     """Yield what was drawn on the scene's CT, as far as the list of structures has it."""
-    fingerprint, sources = scene.ctmc.volume_fingerprint, {line.source for line in scene.ctmc.labels}
-    for item in scene.ctmc_draw.structures:
+    return structures_of(scene.ctmc)
+
+
+def structures_of(ct: Any) -> Iterator[Any]:
+    """Yield what was drawn on a CT of a scene, of which the panel knows `ct`, as far as its list has it."""
+    fingerprint, sources = ct.volume_fingerprint, {line.source for line in ct.labels}
+    for item in ct.id_data.ctmc_draw.structures:
         if fingerprint and item.fingerprint == fingerprint and item.key in sources:
             yield item
 
@@ -123,6 +133,38 @@ def connect_all(scene: bpy.types.Scene) -> None:
             connect(scene, item)
 
 
+def take_along(scene: bpy.types.Scene, before: str) -> int:
+    """Move what was drawn on a CT to the panel's, which has the same samples; return how many structures that were.
+
+    Parameters
+    ----------
+    before : str
+        Fingerprint of the CT that was drawn on, as it was read before.
+    """
+    items = [item for item in scene.ctmc_draw.structures if item.fingerprint == before]
+    parked = next((scan for scan in scene.ctmc_scans if scan.volume_fingerprint == before), None)
+    if parked is None:
+        return 0
+    for item in items:
+        item.fingerprint = scene.ctmc.volume_fingerprint
+        line = connect(scene, item)
+        at = next((at for at, old in enumerate(parked.labels) if old.source == item.key), None)
+        if at is None:
+            continue
+        old, is_marked = parked.labels[at], at == parked.label_index
+        with filling():
+            line.opacity, line.opaque = old.opacity, old.opaque
+        line.chosen = old.chosen
+        if is_marked:
+            scene.ctmc.label_index = len(scene.ctmc.labels) - 1
+    keys = {item.key for item in items}
+    for lines, name in ((parked.labels, "source"), (parked.label_sources, "key")):
+        for at in reversed(range(len(lines))):
+            if getattr(lines[at], name) in keys:
+                lines.remove(at)
+    return len(items)
+
+
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
     """Return what was drawn of a structure, for the list; None of another source, or without the CT."""
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
@@ -142,21 +184,47 @@ def forget(scene: bpy.types.Scene, key: str) -> None:
         change_events.notify(scene.ctmc, change_events.DRAWN)
 
 
-def remove(scene: bpy.types.Scene, item: Any) -> None:
-    """Remove a structure and its line."""
-    stored, key = scene.ctmc, item.key
-    place = next(at for at, line in enumerate(stored.labels) if line.source == key)
-    stored.labels.remove(place)
-    stored.label_sources.remove([source.key for source in stored.label_sources].index(key))
-    stored.label_index = max(0, min(stored.label_index, len(stored.labels) - 1))
-    forget(scene, key)
+def remove(scene: bpy.types.Scene, line: Any) -> None:
+    """Remove a line of the list, with what was drawn of it; the setting `label` is then that of another line.
+
+    Without a line, surfaces are made at a threshold again, but of a volume of labels.
+    """
+    stored, source = scene.ctmc, line.source
+    at = next(at for at, other in enumerate(stored.labels) if other == line)
+    stored.labels.remove(at)
+    if at <= stored.label_index:
+        stored.label_index = max(0, stored.label_index - 1)
+    if source and not any(other.source == source for other in stored.labels):
+        stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+        forget(scene, source)
+    chosen, labels = chosen_in(scene), [other for other in stored.labels if other.kind == LABEL]
+    if labels and stored.label not in [other.value for other in labels]:
+        chosen["label"] = next((other for other in labels if other.chosen), labels[0]).value
+    ct = volumes.loaded(scene)
+    if not len(stored.labels) and stored.use_label and ct is not None and ct.volume.kind != ValueKind.LABEL:
+        chosen.update(use_label=False, use_threshold=stored.is_property_set("threshold"))
+    choose(scene, chosen)
+    change_events.notify(stored, "label")
+
+
+def chosen_in(scene: bpy.types.Scene) -> dict[str, Any]:
+    """Return the marked line, and of what a surface is made; a value stands before its switch, which it switches on."""
+    return {name: getattr(scene.ctmc, name) for name in ("label_index", "label", "use_label", "use_threshold")}
+
+
+def choose(scene: bpy.types.Scene, chosen: dict[str, Any]) -> None:
+    """Bring this back, without ticks that follow."""
+    with filling():
+        for name, value in chosen.items():
+            if getattr(scene.ctmc, name) != value:
+                setattr(scene.ctmc, name, value)
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:
-    """Return a structure in memory, made of the file where it is not there yet; the scene's CT must be loaded."""
-    key, volume = (scene.session_uid, item.key), volumes.require_loaded(scene).volume
+    """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
+    key, volume = (scene.session_uid, item.key), volumes.require_known(item.fingerprint).volume
     drawn = _drawn.get(key)
-    if drawn is None or drawn.mask.shape != volume.shape:
+    if drawn is None or drawn.mask.shape != volume.shape or (drawn.labels.affine != volume.affine).any():
         mask = np.zeros(volume.shape, bool)
         drawn = _drawn[key] = Drawn(mask, label_volume(mask, volume))
         take(drawn, item)
@@ -164,13 +232,15 @@ def of(scene: bpy.types.Scene, item: Any) -> Drawn:
 
 
 def take(drawn: Drawn, item: Any) -> bool:
-    """Bring a mask to what the file has of it; return whether anything had changed."""
+    """Bring a mask to what the file has of it, in a copy: work under way may read it; return whether it had changed."""
     content = {entry.number: entry.content for entry in item.slices}
     numbers = content.keys() | drawn.unpacked.keys()
     changed = {n: content.get(n, b"") for n in numbers if content.get(n, b"") != drawn.unpacked.get(n, b"")}
     if changed or not drawn.revision:
-        unpack_into(drawn.mask, changed)
-        drawn.unpacked = content
+        mask = drawn.mask.copy()
+        unpack_into(mask, changed)
+        drawn.mask, drawn.unpacked = mask, content
+        drawn.labels = label_volume(mask, drawn.labels)
         is_stored(drawn)
     return bool(changed)
 
@@ -193,7 +263,21 @@ def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
 
 def is_stored(drawn: Drawn) -> None:
     """Note that a mask is what the file has, after a change."""
-    drawn.labels, drawn.revision = dataclasses.replace(drawn.labels), next(_revisions)
+    drawn.labels, drawn.revision, drawn.hash = dataclasses.replace(drawn.labels), next(_revisions), ""
+
+
+def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
+    """Return a hash of what the file has of a drawn line of the list; empty of another line."""
+    item = None if line is None else drawn_by(scene, line)
+    if item is None:
+        return ""
+    drawn = of(scene, item)
+    if not drawn.hash:
+        content = hashlib.sha256()
+        for number, packed in sorted(drawn.unpacked.items()):
+            content.update(f"{number} {len(packed)} ".encode() * bool(packed) + packed)
+        drawn.hash = content.hexdigest()
+    return drawn.hash
 
 
 def touched(drawn: Drawn) -> None:
@@ -224,15 +308,12 @@ def revert(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
     touched(drawn)
 
 
-def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> int:
-    """Put another part into a structure, in the file too; return how many voxels have changed."""
+def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> None:
+    """Put another part into a structure, in the file too."""
     drawn = of(scene, item)
-    before = drawn.mask[window]
-    differs = (before != part).any(axis=(1, 2))
-    voxels = int((before != part).sum())
+    differs = (drawn.mask[window] != part).any(axis=(1, 2))
     drawn.mask[window] = part
     store(scene, item, (np.flatnonzero(differs) + window[0].start).tolist())
-    return voxels
 
 
 def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:
@@ -264,7 +345,7 @@ def follow_file(*_: Any) -> None:
     changed = set()
     for (uid, key), drawn in list(_drawn.items()):
         scene = scenes.get(uid)
-        item = scene and next((one for one in structures(scene) if one.key == key), None)
+        item = scene and next((one for one in scene.ctmc_draw.structures if one.key == key), None)
         if scene is None or item is None:
             del _drawn[uid, key]
             changed.add(uid)
@@ -278,6 +359,28 @@ def follow_file(*_: Any) -> None:
         session.redraw_viewports()
 
 
+def bytes_of(fingerprint: str) -> int:
+    """Return the bytes of all masks of a CT."""
+    return sum(
+        _drawn[scene.session_uid, item.key].mask.nbytes
+        for scene in bpy.data.scenes
+        for item in scene.ctmc_draw.structures
+        if item.fingerprint == fingerprint and (scene.session_uid, item.key) in _drawn
+    )
+
+
+def discard() -> None:
+    """Release the masks of structures that have gone, and of CTs that are no longer in memory."""
+    kept = {
+        (scene.session_uid, item.key)
+        for scene in bpy.data.scenes
+        for item in scene.ctmc_draw.structures
+        if volumes.known(item.fingerprint) is not None
+    }
+    for key in _drawn.keys() - kept:
+        del _drawn[key]
+
+
 def after_load(*_: Any) -> None:
     """Take what an opened file has, where its CT is in memory still."""
     clear()
@@ -289,6 +392,7 @@ def follow(properties: Any, name: str) -> None:
     """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
     scene = properties.id_data
     if name == "volume":
+        discard()
         connect_all(scene)
     elif name in ("label_name", "label_color"):
         for item in structures(scene):
@@ -309,6 +413,7 @@ def register() -> None:
     """Listen for undo, for another file and for another CT."""
     change_events.subscribe(follow)
     structure_list.ask(voxels_of)
+    volumes.count(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
@@ -317,6 +422,7 @@ def unregister() -> None:
     """Stop listening, and release all masks."""
     change_events.unsubscribe(follow)
     structure_list.ask_no_more(voxels_of)
+    volumes.count_no_more(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
     clear()

@@ -20,6 +20,11 @@ from . import change_events
 _seen: dict[int, tuple[Any, ...]] = {}  # by the scene's session_uid: the object and collection that were active last
 
 
+def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
+    """Return what the panel knows of each CT of a scene, its own first."""
+    return (scene.ctmc, *scene.ctmc_scans)
+
+
 def park(scene: bpy.types.Scene) -> None:
     """Keep what the panel knows of its CT, before another is loaded."""
     stored, scans = scene.ctmc, scene.ctmc_scans

@@ -7,7 +7,7 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,9 @@ from ...blender.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
+
+OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
+"""Reading options that move samples or change values; each sample stays the same one."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,12 +71,20 @@ class Loaded:
             return False
         return self.times > 1 and self.full.size == other.full.size and self.reading.time != other.reading.time
 
+    def has_samples_of(self, other: Loaded | None) -> bool:
+        """Return whether it is the same series read another way, each sample the same one: what was drawn then fits."""
+        if other is None or (self.path, self.series_number) != (other.path, other.series_number):
+            return False
+        read = replace(other.reading, **{name: getattr(self.reading, name) for name in OF_THE_SAME_SAMPLES})
+        return read == self.reading and self.full.size == other.full.size and (self.file, other.file) == (None, None)
+
     def for_copy(self, settings: ReconstructionSettings) -> ReconstructionSettings:
         """Return the settings as they are for `volume`."""
         return settings_of_copy(settings, self.shown_stride)
 
 
 _loaded: dict[str, Loaded] = {}
+_beside: list[Callable[[str], int]] = []  # each returns the bytes that another module keeps of a CT
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
@@ -85,9 +96,20 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     _loaded[fingerprint] = loaded  # the last one loaded stands last
     used, room = used_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
-        room = None if room is None else room - _loaded[earlier].volume.nbytes
+        taken = _loaded[earlier].volume.nbytes + sum(bytes_of(earlier) for bytes_of in _beside)
+        room = None if room is None else room - taken
         if room is not None and room < 0:
             del _loaded[earlier]
+
+
+def count(bytes_of: Callable[[str], int]) -> None:
+    """Count what another module keeps of a CT, by its fingerprint, with the CT."""
+    _beside.append(bytes_of)
+
+
+def count_no_more(bytes_of: Callable[[str], int]) -> None:
+    """Stop counting it."""
+    _beside.remove(bytes_of)
 
 
 def used_fingerprints() -> set[str]:
@@ -106,14 +128,24 @@ def discard_unused(*_: Any) -> None:
         del _loaded[fingerprint]
 
 
+def known(fingerprint: str) -> Loaded | None:
+    """Return the CT with this fingerprint, the panel's or another; None where it is not in memory."""
+    return _loaded.get(fingerprint)
+
+
 def loaded(scene: bpy.types.Scene) -> Loaded | None:
     """Return what was last loaded for `scene`, if it was loaded in this session."""
-    return _loaded.get(scene.ctmc.volume_fingerprint)
+    return known(scene.ctmc.volume_fingerprint)
 
 
 def require_loaded(scene: bpy.types.Scene) -> Loaded:
     """Return the CT of the scene, or a `ReadError`."""
-    ct = loaded(scene)
+    return require_known(scene.ctmc.volume_fingerprint)
+
+
+def require_known(fingerprint: str) -> Loaded:
+    """Return the CT with this fingerprint, or a `ReadError`."""
+    ct = known(fingerprint)
     if ct is None:
         raise ReadError("the CT is not in memory; load it first")
     return ct
@@ -161,7 +193,12 @@ def last_path() -> Path | None:
 
 def called(scene: bpy.types.Scene) -> str:
     """Return what the CT of a scene is called: the panel's Name, else as its file or folder; it must be loaded."""
-    return str(scene.ctmc.volume_name).strip() or require_loaded(scene).volume.name
+    return called_as(scene.ctmc, require_loaded(scene))
+
+
+def called_as(stored: Any, ct: Loaded) -> str:
+    """Return what a CT of a scene is called; `stored` is what the panel knows of it."""
+    return str(stored.volume_name).strip() or ct.volume.name
 
 
 def missing(scene: bpy.types.Scene) -> bool:

@@ -13,13 +13,13 @@ import bpy
 import numpy as np
 
 from ...blender.viewport import draw_path
-from ...core.volume import value_at, where_ray_meets
+from ...core.volume import value_at
 from ..needs import Needs
 from ..properties.preferences import machine
 from ..state import volumes
+from ..state.tools import tool_of
 from ..translations import translate
-from . import drawn
-from .slice_hits import SliceHit, slice_under, slices_in
+from .slice_hits import SliceHit, brush_along, brush_under, slice_under
 
 CIRCLE = 64  # corners
 WATCH = 0.3  # seconds between two looks whether the tool is still active
@@ -29,6 +29,7 @@ HELP = {
     "ctmc.eraser": "Drag: erase. Ctrl: draw. F: radius",
     "ctmc.scissors": "Drag: remove what is inside. Ctrl: keep it",
 }
+BRUSHES = ("ctmc.brush", "ctmc.eraser")
 _held: list[SliceHit] = []  # where the circle stays while its radius changes
 _status: list[str] = []  # names of the workspaces whose status bar has a text of ours
 
@@ -56,11 +57,6 @@ class Tool:
     bl_context_mode = "OBJECT"
     bl_cursor = "CROSSHAIR"
 
-    @staticmethod
-    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
-        """Draw the name of the structure that the tool draws on."""
-        layout.prop(context.scene.ctmc_draw, "use_range")
-
 
 class BrushTool(Tool):
     """What brush and eraser share."""
@@ -68,7 +64,7 @@ class BrushTool(Tool):
     @staticmethod
     def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
         drawing = context.scene.ctmc_draw
-        for name in ("radius_mm", "ball", "use_range"):
+        for name in ("radius_mm", "ball", "on_surfaces", "use_range"):
             layout.prop(drawing, name)
 
     @staticmethod
@@ -126,8 +122,8 @@ class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
     bl_keymap = keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
 
     @staticmethod
-    def draw_settings(_context: Any, _layout: Any, _tool: Any) -> None:
-        return
+    def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
+        layout.prop(context.scene.ctmc_draw, "depth_mm")
 
 
 TOOLS = (GrowTool, BrushOfSlices, EraserOfSlices, ScissorsTool)
@@ -139,24 +135,15 @@ def hold(hit: SliceHit | None) -> None:
 
 
 def hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
-    """Return where a place of the window is on the nearest slice of the region that is drawn."""
+    """Return what the brush meets at a place of the window, in the region that is drawn."""
     from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
     region, view = context.region, context.region_data
     if region is None or view is None or region.type != "WINDOW":
         return None
-    at, scale = (xy[0] - region.x, xy[1] - region.y), machine().scale
-    origin, direction = region_2d_to_origin_3d(region, view, at), region_2d_to_vector_3d(region, view, at)
-    found = []
-    for corners_mm in slices_in(context.scene, context.space_data):
-        way = where_ray_meets(corners_mm * scale, origin, direction)
-        if way is not None:
-            found.append((way, corners_mm))
-    if not found:
-        return None
-    way, corners_mm = min(found, key=lambda pair: pair[0])
-    x, y, z = (origin + direction * way) / scale
-    return SliceHit((x, y, z), corners_mm)
+    at = (xy[0] - region.x, xy[1] - region.y)
+    ray = region_2d_to_origin_3d(region, view, at), region_2d_to_vector_3d(region, view, at)
+    return brush_along(context.scene, context.space_data, view, ray)
 
 
 def circle_of(context: Any, hit: SliceHit) -> list[tuple[float, float]]:
@@ -194,8 +181,10 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         volume = volumes.current(context.scene)
         if context.area is not None and volume is not None:
-            hit = slice_under(context.scene, context.area, event)
-            text = translate(HELP.get(drawn.tool_of(context), ""))
+            tool = tool_of(context)
+            under = brush_under if tool in BRUSHES else slice_under
+            hit = under(context.scene, context.area, event)
+            text = translate(HELP.get(tool, ""))
             say(context, text if hit is None else f"{place_text(volume, hit.point_mm)}   |   {text}")
             context.region.tag_redraw()
         return {"CANCELLED", "PASS_THROUGH"}
@@ -220,7 +209,7 @@ def say(context: Any, text: str) -> None:
 
 def watch() -> float | None:
     """Give the status bar back once another tool is active."""
-    if drawn.tool_of(bpy.context):
+    if tool_of(bpy.context):
         return WATCH
     quiet()
     return None

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What was drawn, in the viewport: on the slices, and as a coarse surface that follows every stroke.
 
-While one of the tools is active, the surface ends at the slice that is drawn on, on the viewer's side, so that it never
-hides what is drawn. Nothing of this is written to the file.
+While a tool that draws on slices is active, the surface ends at the slice, on the viewer's side, so that it never hides
+what is drawn. Nothing of this is written to the file.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ import bpy
 import numpy as np
 
 from ...blender.slices import corners_of, slices_of
+from ...blender.surface import require_provenance
 from ...blender.viewport import WHOLE, Picture, PreviewSurface
 from ...core import CtmcError, Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
@@ -21,24 +22,18 @@ from ...core.volume import resliced, slice_at, slice_corners, slice_values
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, drawings, session, surfaces, volumes
+from ..state.tools import tool_of
 from .slice_hits import slices_in
 
 DISPLAY_GAMMA = 2.2
 SOON = 0.01  # seconds from a change to the surface
 CROP_MM = 4.0  # around a structure, for its surface
+EDGE = 0.17  # cosine: nobody draws on a slice that is seen nearly from its edge, 10 degrees, so it ends no surface
+CUTTING = "ctmc.scissors"  # cuts through everything, so the whole surface is shown
 
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
-_made: dict[tuple[int, str], tuple[Any, int]] = {}  # the objects of a structure, and its revision when they came
-
-
-def tool_of(context: Any) -> str:
-    """Return the name of the tool of ours that is active; empty for any other."""
-    if context.workspace is None or context.mode != "OBJECT":
-        return ""
-    tool = context.workspace.tools.from_space_view3d_mode("OBJECT", create=False)
-    return tool.idname if tool is not None and tool.idname.startswith("ctmc.") else ""
 
 
 def seen_color(item: Any) -> tuple[float, ...]:
@@ -80,6 +75,7 @@ def draw() -> None:
     context = bpy.context
     scene, space = context.scene, context.space_data
     ct = volumes.loaded(scene)
+    discard(scene)
     if ct is None or space is None or not space.overlay.show_overlays or not any(drawings.structures(scene)):
         return
     view, scale = scene.ctmc_view, machine().scale
@@ -95,12 +91,28 @@ def draw() -> None:
         draw_surfaces(context)
 
 
+def discard(scene: bpy.types.Scene) -> None:
+    """Release the pictures and surfaces of structures, slices and scenes that have gone, or are of another CT."""
+    if not (_pictures or _surfaces):
+        return
+    ct, uid = volumes.loaded(scene), scene.session_uid
+    slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
+    structures = {item.key for item in drawings.structures(scene)}
+    others = {other.session_uid for other in bpy.data.scenes} - {uid}
+    for of, key, at in list(_pictures):
+        if of not in others and not (of == uid and key in structures and at in slices):
+            del _pictures[of, key, at]
+    for of, key in list(_surfaces):
+        if of not in others and not (of == uid and key in structures):
+            del _surfaces[of, key]
+
+
 def draw_surfaces(context: Any) -> None:
-    """Draw the coarse surfaces, with a tool of ours up to the slice."""
+    """Draw the coarse surfaces, up to the slice where there is one to draw on."""
     scene, region = context.scene, context.region_data
     if any(is_behind(scene, item) for item in drawings.structures(scene)):
         wake()
-    plane = plane_of(context) if tool_of(context) else WHOLE
+    plane = end_of(context)
     for item in drawings.structures(scene):
         _, surface = _surfaces.get((scene.session_uid, item.key), (0, None))
         if surface is not None and item.shown and not is_made(scene, item):
@@ -109,12 +121,9 @@ def draw_surfaces(context: Any) -> None:
 
 def is_made(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure's surface stands in the viewport as it was drawn; the two would flicker."""
-    objects = [obj for obj in surfaces.of_structure(scene, drawings.line_of(scene, item)) if obj.visible_get()]
-    state = [(obj.session_uid, obj.data.session_uid, len(obj.data.vertices)) for obj in objects]
-    key, revision = (scene.session_uid, item.key), drawings.of(scene, item).revision
-    if key not in _made or _made[key][0] != state:  # made just now, of what is drawn now
-        _made[key] = (state, revision)
-    return bool(objects) and _made[key][1] == revision
+    line = drawings.line_of(scene, item)
+    objects = [obj for obj in surfaces.of_structure(scene, line) if obj.visible_get()]
+    return drawings.hash_of(scene, line) in [require_provenance(obj).drawn for obj in objects]
 
 
 def shows(scene: bpy.types.Scene, label: int | None) -> bool:
@@ -128,11 +137,17 @@ def labels_of(scene: bpy.types.Scene) -> set[int]:
     return {line.value for line in scene.ctmc.labels if line.source in keys}
 
 
+def end_of(context: Any) -> tuple[float, float, float, float]:
+    """Return the plane at which surfaces end in a view: that of its slice, to draw on it, and in Quad View."""
+    draws = tool_of(context) not in ("", CUTTING)
+    return plane_of(context) if draws or context.region_data.use_clip_planes else WHOLE
+
+
 def plane_of(context: Any) -> tuple[float, float, float, float]:
     """Return the plane of the slice that faces the viewer most, positive on the viewer's side; Blender units."""
     region = context.region_data
     eye = np.array(region.view_matrix.inverted())
-    best, most = WHOLE, 0.0
+    best, most = WHOLE, EDGE
     for corners_mm in slices_in(context.scene, context.space_data):
         corners = corners_mm * machine().scale
         normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
@@ -201,7 +216,6 @@ def clear(*_: Any) -> None:
     """Forget what is shown, as another file is loaded."""
     _pictures.clear()
     _surfaces.clear()
-    _made.clear()
 
 
 def register() -> None:

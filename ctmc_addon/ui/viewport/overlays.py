@@ -35,6 +35,7 @@ from ..properties.preferences import machine
 from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
 from ..state import structures, volumes
+from ..state.tools import tool_of
 from . import deviation, drawn
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
@@ -90,7 +91,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
     labels, bands = wanted_labels(settings), ticked_bands(settings)
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
-    draws = bool(drawn.tool_of(bpy.context))  # what is drawn is seen best on gray
+    draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
     above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)

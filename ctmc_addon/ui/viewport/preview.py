@@ -16,6 +16,7 @@ from ...core import CtmcError, Preview, PreviewResult, ReconstructionSettings, S
 from ...core.volume import quick_threshold
 from ..properties.preferences import machine
 from ..state import session, volumes
+from ..state.tools import tool_of
 from . import drawn
 
 PreviewKey = tuple[Any, ...]
@@ -154,9 +155,9 @@ def draw() -> None:
     context = bpy.context
     if state.shown is None or context.scene.session_uid != state.scene or volumes.current(context.scene) is None:
         return
-    if is_made(context) or drawn.tool_of(context):  # it would hide the slice that is drawn on
+    if is_made(context) or tool_of(context):  # it would hide the slice that is drawn on
         return
     if state.key is not None and drawn.shows(context.scene, state.key[0]):
         return
     view = context.region_data
-    state.shown.draw(view.perspective_matrix, view.view_matrix, state.color)
+    state.shown.draw(view.perspective_matrix, view.view_matrix, state.color, drawn.end_of(context))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which slice is under the mouse, and where: the one drawn in the viewport, and slices that are objects.
 
-Surfaces are looked through: who draws on a slice means the slice.
+Surfaces are looked through: who draws on a slice means the slice. A brush that draws on surfaces asks for those too.
 """
 
 from __future__ import annotations
@@ -14,19 +14,21 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...blender.rulers import hit, patient_mm
 from ...blender.slices import corners_of, slices_of
 from ...core.volume import slice_at, slice_corners, where_ray_meets
 from ..properties.preferences import machine
-from ..state import volumes
-from .mouse import ray_under
+from ..state import surfaces, volumes
+from .mouse import ray_under, window_under
 
 
 @dataclass(frozen=True)
 class SliceHit:
-    """A place on a slice, and the slice's corners; RAS+ mm."""
+    """A place on a slice, and the slice's corners; RAS+ mm. On a surface they are those of a square across the ray."""
 
     point_mm: tuple[float, float, float]
     corners_mm: NDArray[np.float64]
+    on_surface: bool = False
 
     @property
     def normal(self) -> NDArray[np.float64]:
@@ -47,19 +49,59 @@ def slices_in(scene: bpy.types.Scene, space: Any) -> Iterator[NDArray[np.float64
             yield corners_of(obj, machine().scale)
 
 
-def slice_under(scene: bpy.types.Scene, area: Any, event: Any, corners: Any = None) -> SliceHit | None:
-    """Return where the mouse is on the nearest slice, or on that with these corners; None beside it."""
+def slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corners: Any = None) -> SliceHit | None:
+    """Return where a ray meets the nearest slice that a viewport shows, or that with these corners; None beside it."""
+    (origin, direction), scale = ray, machine().scale
+    planes = slices_in(scene, space) if corners is None else (corners,)
+    ways = [(where_ray_meets(corners_mm * scale, origin, direction), corners_mm) for corners_mm in planes]
+    way, corners_mm = min(
+        ((way, at) for way, at in ways if way is not None), key=lambda one: one[0], default=(None, None)
+    )
+    if way is None or corners_mm is None:
+        return None
+    x, y, z = (origin + direction * way) / scale
+    return SliceHit((x, y, z), corners_mm)
+
+
+def surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | None:
+    """Return where a ray meets a surface of the panel's CT; None where it meets nothing, or another object first."""
+    found = hit(scene, bpy.context.view_layer.depsgraph, *ray)
+    if found is None or not surfaces.is_of_ct(found[0], scene):
+        return None
+    place = patient_mm(*found, machine().scale)
+    across = ray[1].orthogonal().normalized()
+    down = ray[1].normalized().cross(across)
+    square = np.array([(0.0, 0.0, 0.0), across[:], (across + down)[:], down[:]], np.float64)
+    return SliceHit(place, square + np.array(place, np.float64), on_surface=True)
+
+
+def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, Any]) -> SliceHit | None:
+    """Return what the brush meets first along a ray: a slice, or a surface where it draws on those too."""
+    slice_hit = slice_along(scene, space, ray)
+    if not scene.ctmc_draw.on_surfaces or view.use_clip_planes:  # Quad View hides surfaces before a slice
+        return slice_hit
+    hits = [one for one in (slice_hit, surface_along(scene, ray)) if one is not None]
+    eye = np.array(ray[0]) / machine().scale
+    return min(hits, key=lambda one: float(np.linalg.norm(np.array(one.point_mm) - eye)), default=None)
+
+
+def slice_under(scene: bpy.types.Scene, area: Any, event: Any) -> SliceHit | None:
+    """Return where the mouse is on the nearest slice; None beside it."""
     ray = ray_under(area, event)
-    if ray is None:
+    return None if ray is None else slice_along(scene, area.spaces.active, ray)
+
+
+def brush_under(scene: bpy.types.Scene, area: Any, event: Any, held: SliceHit | None = None) -> SliceHit | None:
+    """Return what the brush meets under the mouse; a stroke stays on the slice where it began, or on surfaces.
+
+    Parameters
+    ----------
+    held : SliceHit or None
+        Where the stroke was last; None as it begins.
+    """
+    ray, region = ray_under(area, event), window_under(area, event)
+    if ray is None or region is None:
         return None
-    origin, direction = ray
-    scale = machine().scale
-    found: tuple[float, NDArray[np.float64]] | None = None
-    for corners_mm in slices_in(scene, area.spaces.active) if corners is None else (corners,):
-        way = where_ray_meets(corners_mm * scale, origin, direction)
-        if way is not None and (found is None or way < found[0]):
-            found = (way, corners_mm)
-    if found is None:
-        return None
-    x, y, z = (origin + direction * found[0]) / scale
-    return SliceHit((x, y, z), found[1])
+    if held is None:
+        return brush_along(scene, area.spaces.active, region.data, ray)
+    return surface_along(scene, ray) if held.on_surface else slice_along(scene, None, ray, held.corners_mm)

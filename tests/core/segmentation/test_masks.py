@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -81,6 +83,24 @@ def test_nothing_is_near_an_empty_mask():
     empty = np.zeros((3, 4, 5), bool)
     assert not finish(near_steps(empty, SPACING, 9.0)).any()
     assert np.isinf(squared_distances(empty, SPACING)).all()
+
+
+def test_far_distances_take_a_few_bytes_a_sample_and_a_step_for_every_block(monkeypatch):
+    mask = np.zeros((60, 50, 40), bool)
+    mask[30, 25, 20] = True
+    monkeypatch.setattr(distance_module, "BLOCK", 5 * 50 * 40)
+    fractions = []
+    tracemalloc.start()
+    try:
+        near = finish(near_steps(mask, (0.5, 0.5, 0.5), 14.0), lambda step: fractions.append(step.fraction))
+        assert tracemalloc.get_traced_memory()[1] < 16 * mask.size
+    finally:
+        tracemalloc.stop()
+    assert len(fractions) == 2 * 60 / 5  # in its slices, and across them
+    assert fractions == sorted(fractions)
+    assert fractions[-1] == 1
+    z, y, x = np.indices(mask.shape) * 0.5
+    assert (near == ((z - 15) ** 2 + (y - 12.5) ** 2 + (x - 10) ** 2 <= 14.0**2 * (1 + 1e-6))).all()
 
 
 def test_a_margin_grows_and_shrinks_by_exact_distances():

@@ -26,7 +26,7 @@ from ... import jobs
 from ...properties.preferences import machine
 from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.structures import called, follow_ticks, tick
-from ...state import change_events, scans, session, structures, surfaces, volumes
+from ...state import change_events, drawings, scans, session, structures, surfaces, volumes
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
 from .view import frame_everywhere
@@ -190,6 +190,7 @@ def conclude(
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     is_first = not stored.volume_fingerprint
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
+    before = stored.volume_fingerprint if loaded.has_samples_of(volumes.loaded(scene)) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     is_known = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
     if is_another_ct and not is_known:
@@ -214,6 +215,7 @@ def conclude(
         follow_kind(stored, loaded, goes_by_number)
         if not goes_by_number:
             tick_by_name(stored, session.of(scene).ticked_names)
+    taken = drawings.take_along(scene, before) if before and is_another_ct else 0
     scene_session = session.of(scene)
     scene_session.message = scene_session.load_message = ""
     if expected not in ("", loaded.statistics.fingerprint):
@@ -236,6 +238,8 @@ def conclude(
         scans.note(bpy.context)
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
+    if taken:
+        text += ". " + translate("Drawn structures that were taken along: {count}").format(count=taken)
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
         set_units(scene, machine().scale)
         text += ". " + translate("Blender's numbers are millimeters now")

@@ -14,8 +14,9 @@ from ....core.volume import anatomy_of, tissue_name, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
 from ...properties.structures import follow_ticks, tick
-from ...state import change_events, drawings, surfaces, volumes
+from ...state import drawings, surfaces, volumes
 from ...translations import translate
+from ..scene.slice_object import in_object_mode
 
 
 def has_structures(operator: Any, context: bpy.types.Context) -> bool:
@@ -101,18 +102,11 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    needs = (has_structures,)
+    needs = (in_object_mode, has_structures)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         stored = context.scene.ctmc
-        index = min(stored.label_index, len(stored.labels) - 1)
-        source = stored.labels[index].source
-        stored.labels.remove(index)
-        stored.label_index = max(0, index - 1)
-        if source and not any(item.source == source for item in stored.labels):
-            stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
-            drawings.forget(context.scene, source)
-        change_events.notify(stored, "label")
+        drawings.remove(context.scene, stored.labels[min(stored.label_index, len(stored.labels) - 1)])
         return {"FINISHED"}
 
 

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from bpy.props import BoolProperty
 
-from ....core import SettingsError, Steps, Volume
+from ....core import ReconstructionSettings, SettingsError, Steps, Volume
 from ....core.segmentation import (
     Mask,
     Window,
@@ -23,9 +23,21 @@ from ....core.segmentation import (
     margin_steps,
 )
 from ... import jobs
+from ...properties.preferences import machine
 from ...properties.structures import LABEL
 from ...state import drawings, session, structures
-from .needs import allowed_steps, can_draw, has_structure, limits_of, structure_of, volume_of, volume_text
+from .needs import (
+    Target,
+    allowed_steps,
+    can_draw,
+    has_structure,
+    limits_of,
+    require,
+    require_active,
+    target_of,
+    volume_of,
+    volume_text,
+)
 
 Work = Callable[[Mask, Volume, Window], Steps[Mask]]
 """Makes another mask of a window of a mask."""
@@ -48,27 +60,22 @@ class Edit(jobs.LongOperator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the work on the window of the structure."""
         scene = context.scene
-        item, volume = drawings.active(scene), volume_of(scene)
-        if item is None:
-            raise SettingsError("there is no structure; add one first")
+        item, volume = require_active(scene), volume_of(scene)
         window = drawings.window_in(scene, item)
         if window is None:
             raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
         reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
         mask = drawings.of(scene, item).mask[window].copy()
-        return edit_steps(self.work(scene)(mask, volume, window), window, scene.session_uid, item.key)
+        return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
-def edit_steps(work: Steps[Mask], window: Window, scene_uid: int, key: str) -> Steps[jobs.Conclusion]:
+def edit_steps(work: Steps[Mask], window: Window, target: Target) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
     made = yield from work
 
     def conclude() -> str:
-        scene = session.scene_of(scene_uid)
-        if scene is None:
-            raise SettingsError("the scene was removed; draw in another one")
-        item = structure_of(scene, key)
+        scene, item = require(target)
         drawings.replace(scene, item, window, made)
         session.of(scene).message = ""
         return volume_text(scene, item)
@@ -137,8 +144,10 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
     bl_description = "Fill the slices between those that were drawn, in the planes in which they lie"
 
     def work(self, _scene: bpy.types.Scene) -> Work:
+        budget = machine().budget
+
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
-            return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask)))
+            return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask), budget))
 
         return steps
 
@@ -160,14 +169,13 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
             raise SettingsError("choose another structure to combine with, drawn or a label")
         first, second = drawings.of(scene, item).mask.copy(), mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)
-        return edit_steps(combined_steps(first, second, how), (z, y, x), scene.session_uid, item.key)
+        return edit_steps(combined_steps(first, second, how), (z, y, x), target_of(scene, item))
 
 
 def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:
-    """Return the voxels of a label of the list, wherever it comes from."""
+    """Return the voxels of a label of the list, wherever it comes from; a `LabelError` where they are not in memory."""
     mask = np.zeros(volume_of(scene).shape, bool)
-    labels = structures.label_volume(scene)
-    for layer in () if labels is None else labels.each_layer:
+    for layer in structures.require_volume_of(scene, ReconstructionSettings(label=line.value)).each_layer:
         mask |= layer.values == line.value
     return mask
 

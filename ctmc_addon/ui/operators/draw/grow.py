@@ -29,7 +29,7 @@ from ... import jobs
 from ...state import drawings, session
 from ...translations import translate
 from ...viewport.slice_hits import slice_under
-from .needs import active_or_new, can_draw, limits_of, structure_of, volume_of, volume_text, whole
+from .needs import Target, can_draw, limits_of, require, target_of, volume_of, volume_text, whole
 
 Sample = tuple[int, int, int]
 
@@ -70,7 +70,6 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
         volume = volume_of(scene)
         sample = sample_at(volume, self.point_mm)
         item = drawings.active(scene)
-        structure = None if item is None else item.key
         limits = limits_of(drawing)
         if drawing.method == "connected":
             before = None if item is None else drawings.of(scene, item).mask
@@ -78,35 +77,13 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
             work = connected_click_steps(
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
-            return self.conclusion_steps(work, scene.session_uid, structure, None)
+            return conclusion_steps(work, target_of(scene, item), None)
         known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
         clicks = (*known, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else drawings.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
         work = compete_click_steps(volume, clicks, how, grown)
-        return self.conclusion_steps(work, scene.session_uid, structure, clicks[-1])
-
-    def conclusion_steps(
-        self, work: Steps[Grown], scene_uid: int, key: str | None, click: Click | None
-    ) -> Steps[jobs.Conclusion]:
-        """Do the work, then change the structure at once."""
-        grown = yield from work
-
-        def conclude() -> str:
-            scene = session.scene_of(scene_uid)
-            if scene is None:
-                raise SettingsError("the scene was removed; draw in another one")
-            item = active_or_new(scene) if key is None else structure_of(scene, key)
-            if click is not None:
-                added = item.clicks.add()
-                added.sample, added.inside = click.sample, bool(click.structure)
-            drawn = drawings.of(scene, item)
-            window, add, take = grown.window, grown.added, grown.taken
-            drawings.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
-            drawn.grown = grown.kept
-            return volume_text(scene, item)
-
-        return conclude
+        return conclusion_steps(work, target_of(scene, item), clicks[-1])
 
 
 class Grown:
@@ -114,6 +91,24 @@ class Grown:
 
     def __init__(self, window: Window, added: Mask, taken: Mask, kept: tuple[Any, Change] | None) -> None:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
+
+
+def conclusion_steps(work: Steps[Grown], target: Target, click: Click | None) -> Steps[jobs.Conclusion]:
+    """Do the work of a click, then change the structure at once."""
+    grown = yield from work
+
+    def conclude() -> str:
+        scene, item = require(target)
+        if click is not None:
+            added = item.clicks.add()
+            added.sample, added.inside = click.sample, bool(click.structure)
+        drawn = drawings.of(scene, item)
+        window, add, take = grown.window, grown.added, grown.taken
+        drawings.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
+        drawn.grown = grown.kept
+        return volume_text(scene, item)
+
+    return conclude
 
 
 def compete_click_steps(

@@ -4,22 +4,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
-import numpy as np
 
 from ....core import ReadError, SettingsError, Steps, Volume
 from ....core.segmentation import Mask, Window, range_mask_steps
 from ....core.volume import ValueKind
 from ....reporting.formatting import milliliters
-from ...state import drawings, volumes
+from ...state import drawings, session, volumes
 from ...translations import translate
+from ..scene.slice_object import in_object_mode
 
 
 def can_draw(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether a CT is in memory that can be drawn on, with the reason if not."""
-    if not volumes.has_volume(operator, context):
+    """Return whether a CT is in memory that can be drawn on, with the reason if not.
+
+    In edit mode Blender's steps of undo hold the mesh alone, so a change of the drawing could not be taken back.
+    """
+    if not (in_object_mode(operator, context) and volumes.has_volume(operator, context)):
         return False
     if volumes.require_loaded(context.scene).volume.kind == ValueKind.LABEL:
         operator.poll_message_set("This volume holds labels; load the CT to draw")
@@ -38,6 +41,14 @@ def has_structure(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
+def require_active(scene: bpy.types.Scene) -> Any:
+    """Return the structure that is drawn on; a `SettingsError` where there is none."""
+    item = drawings.active(scene)
+    if item is None:
+        raise SettingsError("there is no structure; add one first")
+    return item
+
+
 def active_or_new(scene: bpy.types.Scene) -> Any:
     """Return the structure that is drawn on; the first stroke makes one."""
     return drawings.active(scene) or drawings.add(scene, translate("Structure"))
@@ -51,6 +62,35 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
     raise SettingsError("the structure was removed; choose another one")
 
 
+class Target(NamedTuple):
+    """What work begins with, for `require` at its end: scene, CT, key of the structure, and its revision.
+
+    Without a key a structure is to be made.
+    """
+
+    scene_uid: int
+    fingerprint: str
+    key: str = ""
+    revision: int = 0
+
+
+def target_of(scene: bpy.types.Scene, item: Any | None) -> Target:
+    """Return a structure as it is now; None for one that is to be made."""
+    target = Target(scene.session_uid, scene.ctmc.volume_fingerprint)
+    return target if item is None else target._replace(key=item.key, revision=drawings.of(scene, item).revision)
+
+
+def require(target: Target) -> tuple[bpy.types.Scene, Any]:
+    """Return scene and structure once work is done; a `SettingsError` where they are not what it began with."""
+    scene = session.scene_of(target.scene_uid)
+    if scene is None:
+        raise SettingsError("the scene was removed; draw in another one")
+    item = structure_of(scene, target.key) if target.key else drawings.active(scene)
+    if target_of(scene, item) != target:
+        raise SettingsError("the structure has changed meanwhile, as by undo; do it once more")
+    return scene, item or active_or_new(scene)
+
+
 def volume_of(scene: bpy.types.Scene) -> Volume:
     """Return the CT that is drawn on, a `ReadError` where it is not in memory whole."""
     ct = volumes.require_loaded(scene)
@@ -62,12 +102,6 @@ def volume_of(scene: bpy.types.Scene) -> Volume:
 def limits_of(drawing: Any) -> tuple[float, float] | None:
     """Return the range that tools stay in; None where they need not."""
     return (drawing.low, drawing.high) if drawing.use_range else None
-
-
-def allowed_in(volume: Volume, window: Window, limits: tuple[float, float]) -> Mask:
-    """Return which samples of a small window are in a range."""
-    values = volume.values[window]
-    return np.asarray((values >= limits[0]) & (values <= limits[1]), bool)
 
 
 def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import time
 from functools import partial
 
 import bpy
@@ -16,6 +17,9 @@ from ...state import session, volumes
 from ...translations import translate
 from ...viewport import slice_objects
 from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
+
+SOON = 0.01  # seconds between two looks whether the views have their sizes
+LONGEST = 1.0  # seconds to wait for them
 
 
 class CTMC_OT_quad_view(Needs, bpy.types.Operator):
@@ -45,26 +49,35 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()
         scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
-        # Blender gives the regions their sizes before it draws next.
-        bpy.app.timers.register(partial(arrange, scene.session_uid, area.as_pointer()), first_interval=0.0)
+        work = partial(arrange, scene.session_uid, area.as_pointer(), time.monotonic() + LONGEST)
+        bpy.app.timers.register(work, first_interval=0.0)
         session.redraw_viewports()
         return {"FINISHED"}
 
 
-def arrange(scene_uid: int, pointer: int) -> None:
-    """Frame the CT in every view of a viewport, and let the three from a side show their slices."""
+def has_room(area: bpy.types.Area) -> bool:
+    """Return whether Blender has given the views of a viewport their sizes; until then each has that of the whole."""
+    views = [region for region in area.regions if region.type == "WINDOW"]
+    return 0.5 < sum(view.width * view.height for view in views) / (area.width * area.height) <= 1
+
+
+def arrange(scene_uid: int, pointer: int, latest: float) -> float | None:
+    """Frame the CT in every view of a viewport once they have sizes; the three from a side then show their slices."""
     scene = session.scene_of(scene_uid)
     volume = None if scene is None else volumes.current(scene)
     if volume is None:
-        return
+        return None
     for window in bpy.context.window_manager.windows:
         for area in (area for area in window.screen.areas if area.as_pointer() == pointer):
+            if not has_room(area) and time.monotonic() < latest:
+                return SOON
             space = area.spaces.active
             for view in space.region_quadviews or [space.region_3d]:
                 frame(area, space, view, volume_box(volume) * machine().scale)
                 if view.lock_rotation:
                     clip(window, area, view)
     slice_objects.show_from_sides(scene)
+    return None
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_quad_view,))

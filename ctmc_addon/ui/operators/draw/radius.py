@@ -12,10 +12,11 @@ from ...needs import Needs
 from ...state import session
 from ...translations import translate
 from ...viewport import draw_tools
-from ...viewport.slice_hits import slice_under
+from ...viewport.slice_hits import brush_under
 from .needs import can_draw
 
 DOUBLE = 120.0  # pixels at Blender's usual size, to the right, that double the radius
+ACCEPT, CANCEL = ("LEFTMOUSE", "RET", "NUMPAD_ENTER"), ("ESC", "RIGHTMOUSE")
 
 
 class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
@@ -38,7 +39,7 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
         self.before, self.left = context.scene.ctmc_draw.radius_mm, event.mouse_x
-        draw_tools.hold(slice_under(context.scene, context.area, event))
+        draw_tools.hold(brush_under(context.scene, context.area, event))
         context.window_manager.modal_handler_add(self)
         self.say(context)
         return {"RUNNING_MODAL"}
@@ -50,17 +51,18 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         session.redraw_viewports()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse until it is clicked."""
+        """Follow the mouse until a click or Enter accepts; Esc and a right click bring the radius back."""
         if event.type == "MOUSEMOVE":
             moved = (event.mouse_x - self.left) / (DOUBLE * context.preferences.system.ui_scale)
             context.scene.ctmc_draw.radius_mm = self.before * 2.0**moved
             self.say(context)
-        if event.value != "PRESS" or event.type == "MOUSEMOVE":
+        is_accepted, is_cancelled = event.type in ACCEPT, event.type in CANCEL
+        if event.value != "PRESS" or not (is_accepted or is_cancelled):
             return {"RUNNING_MODAL"}
-        if event.type in ("ESC", "RIGHTMOUSE"):
+        if is_cancelled:
             context.scene.ctmc_draw.radius_mm = self.before
         self.cancel(context)
-        return {"FINISHED"}
+        return {"FINISHED"} if is_accepted else {"CANCELLED"}
 
     def cancel(self, context: Any) -> None:
         """Give pointer and status bar back."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import bpy
@@ -10,7 +11,7 @@ import numpy as np
 from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty
 
 from ....blender.viewport import draw_path
-from ....core import SettingsError, Steps
+from ....core import Steps
 from ....core.segmentation import scissors_steps
 from ... import jobs
 from ...needs import Needs
@@ -20,7 +21,7 @@ from ...state import drawings, session
 from ...translations import translate
 from ...viewport.mouse import window_under
 from .edits import edit_steps
-from .needs import can_draw, has_structure, volume_of, whole
+from .needs import can_draw, has_structure, require_active, target_of, volume_of, whole
 
 STEP = 3.0  # pixels between two corners of the lasso
 FEWEST = 3  # corners
@@ -31,7 +32,7 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_cut"
     bl_label = "Cut by Lasso"
-    bl_description = "Remove what a lasso encloses in the view, through everything, or all else"
+    bl_description = "Remove what a lasso encloses in the view, through everything or to a depth; or all else"
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     view: FloatVectorProperty(size=16, options={"HIDDEN", "SKIP_SAVE"})
@@ -45,14 +46,12 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the cut: `view` leads from RAS+ mm to clip space, row by row, and `lasso` lies there."""
         scene = context.scene
-        item, volume = drawings.active(scene), volume_of(scene)
-        if item is None:
-            raise SettingsError("there is no structure; add one first")
+        item, volume = require_active(scene), volume_of(scene)
         corners = np.array([corner.at[:2] for corner in self.lasso], np.float64).reshape(-1, 2)
         view = np.array(self.view, np.float64).reshape(4, 4)
         mask = drawings.of(scene, item).mask.copy()
-        work = scissors_steps(mask, volume, view, corners, self.keep_inside)
-        return edit_steps(work, whole(volume.shape), scene.session_uid, item.key)
+        work = scissors_steps(mask, volume, view, corners, self.keep_inside, scene.ctmc_draw.depth_mm or math.inf)
+        return edit_steps(work, whole(volume.shape), target_of(scene, item))
 
 
 class CTMC_OT_draw_lasso(Needs, bpy.types.Operator):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brush and eraser: a stroke on a slice. The operator `ctmc.draw_stroke`.
+"""Brush and eraser: a stroke on a slice, or with a ball along surfaces. The operator `ctmc.draw_stroke`.
 
 The mask follows the mouse; the file gets the stroke when the button is let go. Esc brings back what the file has.
 """
@@ -11,21 +11,22 @@ from collections.abc import Sequence
 import bpy
 from bpy.props import BoolProperty, CollectionProperty, FloatVectorProperty
 
-from ....core import CtmcError
-from ....core.segmentation import brushed_window
+from ....core import CtmcError, SettingsError
+from ....core.segmentation import brush
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
 from ...state import drawings, session, volumes
 from ...translations import translate
-from ...viewport.slice_hits import SliceHit, slice_under
-from .needs import active_or_new, allowed_in, can_draw, limits_of, structure_of, volume_of
+from ...viewport.mouse import viewport_at
+from ...viewport.slice_hits import SliceHit, brush_under
+from .needs import active_or_new, can_draw, limits_of, require_active, structure_of, volume_of
 
 Point = Sequence[float]
 
 
 class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
-    """Draw or erase along the mouse, on the slice where it begins."""
+    """Draw or erase along the mouse, on the slice where it begins or along surfaces."""
 
     bl_idname = "ctmc.draw_stroke"
     bl_label = "Draw Stroke"
@@ -40,41 +41,36 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Draw a stroke through points in RAS+ mm, their `at`; a disc is across `normal`."""
-        self.start(context.scene)
         try:
+            self.start(context.scene)
             self.dab(context.scene, [tuple(point.at) for point in self.stroke], tuple(self.normal))
             return self.finish(context)
         except (CtmcError, MemoryError) as error:
             return self.give_up(context, error)
 
     def start(self, scene: bpy.types.Scene) -> None:
-        """Remember what is drawn on."""
-        self.is_new, self.used_label = drawings.active(scene) is None, scene.ctmc.use_label
-        self.key = active_or_new(scene).key
+        """Remember what is drawn on, and what the list had chosen before a first stroke."""
+        self.key, self.chosen = "", drawings.chosen_in(scene)
         self.touched: set[int] = set()
+        self.is_new = drawings.active(scene) is None
+        self.key = (require_active(scene) if self.erase else active_or_new(scene)).key
 
-    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point) -> None:
-        """Draw from point to point."""
+    def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point | None) -> None:
+        """Draw from point to point; a ball where there is no normal, on a surface."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
         drawn = drawings.of(scene, structure_of(scene, self.key))
-        window, inside = brushed_window(volume, points_mm, drawing.radius_mm, None if drawing.ball else normal)
-        if not inside.size:
-            return
-        limits = limits_of(drawing)
-        if limits is not None:
-            inside &= allowed_in(volume, window, limits)
-        if self.erase:
-            drawn.mask[window] &= ~inside
-        else:
-            drawn.mask[window] |= inside
+        across = None if drawing.ball else normal
+        window = brush(drawn.mask, volume, points_mm, drawing.radius_mm, across, limits_of(drawing), self.erase)
         self.touched.update(range(window[0].start, window[0].stop))
         drawings.touched(drawn)
 
     def finish(self, context: bpy.types.Context) -> set[str]:
-        """Put the stroke into the file."""
+        """Put the stroke into the file; a new structure that has nothing is not kept."""
         scene = context.scene
         item = structure_of(scene, self.key)
         drawings.store(scene, item, self.touched)
+        if self.is_new and drawings.window_in(scene, item) is None:
+            raise SettingsError("nothing was drawn: no voxel under the brush is in the CT and in the range")
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
@@ -82,13 +78,13 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
-        hit = slice_under(context.scene, context.area, event)
+        hit = brush_under(context.scene, context.area, event)
         if hit is None:
             return {"CANCELLED", "PASS_THROUGH"}
         self.area, self.hit = context.area.as_pointer(), hit
-        self.start(context.scene)
         drawings.begin_stroke(self)
         try:
+            self.start(context.scene)
             self.follow(context, hit)
         except (CtmcError, MemoryError) as error:
             return self.give_up(context, error)
@@ -98,7 +94,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
     def follow(self, context: bpy.types.Context, hit: SliceHit) -> None:
         """Draw up to where the mouse is now."""
         points = dict.fromkeys([tuple(self.hit.point_mm), tuple(hit.point_mm)])
-        self.dab(context.scene, list(points), hit.normal.tolist())
+        self.dab(context.scene, list(points), None if hit.on_surface else hit.normal.tolist())
         self.hit = hit
         session.redraw_viewports()
 
@@ -112,7 +108,8 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
                 drawings.end_stroke(self)
                 return self.finish(context)
             if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
-                hit = slice_under(context.scene, context.area, event, self.hit.corners_mm)
+                area = viewport_at(context, self.area)
+                hit = None if area is None else brush_under(context.scene, area, event, self.hit)
                 if hit is not None:
                     self.follow(context, hit)
         except (CtmcError, MemoryError) as error:
@@ -125,7 +122,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         return jobs.refuse(self, context.scene.session_uid, error)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Bring back what the file has, while structure and CT are there."""
+        """Bring back what the file has, while structure and CT are there, and the list as it was."""
         drawings.end_stroke(self)
         scene = context.scene
         item = next((one for one in drawings.structures(scene) if one.key == self.key), None)
@@ -133,8 +130,8 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
             return
         drawings.revert(scene, item, self.touched)
         if self.is_new:
-            drawings.remove(scene, item)
-            scene.ctmc.use_label = self.used_label
+            drawings.remove(scene, drawings.line_of(scene, item))
+            drawings.choose(scene, self.chosen)
         session.redraw_viewports()
 
 

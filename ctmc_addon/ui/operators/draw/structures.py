@@ -11,7 +11,6 @@ from ... import jobs
 from ...needs import Needs
 from ...state import drawings, volumes
 from ...translations import translate
-from ..scene.slice_object import in_object_mode
 from .needs import can_draw
 
 
@@ -39,7 +38,7 @@ class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
 
     tool: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 
-    needs = (can_draw, in_object_mode)
+    needs = (can_draw,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         ct = volumes.require_loaded(context.scene)

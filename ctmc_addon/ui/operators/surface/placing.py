@@ -16,6 +16,7 @@ from ....blender.surface import (
     call,
     edges_steps,
     require_updatable,
+    set_drawn,
     surface_mesh_steps,
     update_reconstruction,
 )
@@ -45,6 +46,8 @@ class SurfaceRequest:
         What the CT is called in the panel, before the name of the surface.
     opacity : float or None
         Of a new object, from 0 to 1; None for an opaque one.
+    drawn : str or None
+        A hash of what was drawn of the structure, empty where nothing was; None leaves what the object has.
     """
 
     settings: ReconstructionSettings
@@ -55,6 +58,7 @@ class SurfaceRequest:
     kind: str = ""
     prefix: str = ""
     opacity: float | None = None
+    drawn: str | None = None
 
 
 @dataclass(frozen=True)
@@ -147,6 +151,8 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
                 update_reconstruction(obj, result, mesh, request.fingerprint)
                 if request.structure or request.kind:
                     call(obj, name_of(request, result))
+            if request.drawn is not None:
+                set_drawn(obj, request.drawn)
             # The measurement is of this alpha and no modifiers; the object may have others.
             state = measurements.plain_state(obj, result.settings.alpha_number)
             measurements.keep(obj, surface.measurement, state)

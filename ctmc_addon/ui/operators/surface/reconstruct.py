@@ -32,7 +32,7 @@ from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.structures import called, chosen_opacity
-from ...state import cost_estimates, session, structures, surfaces, volumes
+from ...state import cost_estimates, drawings, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
@@ -106,6 +106,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 kind,
                 volume_name,
                 chosen_opacity(item) if beside else None,
+                drawings.hash_of(scene, item),
             )
             for run, item in zip(runs, items, strict=True)
         ]

@@ -13,7 +13,7 @@ from ....blender.surface import apply_shape_and_modifiers, require_provenance, r
 from ....core import GOALS, CtmcError, MeshError, Steps
 from ... import jobs
 from ...needs import Needs
-from ...state import structures, surfaces
+from ...state import drawings, structures, surfaces
 from ...translations import translate
 from .placing import SurfaceRequest
 from .reconstruct import surfaces_steps
@@ -49,7 +49,8 @@ def from_full_steps(
     full = None if extracts else surfaces.full_of(obj, scene)
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
-    request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint)
+    drawn = drawings.hash_of(scene, scene.ctmc.structure_of(settings)) if full is None else None
+    request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint, drawn=drawn)
     return surfaces_steps(structures.volume_of(scene, settings), [request], scene.session_uid, full)
 
 

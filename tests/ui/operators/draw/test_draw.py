@@ -10,6 +10,8 @@ import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
+from mathutils import Vector
+from ui.strokes import mask, middle, stroke
 
 from ctmc_addon.blender.volume import vdb_writer
 from ctmc_addon.core import finish
@@ -17,36 +19,14 @@ from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.properties.drawing import points_of
 from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
 from ctmc_addon.ui.viewport import drawn
 from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
-from ctmc_addon.ui.viewport.slice_hits import SliceHit
-
-
-def middle():
-    """The middle of the ball, RAS+ mm."""
-    box = volume_box(volumes.current(bpy.context.scene))
-    return tuple(((box[0] + box[7]) / 2).tolist())
-
-
-def stroke(*points, **options):
-    return bpy.ops.ctmc.draw_stroke(stroke=points_of(points), **options)
-
-
-def mask():
-    scene = bpy.context.scene
-    return drawings.of(scene, drawings.active(scene)).mask
+from ctmc_addon.ui.viewport.slice_hits import SliceHit, brush_along
 
 
 def packed():
     return {entry.number: entry.content for entry in drawings.active(bpy.context.scene).slices if entry.content}
-
-
-@pytest.fixture
-def drawing(loaded):
-    bpy.ops.ed.undo_push(message="Loaded")
-    return loaded.ctmc_draw
 
 
 def test_a_stroke_makes_a_structure_and_erasing_it_leaves_nothing(drawing):
@@ -172,19 +152,6 @@ def test_slices_between_drawn_ones_are_filled(drawing):
     assert len(drawn) == 7
 
 
-def test_scissors_remove_what_the_lasso_encloses(drawing):
-    drawing.radius_mm, drawing.ball = 5.0, True
-    stroke(middle())
-    x, _, _ = middle()
-    view = np.eye(4)
-    view[0, 3] = -x  # clip space is mm, its middle in the middle of the ball
-    half = [(0, -99), (99, -99), (99, 99), (0, 99)]
-    before = mask().copy()
-    bpy.ops.ctmc.draw_cut(view=view.ravel().tolist(), lasso=points_of(half), keep_inside=False)
-    assert 0.4 * before.sum() < mask().sum() < 0.6 * before.sum()
-    assert not (mask() & ~before).any()
-
-
 def test_removing_a_structure_and_undo_brings_it_back(drawing):
     stroke(middle())
     before = mask().copy()
@@ -214,6 +181,35 @@ def test_reconstruct_makes_what_was_drawn_under_its_name(drawing):
         assert obj.name.endswith(name)
         drawn = drawings.of(scene, item).mask.sum() * np.prod(volumes.current(scene).spacing)
         assert measurements.of(obj).measures.volume == pytest.approx(drawn, rel=0.05)
+
+
+def test_a_surface_stands_for_the_drawing_that_it_was_made_of_alone(drawing, tmp_path):
+    def is_made():
+        return drawn.is_made(bpy.context.scene, drawings.active(bpy.context.scene))
+
+    drawing.radius_mm, drawing.ball = 5.0, True
+    stroke(middle())
+    assert not is_made()
+    bpy.ops.ctmc.reconstruct()
+    assert is_made()
+    bpy.context.scene.ctmc.reduction = 0.5
+    bpy.ops.ctmc.simplify()
+    assert is_made()
+    bpy.ops.ed.undo_push(message="Simplified")
+    x, y, z = middle()
+    stroke((x + 4, y, z))
+    bpy.ops.ed.undo_push(message="Stroke")
+    assert not is_made()
+    bpy.ops.ed.undo()
+    assert is_made()
+    bpy.ops.ed.redo()
+    bpy.ops.ctmc.simplify()  # from the full surface, which is not of this drawing
+    assert not is_made()
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "a.blend"))
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "a.blend"))
+    assert not is_made()
+    bpy.ops.ctmc.simplify()  # the full surface is not in memory, so it is extracted from this drawing
+    assert is_made()
 
 
 def test_what_is_known_of_the_labels_follows_the_drawing(drawing):
@@ -271,7 +267,7 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         raise MemoryError
 
     with monkeypatch.context() as patch:
-        patch.setattr(operators.draw.stroke, "brushed_window", without_memory)
+        patch.setattr(operators.draw.stroke, "brush", without_memory)
         with pytest.raises(RuntimeError, match="memory"):
             stroke(middle())
         assert len(bpy.context.scene.ctmc.labels) == 0
@@ -281,7 +277,9 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
         drawn.erase, drawn.hit = False, SliceHit(middle(), np.eye(4, 3))
         drawn.start(bpy.context.scene)
         drawings.begin_stroke(drawn)
-        monkeypatch.setattr(operators.draw.stroke, "slice_under", lambda *_: drawn.hit)
+        drawn.area = 0
+        monkeypatch.setattr(operators.draw.stroke, "viewport_at", lambda *_: object())
+        monkeypatch.setattr(operators.draw.stroke, "brush_under", lambda *_: drawn.hit)
         moved = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
         assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
     assert not drawings.stroke_under_way()
@@ -354,24 +352,67 @@ def test_another_ct_and_back_keeps_what_was_drawn(drawing, ball_file, tmp_path):
 
 def test_drawings_of_two_cts_of_one_name_lie_apart_under_the_name_of_the_panel(drawing, tmp_path):
     scene = bpy.context.scene
-    files = {}
     stroke(middle())
+    masks = [mask().copy()]
     scene.ctmc.volume_name = "case 7"
     (tmp_path / "second").mkdir()
     np.save(tmp_path / "second" / "ball.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
     bpy.ops.ctmc.load(filepath=str(tmp_path / "second" / "ball.npy"), spacing=(1, 1, 2))
     stroke(middle())
+    masks.append(mask().copy())
     scene.ctmc.volume_name = "case 7"
-    first = scene.ctmc_scans[0].volume_fingerprint
-    for _ in range(2):
-        before = mask().copy()
-        bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
-        (new,) = set(tmp_path.glob("*drawn.seg.nrrd")) - files.keys()
-        files[new] = before
-        scans.activate(scene, first)
-    for file, before in files.items():
+    second, first = (ct.volume_fingerprint for ct in scans.all_of(scene))
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
+    for fingerprint, before in zip((first, second), masks, strict=True):
+        file = tmp_path / f"case Scene case 7 {fingerprint[:4]} drawn.seg.nrrd"
         assert (read_volume(file).values == before).all()
-        assert file.name.startswith("case Scene case 7 ")
+    assert len(list(tmp_path.glob("*drawn.seg.nrrd"))) == 2
+
+
+def test_undo_keeps_what_was_drawn_on_another_ct(drawing, tmp_path):
+    scene = bpy.context.scene
+    stroke(middle())
+    item, before = drawings.active(scene), mask().copy()
+    first, key = item.fingerprint, item.key
+    np.save(tmp_path / "other.npy", np.arange(24**3, dtype=np.int16).reshape(24, 24, 24))
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "other.npy"), spacing=(1, 1, 2))
+    bpy.ops.ed.undo_push(message="Loaded")
+    stroke(middle())
+    bpy.ops.ed.undo_push(message="Stroke")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert [one.key for one in scene.ctmc_draw.structures] == [key]
+    assert scans.activate(scene, first)
+    assert (mask() == before).all()
+
+
+def test_the_brush_meets_a_surface_before_the_slices_where_it_draws_on_those(drawing):
+    scene = bpy.context.scene
+    scene.ctmc.threshold, scene.ctmc.preview = 100.0, False
+    bpy.ops.ctmc.reconstruct()
+    bpy.context.view_layer.update()
+    x, y, z = middle()
+    ray = Vector((x, y, z + 200)) * 0.01, Vector((0.0, 0.0, -1.0))
+    scene.ctmc_view.show_slice, scene.ctmc_view.plane, scene.ctmc_view.position = True, "axial", 0.5
+    space, view = SimpleNamespace(overlay=SimpleNamespace(show_overlays=True)), SimpleNamespace(use_clip_planes=False)
+
+    def met():
+        return brush_along(scene, space, view, ray)
+
+    on_slice = met()
+    assert not on_slice.on_surface
+    drawing.on_surfaces = True
+    on_surface = met()
+    assert on_surface.on_surface
+    inside = np.flatnonzero(volumes.current(scene).values[:, 12, 12] >= 100)  # along the ray
+    top = (volumes.current(scene).affine @ (12, 12, inside.max(), 1))[2]
+    assert top <= on_surface.point_mm[2] < top + volumes.current(scene).spacing[2]
+    assert abs(on_surface.normal[2]) == pytest.approx(1)
+    scene.ctmc_view.position = 1.0  # the slice lies before the surface
+    assert not met().on_surface
+    scene.ctmc_view.position = 0.5
+    view.use_clip_planes = True
+    assert met().point_mm == on_slice.point_mm
 
 
 def test_a_saved_drawing_lies_beside_the_blend_for_other_programs(drawing, tmp_path):

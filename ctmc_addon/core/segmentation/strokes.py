@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Brush and eraser: balls in space or discs in a slice, along a stroke, in millimeters.
 
-Only the window around the stroke is touched, so a stroke takes as long as it is large.
+Only the windows around the lines of the stroke are looked at, some rows at a time, so a stroke takes as long as it is
+large, and two bytes for each sample of its window.
 """
 
 from __future__ import annotations
@@ -14,10 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from ..volume.affine import to_index, transform_points
-from ..volume.volume import Placed
+from ..volume.affine import to_index
+from ..volume.volume import Placed, Volume
 from .distance import SLACK, Mask, Window
 from .points import Point
+from .range_mask import in_range
+
+Floats3 = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
+SAMPLES = 1 << 13  # at once: their distances stay in the processor's cache
 
 
 def brushed_window(
@@ -63,43 +68,58 @@ def brushed_window(
     touched = np.zeros(tuple(side.stop - side.start for side in window), bool)
     if not touched.size:
         return window, touched
-    z, y, x = np.meshgrid(*(np.arange(side.start, side.stop) for side in window), indexing="ij")
-    at = transform_points(volume.affine, np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1))  # (n, 3)
-    flat = touched.ravel()
     for start, end in lines:
-        flat |= _near_line(at, start, end, radius_mm, axis, thickness)
-    return window, flat.reshape(touched.shape)
+        own = _window(volume, np.stack([start, end]), radius_mm, axis, thickness)
+        slices, rows, columns = (side.stop - side.start for side in own)
+        near = np.zeros((slices * rows, columns), bool)
+        at_once = max(1, SAMPLES // max(1, columns))
+        for first in range(0, len(near) if columns else 0, at_once):
+            numbers = np.arange(first, min(len(near), first + at_once))
+            at = _positions(volume, own[0].start + numbers // rows, own[1].start + numbers % rows, own[2])
+            near[numbers[0] : numbers[-1] + 1] = _near_line(at, start, end, radius_mm, axis, thickness)
+        z, y, x = (slice(a.start - b.start, a.stop - b.start) for a, b in zip(own, window, strict=True))
+        touched[z, y, x] |= near.reshape(slices, rows, columns)
+    return window, touched
 
 
 def brush(
     mask: Mask,
-    volume: Placed,
+    volume: Volume,
     stroke_ras_mm: Sequence[Point],
     radius_mm: float,
     normal: Point | None = None,
-    within: Mask | None = None,
+    limits: tuple[float, float] | None = None,
     erase: bool = False,
-) -> Mask:
-    """Return a mask with a stroke drawn, or erased; parameters as of `brushed_window`, `within` such as a range.
+) -> Window:
+    """Draw a stroke into a mask in place, or erase it, and return its window; parameters as of `brushed_window`.
+
+    Parameters
+    ----------
+    limits : (low, high), optional
+        Only samples whose value is in this range are touched.
 
     Examples
     --------
     >>> from ctmc_addon.core import Volume
     >>> volume = Volume(np.zeros((5, 5, 5)), np.diag([1.0, 1.0, 2.0, 1.0]))
-    >>> ball = brush(np.zeros((5, 5, 5), bool), volume, [(2, 2, 4)], 1.0)
-    >>> disc = brush(ball, volume, [(2, 2, 4)], 2.0, normal=(0, 0, 1))
-    >>> int(ball.sum()), int(disc.sum()), int(brush(disc, volume, [(2, 2, 4)], 1.0, erase=True).sum())
+    >>> mask = np.zeros((5, 5, 5), bool)
+    >>> brush(mask, volume, [(2, 2, 4)], 1.0)
+    (slice(2, 3, None), slice(1, 4, None), slice(1, 4, None))
+    >>> ball = int(mask.sum())
+    >>> _ = brush(mask, volume, [(2, 2, 4)], 2.0, normal=(0, 0, 1))
+    >>> disc = int(mask.sum())
+    >>> _ = brush(mask, volume, [(2, 2, 4)], 1.0, erase=True)
+    >>> ball, disc, int(mask.sum())
     (5, 13, 8)
     """
     window, touched = brushed_window(volume, stroke_ras_mm, radius_mm, normal)
-    if within is not None:
-        touched = touched & within[window]
-    drawn = mask.copy()
+    if limits is not None:
+        touched &= in_range(volume.values[window], *limits)
     if erase:
-        drawn[window] &= ~touched
+        mask[window] &= ~touched
     else:
-        drawn[window] |= touched
-    return drawn
+        mask[window] |= touched
+    return window
 
 
 def _window(
@@ -134,24 +154,38 @@ def _half_thickness(volume: Placed, axis: NDArray[np.float64]) -> float:
     return float(along[int(directions.argmax())]) / 2
 
 
+def _positions(volume: Placed, z: NDArray[np.int64], y: NDArray[np.int64], columns: slice) -> Floats3:
+    """Return where the samples of rows at (z, y) are, RAS+ mm: x, y and z, each (rows, columns)."""
+    x = np.arange(columns.start, columns.stop)
+    at = [(row[0] * x)[None] + ((row[1] * y) + (row[2] * z + row[3]))[:, None] for row in volume.affine[:3]]
+    return at[0], at[1], at[2]
+
+
 def _near_line(
-    at: NDArray[np.float64],
+    at: Floats3,
     start: NDArray[np.float64],
     end: NDArray[np.float64],
     radius_mm: float,
     axis: NDArray[np.float64] | None,
     half_mm: float | None,
 ) -> NDArray[np.bool_]:
-    """Return which points (n, 3) are at most a radius from a line; with an axis, from its disc in the plane."""
-    along, apart = end - start, at - start
-    inside = np.ones(len(at), bool)
+    """Return which points are at most a radius from a line; with an axis, from its disc in the plane."""
+    along = end - start
+    apart = [part - first for part, first in zip(at, start.tolist(), strict=True)]
+    inside: Mask | bool = True
     if axis is not None and half_mm is not None:
-        above = apart[:, 0] * axis[0] + apart[:, 1] * axis[1] + apart[:, 2] * axis[2]
+        above = _dot(apart, axis)
         inside = (above >= -half_mm * (1 + SLACK)) & (above < half_mm * (1 - SLACK))
-        apart = apart - above[:, None] * axis
+        apart = [part - above * step for part, step in zip(apart, axis.tolist(), strict=True)]
     length = float((along * along).sum())
     if length > 0:
-        share = (apart[:, 0] * along[0] + apart[:, 1] * along[1] + apart[:, 2] * along[2]) / length
-        apart = apart - np.clip(share, 0.0, 1.0)[:, None] * along
-    square = apart[:, 0] ** 2 + apart[:, 1] ** 2 + apart[:, 2] ** 2
-    return inside & (square <= radius_mm * radius_mm * (1 + SLACK))
+        share = np.clip(_dot(apart, along) / length, 0.0, 1.0)
+        apart = [part - share * step for part, step in zip(apart, along.tolist(), strict=True)]
+    near: Mask = (apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) <= radius_mm * radius_mm * (1 + SLACK)
+    return near & inside
+
+
+def _dot(vectors: Sequence[NDArray[np.float64]], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the scalar products of vectors, given as x, y and z, with another one."""
+    x, y, z = other.tolist()
+    return vectors[0] * x + vectors[1] * y + vectors[2] * z
