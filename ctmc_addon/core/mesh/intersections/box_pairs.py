@@ -18,7 +18,7 @@ Indices = NDArray[np.int32]
 
 SHIFT = 2
 BRANCH = 1 << SHIFT  # boxes in a box
-BLOCK = 1 << 13  # pairs that are compared together
+BLOCK = 1 << 15  # pairs that are compared together
 _FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # of a box with itself every pair of children once
 
 

@@ -41,7 +41,7 @@ Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 Pairs = Iterator[tuple[Ints, Ints]]
 
-TOGETHER = 64  # blocks of pairs whose doubtful ones are decided together
+TOGETHER = 16  # blocks of pairs whose doubtful ones are decided together
 FEW = 8  # times as many triangles as selected ones, from which on those far away are left out first
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
@@ -191,10 +191,8 @@ class _Measured:
         for planes, others in ((first, second), (second, first)):
             near = ~self._one_side(planes[left], others[left], _OWN[count])
             left, count = left[near], count[near]
-        of_count = [left[count == number] for number in range(4)]
-        apart = of_count[0]
-        of_count[0] = apart[~surely_apart(self._corners(first[apart]), self._corners(second[apart]))]
-        return [np.stack([first[at], second[at]]) for at in of_count]
+        pairs = np.stack([first[left], second[left]])
+        return [np.compress(count == number, pairs, axis=1) for number in range(4)]
 
     def meeting(self, doubtful: list[Indices]) -> list[Indices]:
         """The pairs, (2, n) each, that meet where they may not."""
@@ -220,7 +218,10 @@ class _Measured:
 
     def _meet(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs without a common vertex meet."""
-        return triangles_meet(self._corners(first), self._corners(second))
+        met = ~surely_apart(self._corners(first), self._corners(second))
+        left = np.flatnonzero(met)
+        met[left] = triangles_meet(self._corners(first[left]), self._corners(second[left]))
+        return met
 
     def _meet_beyond_vertex(self, first: Ints, second: Ints) -> Flags:
         """Which of these pairs with one common vertex meet elsewhere."""
