@@ -10,7 +10,7 @@ or got when they were made later: numbers of the log, which compacting the mesh 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -75,6 +75,14 @@ class Undone:
     cuts: Indices
 
 
+class Places(NamedTuple):
+    """Where each face, edge and vertex of the log is in the mesh, -1 for nowhere; int32, by the log's numbers."""
+
+    faces: Ints
+    edges: Ints
+    vertices: Ints
+
+
 class Numbered(Protocol):
     """What the log reads of a mesh whose edges collapse: see `CollapsingMesh`."""
 
@@ -103,6 +111,7 @@ class CollapseLog:
         self.crossing, self.face_count = crossing, mesh.face_count
         self.rounds: list[Round] = []
         self._index: _Index | None = None  # of all rounds, once something is undone
+        self._places: Places | None = None
         self.face_number = np.arange(mesh.faces.shape[1], dtype=np.int32)
         self.edge_number = np.arange(mesh.edges.shape[1], dtype=np.int32)
         self.vertex_number = np.arange(len(mesh.locked), dtype=np.int32)
@@ -116,12 +125,25 @@ class CollapseLog:
         self.face_number = self.face_number[faces]
         self.edge_number = self.edge_number[edges]
         self.vertex_number = self.vertex_number[vertices]
+        self._places = None
 
     def append(self, faces: Ints, edges: Ints, vertices: Ints) -> None:
         """Take in the numbers of faces, edges and vertices that come after those of the mesh."""
         self.face_number = np.append(self.face_number, faces)
         self.edge_number = np.append(self.edge_number, edges)
         self.vertex_number = np.append(self.vertex_number, vertices)
+        self._places = None
+
+    @property
+    def places(self) -> Places:
+        """Where what the log has numbered is in the mesh as it is now."""
+        if self._places is None:
+            self._places = Places(
+                _inverse(self.face_number, self.faces),
+                _inverse(self.edge_number, self.edges),
+                _inverse(self.vertex_number, self.vertices),
+            )
+        return self._places
 
     def add_collapses(self, mesh: Numbered, collapses: Collapses) -> None:
         """Record a round of collapses before it is done."""
@@ -279,3 +301,10 @@ class _Index:
         counts = self._counts[changes]
         ends = np.cumsum(counts)
         return self._touches[np.arange(counts.sum()) + np.repeat(self._ends[changes] - ends, counts)]
+
+
+def _inverse(numbers: Ints, count: int) -> Ints:
+    """Place of each of so many numbers, (count,), -1 for nowhere."""
+    places = np.full(count, -1, np.int32)
+    places[numbers] = np.arange(len(numbers), dtype=np.int32)
+    return places

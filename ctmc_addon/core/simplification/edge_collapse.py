@@ -268,14 +268,21 @@ class CollapsingMesh(CollapseRules):
         yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops)
         moved = np.zeros(len(vertices), bool)
         moved[cuts.loops] = moved[vertex_count:] = True
-        around = np.zeros(len(vertices), bool)
+        yield from self.renew_quadrics_steps(moved)
+        yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
+
+    def renew_quadrics_steps(self, moved: Flags) -> Steps[None]:
+        """Work out the quadrics of the vertices that moved, (V,) bool, and of those beside them anew."""
+        around = np.zeros(len(moved), bool)
         around[self.faces[:, np.take(moved, self.faces).any(axis=0)]] = True
         faces = self.faces[:, np.take(around, self.faces).any(axis=0)]
+        yield PAUSE
         rows = np.flatnonzero(around)
+        number = np.zeros(len(moved), np.int32)
+        number[rows] = np.arange(1, len(rows) + 1, dtype=np.int32)  # 0 for all others
+        index = np.take(number, faces).ravel()
         for row, share in zip(self.quadrics, face_quadrics(self.positions, faces), strict=True):
-            row[rows] = np.bincount(faces.ravel(), np.tile(share, 3), len(vertices))[rows]
-            yield PAUSE
-        yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
+            row[rows] = np.bincount(index, np.tile(share, 3), len(rows) + 1)[1:]
 
     def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""

@@ -18,7 +18,6 @@ from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog, Undone
 from .edge_collapse import CollapsingMesh
-from .quadrics import vertex_quadrics_steps
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -73,11 +72,11 @@ def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[
         selected, moved = _restored(mesh, log, log.undo(last), moved)
         yield PAUSE
     if asked:
-        held = _places(log.vertex_number, log.vertices)[np.concatenate(asked)]
+        held = log.places.vertices[np.concatenate(asked)]
         if hold:
             mesh.doubt(held[held >= 0])
         yield from _settle_steps(mesh, moved)
-    crossing = _places(log.face_number, log.faces)[np.unique(np.concatenate(left, axis=1), axis=1)]
+    crossing = log.places.faces[np.unique(np.concatenate(left, axis=1), axis=1)]
     present = (crossing >= 0).all(axis=0) & (mesh.faces[0, crossing] != mesh.dummy).all(axis=0)
     return crossing[:, present], bool(asked)
 
@@ -116,8 +115,7 @@ def _restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], move
     _append(mesh, log, faces, np.unique(sides), vertices)
     moved = np.append(moved, np.zeros(len(mesh.locked) - len(moved), bool))
 
-    at_face, at_edge = _places(log.face_number, log.faces), _places(log.edge_number, log.edges)
-    at_vertex = _places(log.vertex_number, log.vertices)
+    at_face, at_edge, at_vertex = log.places
     here = at_vertex[vertices]
     mesh.positions[:, here], moved[here] = positions[:, vertices], True
     if mesh.normals is not None and normals is not None:
@@ -143,9 +141,10 @@ def _append(
     mesh: CollapsingMesh, log: CollapseLog, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]
 ) -> None:
     """Bring back room for those of these faces, edges and vertices of the log that the mesh no longer has."""
-    faces = faces[_places(log.face_number, log.faces)[faces] < 0]
-    edges = edges[_places(log.edge_number, log.edges)[edges] < 0]
-    vertices = vertices[_places(log.vertex_number, log.vertices)[vertices] < 0]
+    at_face, at_edge, at_vertex = log.places
+    faces, edges, vertices = faces[at_face[faces] < 0], edges[at_edge[edges] < 0], vertices[at_vertex[vertices] < 0]
+    if not len(faces) + len(edges) + len(vertices):
+        return
     mesh.faces = np.append(mesh.faces, np.full((3, len(faces)), mesh.dummy, np.int32), axis=1)
     mesh.face_edges = np.append(mesh.face_edges, np.zeros((3, len(faces)), np.int32), axis=1)
     mesh.edges = np.append(mesh.edges, np.full((2, len(edges)), mesh.dummy, np.int32), axis=1)
@@ -164,16 +163,8 @@ def _append(
     log.append(faces.astype(np.int32), edges.astype(np.int32), vertices.astype(np.int32))
 
 
-def _places(numbers: Ints, count: int) -> Ints:
-    """Where each of so many numbers of the log is in the mesh, -1 for nowhere."""
-    places = np.full(count, -1, np.int32)
-    places[numbers] = np.arange(len(numbers), dtype=np.int32)
-    return places
-
-
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
     """Work out anew what hangs on the positions, where vertices have moved back."""
     mesh.was_undone()
-    moved = moved[(yield from mesh.compact_steps())]
-    mesh.quadrics = yield from vertex_quadrics_steps(mesh.positions, mesh.faces)
+    yield from mesh.renew_quadrics_steps(moved)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))
