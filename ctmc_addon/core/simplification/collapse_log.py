@@ -112,6 +112,7 @@ class CollapseLog:
         self.rounds: list[Round] = []
         self._index: _Index | None = None  # of all rounds, once something is undone
         self._places: Places | None = None
+        self.untested = crossing is None  # whether something that stands here may have made triangles cross
         self.face_number = np.arange(mesh.faces.shape[1], dtype=np.int32)
         self.edge_number = np.arange(mesh.edges.shape[1], dtype=np.int32)
         self.vertex_number = np.arange(len(mesh.locked), dtype=np.int32)
@@ -145,8 +146,9 @@ class CollapseLog:
             )
         return self._places
 
-    def add_collapses(self, mesh: Numbered, collapses: Collapses) -> None:
-        """Record a round of collapses before it is done."""
+    def add_collapses(self, mesh: Numbered, collapses: Collapses, tested: bool) -> None:
+        """Record a round of collapses before it is done; whether it was tested that they make nothing cross."""
+        self.untested |= not tested
         count = len(collapses.kept)
         moved = np.concatenate([collapses.kept, collapses.dropped])
         owner = np.tile(np.arange(count, dtype=np.int32), 2)
@@ -154,6 +156,7 @@ class CollapseLog:
 
     def add_cuts(self, mesh: Numbered, loops: Ints) -> None:
         """Record the cuts of handles at loops (n, 3) before they are done. Those that meet one face are one change."""
+        self.untested = True
         count = len(loops)
         loop = np.full(len(mesh.locked), -1, np.int32)
         loop[loops] = np.arange(count, dtype=np.int32)[:, None]

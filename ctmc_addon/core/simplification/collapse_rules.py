@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ..progress import Steps
 from .collapses import Collapses, shuffled, violates_link_condition_steps
+from .component_removal import Components
 from .crossing_check import crosses_steps
 from .handles import Cuts, handle_cuts_steps
 
@@ -32,6 +33,9 @@ class CollapseRules:
     cost: Floats
     quadrics: Floats
     face_cost: float
+    face_count: int
+    component: Ints
+    components: Components
     locked: Flags
     dummy: int
     original_vertex: Ints
@@ -49,18 +53,24 @@ class CollapseRules:
         """Which collapses would change how the surface is connected, (n,) bool."""
         return violates_link_condition_steps(collapses, self.edges, self.locked)
 
-    def crosses_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses make triangles cross where some have before, (n,) bool."""
-        if not self.doubtful.any():
-            return np.zeros(len(collapses.edges), bool)
-        doubtful = np.take(self.doubtful, self.original_vertex)
-        near = collapses.at_vertices(doubtful, self.faces)
-        if not near.any():
-            return near
+    @property
+    def tests_crossings(self) -> bool:
+        """Whether collapses are tested for crossings before they are done: once some have been undone at the end."""
+        return bool(self.doubtful.any())
+
+    def uncrossed_steps(self, collapses: Collapses, budget: int) -> Steps[tuple[Collapses, float]]:
+        """The cheapest collapses within the budget that make nothing cross, and their share of those tried."""
         alive = self.faces[0] != self.dummy
-        refused = yield from crosses_steps(collapses, self.positions, self.faces, alive, near)
-        self.doubtful[self.original_vertex[collapses.kept[near & ~refused]]] = True
-        return refused
+        refused, tried = np.zeros((2, len(collapses.edges)), bool)
+        while True:
+            cheapest = self.within_budget(collapses.select(~refused), budget)
+            done = np.isin(collapses.edges, cheapest.edges)
+            if not (changed := done ^ tried).any():
+                break
+            crossing = yield from crosses_steps(collapses, self.positions, self.faces, alive, done, changed)
+            refused, tried = refused | crossing, done
+        self.cost[collapses.edges[refused]] = np.inf
+        return cheapest, len(cheapest.edges) / max(len(cheapest.edges) + int(refused.sum()), 1)
 
     def doubt(self, vertices: Ints) -> None:
         """Triangles have come to cross at these vertices; lock those where that happens the second time."""
@@ -83,6 +93,11 @@ class CollapseRules:
 
     def edges_joined(self, lost: Indices, stays: Indices) -> None:
         """Edges that are gone became one with those that stay."""
+
+    def may_have_handles(self) -> bool:
+        """Whether the Euler number leaves room for one: 2 for every component, 2 less for every handle."""
+        vertices, edges = int((self.component >= 0).sum()), int((self.edges[0] != self.edges[1]).sum())
+        return vertices - edges + self.face_count < 2 * self.components.count
 
     def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
         """Cuts of handles at loops whose edges are no longer than `longest`."""

@@ -14,6 +14,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -35,8 +36,16 @@ from .collapses import (
 )
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
-from .handles import longest_loop_edge, pull_apart_steps
-from .quadrics import EdgeQuadric, best_step, edge_quadric, error, face_quadrics, vertex_quadrics_steps
+from .handles import least_face_cost, longest_loop_edge, pull_apart_steps
+from .quadrics import (
+    EdgeQuadric,
+    best_step,
+    edge_quadric,
+    error,
+    face_quadrics,
+    renew_quadrics_steps,
+    vertex_quadrics_steps,
+)
 from .rollback import History
 
 Ints = NDArray[np.int32]
@@ -100,7 +109,7 @@ class CollapsingMesh(CollapseRules):
         self.components = Components()
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
-        self.cost_at_cut = 0.0  # `face_cost` when handles were last considered
+        self.least_cost_of_cut = math.inf  # `face_cost` above which handles are considered again
         self.handles_cut = 0
         self.accepted = 1.0  # share of the edges tried in the last round that could collapse
         self.poor_rounds = 0  # in a row, with hardly a collapse
@@ -125,6 +134,8 @@ class CollapsingMesh(CollapseRules):
         yield from self.update_costs_steps()
         if self.limit is None:
             self.begin_log()
+            if self.may_have_handles():
+                self.least_cost_of_cut = least_face_cost(self.positions, self.edges)
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
@@ -190,7 +201,6 @@ class CollapsingMesh(CollapseRules):
             self.violates_link_condition_steps,
             lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
             self.exceeds_error_steps,
-            self.crosses_steps,
         ]
         if self.batch:
             checks.insert(1, lambda collapses: crosses_border_steps(collapses, self.faces, self.edges, self.locked))
@@ -199,14 +209,18 @@ class CollapsingMesh(CollapseRules):
             self.cost[collapses.edges[refused]] = np.inf
             collapses = collapses.select(~refused)
             yield PAUSE
-        left = len(collapses.edges)
-        if left and self.limit is None:
+        accepted = len(collapses.edges) / tried
+        if len(collapses.edges) and self.limit is None:
             self._update_face_cost(collapses)
-        self.accepted = max(left / tried, FEW)
+        if tested := self.tests_crossings:
+            collapses, share = yield from self.uncrossed_steps(collapses, budget)
+            accepted *= share
+        else:
+            collapses = self.within_budget(collapses, budget)
+        self.accepted = max(accepted, FEW)
         self.poor_rounds = self.poor_rounds + 1 if self.accepted == FEW else 0
-        collapses = self.within_budget(collapses, budget)
         if len(collapses.edges):
-            yield from self.merge_steps(collapses)
+            yield from self.merge_steps(collapses, tested)
 
     def remove_components_steps(self, excess: int, stuck: bool = False) -> Steps[bool]:
         """Remove components that now cost less than collapses, at most `excess` faces; whether any went.
@@ -236,10 +250,9 @@ class CollapsingMesh(CollapseRules):
 
     def cut_handles_steps(self) -> Steps[None]:
         """Cut handles that now cost less than collapses, when collapses have become more expensive."""
-        again = CUT_IN_BATCH if self.batch else CUT_AGAIN
-        if self.limit is not None or self.face_cost <= again * self.cost_at_cut:
+        if self.limit is not None or self.face_cost <= self.least_cost_of_cut:
             return
-        self.cost_at_cut = self.face_cost
+        self.least_cost_of_cut = self.face_cost * (CUT_IN_BATCH if self.batch else CUT_AGAIN)
         longest = longest_loop_edge(self.face_cost)
         cuts = yield from self.handle_cuts_steps(longest)
         if cuts is None:
@@ -268,21 +281,8 @@ class CollapsingMesh(CollapseRules):
         yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops)
         moved = np.zeros(len(vertices), bool)
         moved[cuts.loops] = moved[vertex_count:] = True
-        yield from self.renew_quadrics_steps(moved)
+        yield from renew_quadrics_steps(self.quadrics, self.positions, self.faces, moved)
         yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
-
-    def renew_quadrics_steps(self, moved: Flags) -> Steps[None]:
-        """Work out the quadrics of the vertices that moved, (V,) bool, and of those beside them anew."""
-        around = np.zeros(len(moved), bool)
-        around[self.faces[:, np.take(moved, self.faces).any(axis=0)]] = True
-        faces = self.faces[:, np.take(around, self.faces).any(axis=0)]
-        yield PAUSE
-        rows = np.flatnonzero(around)
-        number = np.zeros(len(moved), np.int32)
-        number[rows] = np.arange(1, len(rows) + 1, dtype=np.int32)  # 0 for all others
-        index = np.take(number, faces).ravel()
-        for row, share in zip(self.quadrics, face_quadrics(self.positions, faces), strict=True):
-            row[rows] = np.bincount(index, np.tile(share, 3), len(rows) + 1)[1:]
 
     def collapses(self, edges: Indices) -> Collapses:
         """What collapsing these edges would do; no two have an end at the same triangle."""
@@ -306,13 +306,13 @@ class CollapsingMesh(CollapseRules):
         yield PAUSE
         return (yield from self.bound.exceeded_steps(collapses, self.faces, moved))
 
-    def merge_steps(self, collapses: Collapses) -> Steps[None]:
-        """Collapse; what is gone stands at the dummy vertex until `compact_steps`."""
+    def merge_steps(self, collapses: Collapses, tested: bool) -> Steps[None]:
+        """Collapse; what is gone stands at the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
         self.collapsed += len(keep)
         self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
         if self.log is not None:
-            self.log.add_collapses(self, collapses)
+            self.log.add_collapses(self, collapses, tested)
         if self.compacting:
             self.positions[:, keep] = collapses.target
         else:

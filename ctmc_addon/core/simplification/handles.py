@@ -30,6 +30,8 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 SAVED = 4  # triangles fewer for every cut
+LEAST_LOOP = 0.35  # of the median edge at first is the longest edge of a loop before handles are looked for
+EVERY = 16  # one of so many edges is measured for that
 MOST_FACES = 64  # at a vertex, on one side of a loop
 PULL = np.float32(0.1)  # share of the way to its neighbors by which each of the two loops is moved
 HALVINGS = 8  # of that share, at most, where a triangle would turn over
@@ -99,6 +101,15 @@ class Cuts:
 def longest_loop_edge(face_cost: float) -> float:
     """Length up to which the edges of a loop may be cut when collapses cost so much for every triangle."""
     return float((SAVED * face_cost) ** (1 / 3))
+
+
+def least_face_cost(positions: Floats, edges: Ints) -> float:
+    """Cost of collapses for every triangle from which on it is worth looking for handles: few have shorter loops."""
+    first, second = edges[:, ::EVERY]
+    along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
+    squared = dot(along, along)
+    middle = len(squared) // 2
+    return (LEAST_LOOP * float(np.sqrt(np.partition(squared, middle)[middle]))) ** 3 / SAVED
 
 
 def handle_cuts_steps(

@@ -68,6 +68,23 @@ def face_quadrics(positions: Floats, faces: NDArray[np.int32] | NDArray[np.int64
     return out
 
 
+def renew_quadrics_steps(
+    quadrics: Floats, positions: Floats, faces: NDArray[np.int32], moved: NDArray[np.bool_]
+) -> Steps[None]:
+    """Work out the quadrics (6, V) of the vertices that moved, (V,) bool, and of those beside them anew."""
+    around = np.zeros(len(moved), bool)
+    around[faces[:, np.take(moved, faces).any(axis=0)]] = True
+    faces = faces[:, np.take(around, faces).any(axis=0)]
+    yield PAUSE
+    rows = np.flatnonzero(around)
+    number = np.zeros(len(moved), np.int32)  # of a row, from 1 on; 0 for all other vertices
+    number[rows] = np.arange(1, len(rows) + 1, dtype=np.int32)
+    index = np.take(number, faces).ravel()
+    for row, share in zip(quadrics, face_quadrics(positions, faces), strict=True):
+        row[rows] = np.bincount(index, np.tile(share, 3), len(rows) + 1)[1:]
+        yield PAUSE
+
+
 class EdgeQuadric(NamedTuple):
     """Sum of the quadrics of two vertices, about the middle between them: `d A d + 2 g d + c`."""
 

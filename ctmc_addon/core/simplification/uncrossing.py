@@ -3,8 +3,8 @@
 
 The surface is tested when a quarter of its triangles is left, and at the end. Of two triangles that cross, the last
 change that touched either is undone, with all that depend on it; then what that brought back is tested. In the
-worst case a place is as it was at the last test. After the test at the end, collapses there are tested before they are
-done (`crossing_check`), and the triangles that are then too many go elsewhere.
+worst case a place is as it was at the last test. After the test at the end the triangles that are then too many go
+elsewhere, by collapses that are tested before they are done (`crossing_check`).
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog, Undone
 from .edge_collapse import CollapsingMesh
+from .quadrics import renew_quadrics_steps
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -32,8 +33,8 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
     mesh : CollapsingMesh
         Its `crossing_count` then tells how many pairs still cross.
     hold : bool
-        From now on test collapses at the vertices of what is undone because of a crossing, or lock them if it is so
-        the second time.
+        From now on test collapses if something is undone because of a crossing; lock the vertices of what is undone
+        for the second time.
 
     Returns
     -------
@@ -41,7 +42,7 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
         Whether anything was undone.
     """
     log = mesh.log
-    if log is None or not (log.rounds or log.crossing is None):
+    if log is None or not log.untested:
         return False
     crossing, undone = yield from _uncross_steps(mesh, log, hold)
     mesh.begin_log(crossing)
@@ -166,5 +167,5 @@ def _append(
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
     """Work out anew what hangs on the positions, where vertices have moved back."""
     mesh.was_undone()
-    yield from mesh.renew_quadrics_steps(moved)
+    yield from renew_quadrics_steps(mesh.quadrics, mesh.positions, mesh.faces, moved)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))

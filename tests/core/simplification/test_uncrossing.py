@@ -59,27 +59,60 @@ def test_where_triangles_crossed_collapses_are_tested_and_vertices_stay_free():
     assert mesh.locked.sum() < 0.1 * mesh.doubtful.sum()
 
 
-def test_a_collapse_through_another_triangle_is_refused_where_it_is_asked_for():
-    # Two fans, one above the other: the middle of the lower goes up through the upper.
-    positions = np.zeros((3, 14), np.float32)
+def fans(count, distance=1.0):
+    """Fans of six triangles round vertices 7 k, one above the other: positions (3, V) and faces (3, F)."""
+    positions = np.zeros((3, 7 * count), np.float32)
     angles = np.arange(6) * np.pi / 3
-    positions[0, 1:7] = positions[0, 8:] = np.cos(angles)
-    positions[1, 1:7] = positions[1, 8:] = np.sin(angles)
-    positions[2, 7:] = 1.0
-    fan = [[0, 1 + k, 1 + (k + 1) % 6] for k in range(6)]
-    faces = np.array(fan + [[corner + 7 for corner in face] for face in fan], np.int32).T
-    for height, crosses in ((0.5, False), (1.5, True)):
-        ends, owner = (np.array([0], np.int32), np.array([1], np.int32)), np.zeros(6, np.int32)
-        target, gone = np.array([[0.2], [0.1], [height]], np.float32), (faces[:, :6] == 1).any(axis=0)
-        collapses = Collapses(np.array([0]), *ends, target, np.arange(6), owner, gone)
-        for asked in (False, True):
-            refused = crosses_steps(collapses, positions, faces, np.ones(12, bool), np.array([asked]))
-            assert finish(refused).tolist() == [crosses and asked]
+    for number in range(count):
+        rim = slice(7 * number + 1, 7 * number + 7)
+        positions[0, rim], positions[1, rim] = np.cos(angles), np.sin(angles)
+        positions[2, 7 * number : 7 * number + 7] = number * distance
+    fan = np.array([[0, 1 + k, 1 + (k + 1) % 6] for k in range(6)], np.int32)
+    return positions, np.concatenate([fan + 7 * number for number in range(count)]).T
+
+
+def raised(faces, targets):
+    """A collapse of every fan's first edge to its target."""
+    count = len(targets)
+    middle = 7 * np.arange(count, dtype=np.int32)
+    owner = np.repeat(np.arange(count, dtype=np.int32), 6)
+    gone = (faces == middle[owner] + 1).any(axis=0)
+    target = np.array(targets, np.float32).T
+    return Collapses(np.arange(count), middle, middle + 1, target, np.arange(6 * count), owner, gone)
+
+
+@pytest.mark.parametrize(("height", "crosses"), [(0.5, False), (1.5, True)])
+@pytest.mark.parametrize("asked", [False, True])
+def test_a_collapse_through_another_triangle_is_refused_where_it_is_asked_for(height, crosses, asked):
+    positions, faces = fans(2)
+    collapses = raised(faces[:, :6], [(0.2, 0.1, height)])
+    flags = np.ones(12, bool), np.array([True]), np.array([asked])
+    assert finish(crosses_steps(collapses, positions, faces, *flags)).tolist() == [crosses and asked]
+
+
+def test_a_collapse_is_refused_that_meets_what_another_leaves_where_it_was():
+    # The middle of the lower fan goes up to 1.5, that of the upper from 1 to 3: both together cross nothing.
+    positions, faces = fans(2)
+    positions[2, 8:] = 3.0  # the rim of the upper fan
+    collapses = raised(faces, [(0.2, 0.1, 1.5), (0.2, 0.1, 3.0)])
+    alive, both = np.ones(12, bool), np.ones(2, bool)
+    assert not finish(crosses_steps(collapses, positions, faces, alive, both, both)).any()
+    lower, upper = np.array([True, False]), np.array([False, True])
+    assert finish(crosses_steps(collapses, positions, faces, alive, lower, upper)).tolist() == [True, False]
+
+
+def test_collapses_that_are_tested_leave_nothing_to_undo():
+    mesh = CollapsingMesh(leaves(2, 24))
+    target = mesh.face_count // 4
+    finish(whole.collapse_steps(mesh, target))
+    assert mesh.doubtful.any()
+    assert not mesh.log.untested
+    assert crossings(mesh.mesh()) == 0
 
 
 def test_batches_and_clusters_do_not_cross_and_threads_change_nothing():
     full = leaves(3, 24)
-    budgets = [Budget(threads=threads, whole_faces=2500) for threads in (1, 3)]
+    budgets = [Budget(threads=threads, whole_faces=3000) for threads in (1, 3)]
     results = [finish(simplification_steps(full, 0.9, budget=budget)) for budget in budgets]
     assert crossings(results[0].mesh) == results[0].self_intersections == 0
     assert len(results[0].mesh.faces) <= 0.6 * len(full.faces)

@@ -167,6 +167,10 @@ class CollapsingComplex(CollapsingMesh):
         """An edge of a line that became one with another makes this one of the line."""
         self.junctions.edges[stays] |= self.junctions.edges[lost]
 
+    def may_have_handles(self) -> bool:
+        """Whether to look for handles: where walls meet, the Euler number does not tell."""
+        return True
+
     def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
         """Cuts of handles within an interface, which stays in one piece."""
         junction = self.junctions.rank != INTERIOR
