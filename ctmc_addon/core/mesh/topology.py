@@ -63,7 +63,7 @@ def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
         return np.argsort(keys, kind="stable")
     # Numbers are sorted several times faster than their places; these are the last bits of them.
     keys = keys << bits | np.arange(len(keys))
-    keys.sort()
+    keys.sort(kind="stable")  # neighbors come one after the other: much is in order already
     return keys & (1 << bits) - 1
 
 

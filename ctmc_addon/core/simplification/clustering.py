@@ -136,10 +136,12 @@ def clustered_steps(batch: Batch, target: int) -> Steps[tuple[Batch, NDArray[np.
 
 
 def _volumes_steps(mesh: TriangleMesh) -> Steps[NDArray[np.float64]]:
-    """Volume that the component of each vertex encloses, (V,)."""
+    """Volume that the component of each vertex encloses, (V,); 0 where there is only one, which never goes."""
     component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
-    volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
     of_vertex = np.zeros(len(mesh.vertices))
+    if not component.any():
+        return of_vertex
+    volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
     for corner in mesh.faces.T:
         of_vertex[corner] = volumes[component]
     return of_vertex
@@ -410,7 +412,7 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
         row <<= one
         row |= corners[start] < corners[end]
     keys = keys.ravel()
-    keys.sort()
+    keys.sort(kind="stable")
     edge = keys >> (bits + one)
     same = edge[1:] == edge[:-1]
     pair = keys[1:] ^ keys[:-1]  # of one edge: the lowest bit is set where the directions differ

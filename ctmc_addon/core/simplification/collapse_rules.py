@@ -22,6 +22,8 @@ Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
+LARGEST = np.finfo(np.float32).max.view(np.int32)  # the bits of the largest cost that is not infinite
+
 
 class CollapseRules:
     """The rules of `CollapsingMesh`, whose arrays these are."""
@@ -122,13 +124,13 @@ class CollapseRules:
 
         Among edges that cost nearly the same the order is no visible one: along it many would wait for each other.
         """
-        priority = self.priority()
-        limit = np.partition(priority, count)[count]
-        edges = np.flatnonzero(priority <= limit if np.isfinite(limit) else np.isfinite(priority))
-        # Bits of floats that are not negative are ordered as they are. Plain numbers are sorted several times faster
-        # than their places, so these are the last 32 bits of them.
-        bits = (priority[edges] + np.float32(0.0)).view(np.uint32)
-        keys = (bits & np.uint32(0xFFFF0000) | shuffled(edges) >> np.uint32(16)).astype(np.uint64)
+        # Bits of floats that are not negative are ordered as they are, and whole numbers are compared faster.
+        bits = (self.priority() + np.float32(0.0)).view(np.int32)
+        edges = np.flatnonzero(bits <= min(np.partition(bits, count)[count], LARGEST))
+        # Plain numbers are sorted several times faster than their places, so these are the last 32 bits of them.
+        keys = (bits[edges].view(np.uint32) & np.uint32(0xFFFF0000) | shuffled(edges) >> np.uint32(16)).astype(
+            np.uint64
+        )
         keys = keys << np.uint64(32) | edges.astype(np.uint64)
         keys.sort()
         return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)

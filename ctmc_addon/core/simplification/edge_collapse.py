@@ -365,22 +365,21 @@ class CollapsingMesh(CollapseRules):
 
     def move_steps(self, collapses: Collapses) -> Steps[None]:
         """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
-        faces = np.take(self.faces, collapses.faces, axis=1)
+        left, gone = np.flatnonzero(~collapses.gone), np.flatnonzero(collapses.gone)
+        faces = np.take(self.faces, collapses.faces[np.append(left, gone)], axis=1)
         change = -face_quadrics(self.positions, faces)
         yield PAUSE
-        after = np.flatnonzero(~collapses.gone)
         for row, target in zip(self.positions, collapses.target, strict=True):
             row[collapses.kept] = row[collapses.dropped] = target
-        new = face_quadrics(self.positions, faces[:, after])
-        change[:, after] += new
+        new = face_quadrics(self.positions, faces[:, : len(left)])
+        change[:, : len(left)] += new
         yield PAUSE
-        vertices = faces.ravel()
         around = np.zeros(len(self.vertex_becomes), bool)
-        around[vertices] = True
+        around[faces] = True
         around = np.flatnonzero(around)
-        number = np.empty(len(self.vertex_becomes), np.int32)
-        number[around] = np.arange(len(around), dtype=np.int32)
-        index, owner = number[vertices], collapses.owner[after]
+        number = np.empty(len(self.vertex_becomes), np.intp)
+        number[around] = np.arange(len(around))
+        index, owner = np.take(number, faces).ravel(), collapses.owner[left].astype(np.intp)
         for row, difference, total in zip(self.quadrics, change, new, strict=True):
             row[around] += np.bincount(index, np.tile(difference, 3), len(around)).astype(np.float32)
             row[collapses.kept] = np.bincount(owner, total, len(collapses.kept))

@@ -109,7 +109,8 @@ def least_face_cost(positions: Floats, edges: Ints) -> float:
     along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
     squared = dot(along, along)
     middle = len(squared) // 2
-    return (LEAST_LOOP * float(np.sqrt(np.partition(squared, middle)[middle]))) ** 3 / SAVED
+    longest = LEAST_LOOP * float(np.sqrt(np.partition(squared, middle)[middle]))
+    return longest * longest * longest / SAVED
 
 
 def handle_cuts_steps(

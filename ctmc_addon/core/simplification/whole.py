@@ -24,6 +24,7 @@ FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the 
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
+LAST = 0.01  # of the triangles are too many: handles are no longer looked for, unless edges get no further
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -176,7 +177,8 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
     """One round, in which at most `excess` faces go; whether there was anything to try."""
     faces = collapsing.face_count
-    yield from collapsing.cut_handles_steps()
+    if excess > LAST * faces or collapsing.poor_rounds:
+        yield from collapsing.cut_handles_steps()
     excess += collapsing.face_count - faces
     if not (yield from collapsing.can_collapse_steps()):
         return last and (yield from collapsing.remove_components_steps(excess, stuck=True))

@@ -3,12 +3,19 @@
 
 import numpy as np
 import pytest
-from meshes import as_mesh, assert_sound, icosphere, torus
+from meshes import as_mesh, assert_sound, icosphere, joined, torus
 
 from ctmc_addon.core import distances, finish, marching_cubes
 from ctmc_addon.core.mesh.face_normals import face_vectors, vertex_normals
 from ctmc_addon.core.mesh.topology import edges_steps
-from ctmc_addon.core.simplification.handles import handle_cuts_steps, pull_apart_steps
+from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
+from ctmc_addon.core.simplification.handles import (
+    LEAST_LOOP,
+    handle_cuts_steps,
+    least_face_cost,
+    longest_loop_edge,
+    pull_apart_steps,
+)
 from ctmc_addon.core.simplification.simplify import simplification_steps
 
 RINGS = np.linspace(0, 1, 6)[1:-1]  # on the way of a tube
@@ -86,6 +93,25 @@ def test_no_loop_is_cut_whose_edges_are_longer_or_whose_vertices_are_locked():
     edge = np.linalg.norm(mesh.vertices[mesh.faces[:, 0]] - mesh.vertices[mesh.faces[:, 1]], axis=1)
     assert cuts_of(mesh, longest=edge.min() / 2)[0] is None
     assert cuts_of(mesh, locked=np.ones(len(mesh.vertices), bool))[0] is None
+
+
+def test_handles_are_looked_for_only_where_the_euler_number_leaves_room_for_one():
+    torn = icosphere(3, 10.0)
+    for mesh, room in (
+        (torus(24, 12), True),
+        (joined(torus(24, 12), icosphere(2)), True),
+        (joined(icosphere(2), icosphere(2, 1.0, (5.0, 0.0, 0.0))), False),
+        (as_mesh(torn.vertices, torn.faces[1:]), True),  # a border takes as much as a handle
+    ):
+        collapsing = CollapsingMesh(mesh)
+        finish(collapsing.prepare_steps())
+        assert np.isfinite(collapsing.least_cost_of_cut) == room
+
+
+def test_the_first_loops_that_are_cut_are_as_long_as_a_share_of_the_median_edge():
+    positions = np.arange(100, dtype=np.float32) ** 2 * np.array([[1.0], [0.0], [0.0]], np.float32)
+    edges = np.stack([np.zeros(99 * 16, np.int32), np.repeat(np.arange(1, 100, dtype=np.int32), 16)])
+    assert longest_loop_edge(least_face_cost(positions, edges)) == pytest.approx(LEAST_LOOP * 50.0**2)
 
 
 def test_a_neck_is_not_a_handle():

@@ -77,7 +77,7 @@ def _open_ends_steps(faces: Ints, vertex_count: int) -> Steps[NDArray[np.int64]]
         keys += 2 * np.maximum(first, second)
         keys += first < second
         yield PAUSE
-    keys = np.sort(edges, axis=None)
+    keys = np.sort(edges, axis=None, kind="stable")
     yield PAUSE
     if len(keys) % 2 == 0 and ((keys[::2] ^ 1) == keys[1::2]).all() and not (keys[::2] & 1).any():
         return np.zeros(0, np.int64)
