@@ -128,9 +128,8 @@ class CollapseRules:
         bits = (self.priority() + np.float32(0.0)).view(np.int32)
         edges = np.flatnonzero(bits <= min(np.partition(bits, count)[count], LARGEST))
         # Plain numbers are sorted several times faster than their places, so these are the last 32 bits of them.
-        keys = (bits[edges].view(np.uint32) & np.uint32(0xFFFF0000) | shuffled(edges) >> np.uint32(16)).astype(
-            np.uint64
-        )
+        coarse = bits[edges].view(np.uint32) & np.uint32(0xFFFF0000)
+        keys = (coarse | shuffled(edges) >> np.uint32(16)).astype(np.uint64)
         keys = keys << np.uint64(32) | edges.astype(np.uint64)
         keys.sort()
         return (keys & np.uint64(0xFFFFFFFF)).astype(np.int64)
