@@ -81,6 +81,7 @@ def run(module_and_words: list[str], out: Path | None) -> int:
         out.unlink(missing_ok=True)
     # This checkout and the benchmark, wherever the process starts.
     settings = {**os.environ, "PYTHONPATH": os.pathsep.join([*FOLDERS, os.environ.get("PYTHONPATH", "")])}
+    settings.pop("PYTHONDONTWRITEBYTECODE", None)  # as installed: the bytecode of NumPy and VTK is there as well
     command = [sys.executable, "-m", *module_and_words]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=settings)
     if done.returncode:
