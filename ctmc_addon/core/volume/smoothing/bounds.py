@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows
 
 NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
 
@@ -90,7 +90,7 @@ def refined_start(
         lower[between] = lower[between] * (1 - share) + upper * share
         field[part] = lower
 
-    spread(pool, fill, pieces(len(refined.place)))
+    over_rows(pool, fill, len(refined.place))
     for row, sign in ((-2, 1), (-1, -1)):
         away = abs(distance[row, 0]) - centered
         field[row] = sign * away
@@ -110,7 +110,7 @@ def halved(fine: Bricks, start: Start, coarse: Bricks, pool: Threads | None) -> 
             for half, there in enumerate(rows):
                 into[part, 4 * half : 4 * half + 4] = np.take(values, there, axis=0)[:, ::2]
 
-    spread(pool, pick, pieces(len(coarse.place)))
+    over_rows(pool, pick, len(coarse.place))
     for into, values in zip(taken, (start.field, start.low, start.high), strict=True):
         into[-2:] = values[-2:]
     return Start(*taken)
@@ -134,7 +134,7 @@ def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Th
         wide[part, ::2] = ext[:, 1:-2]
         wide[part, 1::2] = _halfway(ext[:, :-3], ext[:, 1:-2], ext[:, 2:-1], ext[:, 3:])
 
-    spread(pool, along_row, pieces(len(coarse.place)))
+    over_rows(pool, along_row, len(coarse.place))
     wide[-2:] = values[-2:, :1]
     halves = wide.reshape(-1, WIDTH)
 
@@ -154,7 +154,7 @@ def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Th
         np.minimum(moved, start.high[part], out=moved)
         start.field[part] = moved
 
-    spread(pool, carry, pieces(fine.active))
+    over_rows(pool, carry, fine.active)
 
 
 def _halfway(before: Floats, left: Floats, right: Floats, after: Floats) -> Floats:

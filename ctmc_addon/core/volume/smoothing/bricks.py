@@ -24,7 +24,9 @@ Floats = NDArray[np.float32]
 Places = NDArray[np.intp]
 
 WIDTH = 8
-ROWS_AT_ONCE = 1 << 13  # bricks of a piece of work: the buffers of a pass stay in the cache
+# Bricks of a piece of work, whose buffers are 1 MiB each: shorter ones take longer, since every call has a start of its
+# own. Threads get two pieces each, but none shorter than the second number.
+ROWS_AT_ONCE, FEWEST_ROWS = 1 << 15, 1 << 13
 
 
 @dataclass(frozen=True, eq=False)
@@ -162,6 +164,14 @@ def threads(count: int) -> Iterator[Threads | None]:
         yield pool
     finally:
         pool.shutdown(cancel_futures=True)
+
+
+def over_rows(pool: Threads | None, work: Callable[[slice], None], count: int) -> None:
+    """Call `work` for pieces that make up so many rows."""
+    at_once = ROWS_AT_ONCE
+    if pool is not None:
+        at_once = min(at_once, max(FEWEST_ROWS, -(-count // (2 * pool.count))))
+    spread(pool, work, pieces(count, at_once))
 
 
 def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:

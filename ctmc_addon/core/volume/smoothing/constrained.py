@@ -27,9 +27,10 @@ from .volume_constant import keep_volume_steps
 BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
 NARROW_PIXELS = 2  # to either side that are smoothed at full resolution, after every other pixel
-COARSE_ROUNDS = (32, 80)  # on every other pixel, where slices are refined at most twice, and where more
-FINE_ROUNDS = 24
-FINE_INERTIA = 3.0  # as after a few rounds: the coarse field is nearly smooth
+COARSE_ROUNDS = (25, 72)  # on every other pixel, where slices are refined at most twice, and where more
+COARSE_INERTIA = 7.0  # as after some ten rounds: the distances that the field starts with are smooth but for steps
+FINE_ROUNDS = 18
+FINE_INERTIA = 8.0  # the coarse field is nearly smooth
 MOST_STEPS = 8
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
@@ -177,9 +178,8 @@ def _smoothed_steps(
     x, y, z = spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps
     coarse = number_bricks(*_coarser(near, deep))
     first = halved(refined, start, coarse, pool)
-    relaxing = relax_steps(
-        coarse, first.field, first.low, first.high, (2 * x, 2 * y, z), COARSE_ROUNDS[steps > 2], pool
-    )
+    rounds, sides = COARSE_ROUNDS[steps > 2], (2 * x, 2 * y, z)
+    relaxing = relax_steps(coarse, first.field, first.low, first.high, sides, rounds, pool, COARSE_INERTIA)
     yield from stages.run("Smoothing every other pixel", relaxing)
     doubled(coarse, first.field, refined, start, pool)
     yield from stages.run("Smoothing", _narrow_steps(refined, start, deep, (x, y, z), pool))

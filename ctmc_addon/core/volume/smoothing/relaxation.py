@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows
 
 STEP = 1.25
 
@@ -87,13 +87,12 @@ def relax_steps(
         here += moved
         before[...] = moved
 
-    parts = pieces(bricks.active)
     for done in range(rounds):
         following = (1.0 + math.sqrt(1.0 + 4.0 * inertia * inertia)) / 2.0
         momentum = np.float32((inertia - 1.0) / following)
         inertia = following
-        spread(pool, bend, parts)
-        spread(pool, descend, parts)
+        over_rows(pool, bend, bricks.active)
+        over_rows(pool, descend, bricks.active)
         yield Step((done + 1) / rounds)
 
 
@@ -112,5 +111,5 @@ def _neighbors(bricks: Bricks, pool: Threads | None) -> tuple[list[Places], list
         ends[0][part] = bricks.at(z, y, x - 1) * WIDTH + np.where(x > 0, WIDTH - 1, 0)
         ends[1][part] = bricks.at(z, y, x + 1) * WIDTH + np.where(x < bricks.shape[2] - 1, 0, WIDTH - 1)
 
-    spread(pool, look, pieces(bricks.active))
+    over_rows(pool, look, bricks.active)
     return beside, ends

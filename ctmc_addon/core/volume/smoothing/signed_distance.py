@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Threads, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Threads, over_rows
 
 
 def signed_distance_steps(
@@ -67,8 +67,7 @@ def signed_distance_steps(
             number += np.unpackbits(same)
         squares[part] = signed.take(number).reshape(-1, WIDTH)
 
-    parts = pieces(len(bricks.place))
-    spread(pool, along_row, parts)
+    over_rows(pool, along_row, len(bricks.place))
     yield Step(0.3)
 
     # Beyond the border the brick at the border: with a margin of them, a step is a number to add.
@@ -98,7 +97,7 @@ def signed_distance_steps(
 
     for axis, share in ((1, 0.6), (0, 1.0)):
         nearer = squares.copy()
-        spread(pool, partial(across, axis, nearer), parts)
+        over_rows(pool, partial(across, axis, nearer), len(bricks.place))
         squares = nearer
         yield Step(share)
     return np.copysign(np.sqrt(np.abs(squares)), squares)

@@ -16,7 +16,7 @@ from ...extraction.marching_cubes import extract_steps
 from ...mesh.triangle_mesh import Surface
 from ...progress import PAUSE, Step, Steps, equal_part
 from .bounds import NEAREST_ZERO, Inside, Start
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, pieces, spread
+from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows, pieces, spread
 from .smooth_field import SmoothField, with_closed_ends
 
 EXACT_ENOUGH = 2e-4  # of the volume
@@ -79,7 +79,7 @@ def keep_volume_steps(
             np.minimum(moved, start.high[part], out=moved)
             flat[bricks.place[part]] = moved
 
-        spread(pool, shift, pieces(bricks.active))
+        over_rows(pool, shift, bricks.active)
         _cross_once(flat, between, bricks.shape[1] * bricks.shape[2], nearest)
 
     z = bricks.coordinates(slice(bricks.active))[0] % slice_steps
