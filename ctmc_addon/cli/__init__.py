@@ -34,7 +34,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         print("ctmc: terminated" if terminated else "ctmc: interrupted", file=sys.stderr)
         return 143 if terminated else 130
     finally:
-        if argv is None:  # the process ends, and Python would look through all of its objects before: a tenth of a start
+        if argv is None:  # the process ends; to look for garbage first would take a tenth of the whole start
             gc.freeze()
 
 

@@ -227,7 +227,7 @@ def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for():
 
     from ctmc_addon.core import finish
     from ctmc_addon.core.volume.field import field_steps
-    from ctmc_addon.core.volume.smoothing import constrained_bytes
+    from ctmc_addon.core.volume.smoothing.constrained import constrained_bytes, outlined
 
     box = np.zeros((12, 80, 80), bool)
     box[2:10, 30:50, 30:50] = box[0, 0, 0] = box[-1, -1, -1] = True
@@ -240,4 +240,5 @@ def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for():
         peak = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()
         assert field.slice_steps == 8
-        assert 0.4 < peak / constrained_bytes(mask, volume.spacing, 8, True) < 1.05
+        code, near, *_ = outlined(mask, volume.spacing)
+        assert 0.4 < peak / constrained_bytes(mask, code, near, 8, True) < 1.05

@@ -29,9 +29,9 @@ from .labels import existing_labels_steps, label_extent_steps, layer_of_label_st
 from .region import box_slices, grown_box, region_box, relative_box
 from .smoothing import (
     REACH,
+    REMEDY,
     SmoothField,
     automatic_refinement,
-    constrained_bytes,
     constrained_steps,
     refined_affine,
     smoothing_of,
@@ -230,16 +230,12 @@ def field_steps(
 def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Field]:
     """Return the field of a label with the smoothest values that agree with it, all of them in memory."""
     settings, spacing = field.settings, volume.spacing
-    remedy = "choose a region, fewer slice_steps or smoothing none"
-    slices, rows, columns = field.values.shape
-    budget.require(slices * rows * columns, f"smoothing label {settings.label}", remedy)
+    budget.require(math.prod(field.values.shape), f"smoothing label {settings.label}", REMEDY)
     mask = (yield from _all_steps(field.values)).view(bool)
     if mask.all():
         return field
     slice_steps = refinement_of(spacing, settings)
     yield PAUSE
-    what = f"smoothing a label's {columns} x {rows} x {slices} voxels in {slice_steps} steps a slice"
-    budget.require(constrained_bytes(mask, spacing, slice_steps, settings.close_border), what, remedy)
     smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget)
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box

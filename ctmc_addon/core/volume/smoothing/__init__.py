@@ -8,7 +8,7 @@ known), `relaxation` (the smoothest field within it), `islands` (the volume of s
 """
 
 from .between_labels import between_labels_steps
-from .constrained import MOST_STEPS, automatic_refinement, constrained_bytes, constrained_steps, reach_of
+from .constrained import MOST_STEPS, REMEDY, automatic_refinement, constrained_steps, reach_of
 from .gaussian import REACH, smoothed_middle, smoothed_plane, weights
 from .label_components import LabelComponents, label_components_steps
 from .methods import SMOOTHINGS, Smoothing, smoothing_of, used_settings
@@ -17,13 +17,13 @@ from .smooth_field import SmoothField, refined_affine
 __all__ = [
     "MOST_STEPS",
     "REACH",
+    "REMEDY",
     "SMOOTHINGS",
     "LabelComponents",
     "SmoothField",
     "Smoothing",
     "automatic_refinement",
     "between_labels_steps",
-    "constrained_bytes",
     "constrained_steps",
     "label_components_steps",
     "reach_of",

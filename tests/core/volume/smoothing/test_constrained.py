@@ -15,7 +15,12 @@ from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.volume.smoothing.bricks import near_surface, number_bricks, packed
-from ctmc_addon.core.volume.smoothing.constrained import automatic_refinement, constrained_bytes, constrained_steps
+from ctmc_addon.core.volume.smoothing.constrained import (
+    automatic_refinement,
+    constrained_bytes,
+    constrained_steps,
+    outlined,
+)
 from ctmc_addon.core.volume.smoothing.signed_distance import signed_distance_steps
 from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField, refined_affine
 
@@ -254,7 +259,8 @@ def test_memory_is_as_predicted(spacing):
     smooth(mask, spacing, budget=Budget(threads=1))
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
-    assert 0.4 < peak / constrained_bytes(mask, spacing) < 1.05
+    code, near, *_ = outlined(mask, spacing)
+    assert 0.4 < peak / constrained_bytes(mask, code, near, automatic_refinement(spacing)) < 1.05
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 2.5), THICK])
