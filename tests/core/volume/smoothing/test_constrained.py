@@ -14,7 +14,15 @@ from ctmc_addon.core.errors import LabelError, SettingsError
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing.bricks import near_surface, number_bricks, packed
+from ctmc_addon.core.volume.smoothing.bricks import (
+    FEWEST_ROWS,
+    ROWS_AT_ONCE,
+    near_surface,
+    number_bricks,
+    over_rows,
+    packed,
+    threads,
+)
 from ctmc_addon.core.volume.smoothing.constrained import (
     automatic_refinement,
     constrained_bytes,
@@ -273,3 +281,21 @@ def test_no_speck_stands_between_two_slices(seed, spacing):
         gap = inside[slice_ * field.slice_steps : (slice_ + 1) * field.slice_steps + 1]
         changes = np.abs(np.diff(gap.astype(np.int8), axis=0)).sum(axis=0)
         assert (changes == (mask[slice_] != mask[slice_ + 1])).all()
+
+
+@pytest.mark.parametrize("count", [0, 1, FEWEST_ROWS, FEWEST_ROWS + 1, 5 * FEWEST_ROWS, 3 * ROWS_AT_ONCE + 7])
+@pytest.mark.parametrize("thread_count", [1, 2, 7])
+def test_threads_share_rows_that_each_go_by_once(count, thread_count):
+    seen = np.zeros(count, int)
+    lengths = []
+
+    def work(part: slice) -> None:
+        seen[part] += 1
+        lengths.append(part.stop - part.start)
+
+    with threads(thread_count) as pool:
+        over_rows(pool, work, count)
+    assert (seen == 1).all()
+    assert max(lengths, default=0) <= ROWS_AT_ONCE
+    if count >= 2 * thread_count * FEWEST_ROWS:
+        assert thread_count == 1 or len(lengths) >= 2 * thread_count
