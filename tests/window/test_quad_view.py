@@ -126,6 +126,7 @@ def test_each_of_the_three_slices_is_drawn_on(desk):
         assert desk.ask(VOXELS) == before
         desk.key("ctrl+shift+z")
         assert desk.ask(VOXELS) == drawn
+        assert [behind for _, _, behind, _ in desk.ask(VIEWS).values()] == pytest.approx([0.01] * 3, abs=1e-3)
         desk.move(x, y + 8)
         desk.hand("mousedown", "1")
         desk.ask("answer = 'pressed'")
