@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Quad View: three slices from their sides, none covered by a surface, each as large as its view has room."""
+"""Quad View: three slices from their sides, none covered by a surface, each as large as there is room, to draw on."""
 
 from __future__ import annotations
 
@@ -86,12 +86,61 @@ def test_the_live_preview_covers_no_slice(desk):
 def test_a_slice_that_is_moved_takes_what_hides_the_surfaces_along(desk):
     desk.ask("next(o for o in bpy.data.objects if o.get('ctmc_slice_plane') == 'axial').location.z += 0.3")
     assert desk.ask(VIEWS)["axial"][2] == pytest.approx(0.01, abs=1e-3)
-    desk.look("quad-02-moved")
+    desk.look("quad-03-moved")
+
+
+# Where the middle of each slice is seen from its side.
+MIDDLES = """
+from mathutils import Vector
+from bpy_extras.view3d_utils import location_3d_to_region_2d
+view, answer = viewport(), {}
+planes = {obj["ctmc_slice_plane"]: obj.location for obj in bpy.data.objects if "ctmc_slice_plane" in obj}
+for region in (region for region in view.area.regions if region.type == "WINDOW" and region.data.lock_rotation):
+    back = region.data.view_rotation @ Vector((0, 0, 1))
+    plane = ("sagittal", "coronal", "axial")[max(range(3), key=lambda axis: abs(back[axis]))]
+    at = location_3d_to_region_2d(region, region.data, planes[plane])
+    answer[plane] = [round(region.x + at.x) + 40, round(view.window.height - 1 - region.y - at.y)]
+"""
+VOXELS = """
+scene, drawings = bpy.context.scene, ours("ui.state.drawings")
+answer = sum(int(drawings.of(scene, item).mask.sum()) for item in drawings.structures(scene))
+"""
+TAKE = """
+view = viewport()
+with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
+    bpy.ops.ctmc.draw_tool(tool="ctmc.{}")
+"""
+
+
+def test_each_of_the_three_slices_is_drawn_on(desk):
+    desk.ask("bpy.ops.ed.undo_push(message='Begin')")
+    desk.ask(TAKE.format("brush"))
+    middles = desk.ask(MIDDLES)
+    assert set(middles) == {"axial", "coronal", "sagittal"}
+    for x, y in middles.values():
+        before = desk.ask(VOXELS)
+        desk.drag((x, y), (x + 25, y))
+        drawn = desk.ask(VOXELS)
+        assert drawn > before
+        desk.key("ctrl+z")
+        assert desk.ask(VOXELS) == before
+        desk.key("ctrl+shift+z")
+        assert desk.ask(VOXELS) == drawn
+        assert [behind for _, _, behind, _ in desk.ask(VIEWS).values()] == pytest.approx([0.01] * 3, abs=1e-3)
+        desk.move(x, y + 8)
+        desk.hand("mousedown", "1")
+        desk.ask("answer = 'pressed'")
+        desk.move(x + 25, y + 8)
+        assert desk.ask(VOXELS) > drawn
+        desk.key("Escape")
+        desk.hand("mouseup", "1")
+        assert desk.ask(VOXELS) == drawn
+    desk.look("quad-04-drawn")
 
 
 def test_once_more_brings_back_one_view_that_hides_nothing(desk):
     desk.ask(CALL.format("quad_view"))
-    desk.look("quad-03-one")
+    desk.look("quad-05-one")
     assert desk.ask(
         "view = viewport().space; answer = [len(view.region_quadviews), view.region_3d.use_clip_planes]"
     ) == [
