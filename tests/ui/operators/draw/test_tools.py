@@ -3,9 +3,6 @@
 
 from __future__ import annotations
 
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
-
 import numpy as np
 import pytest
 
@@ -22,13 +19,11 @@ from ctmc_addon.ui.properties.preferences import Machine
 
 
 def test_between_slices_uses_the_threads_of_the_preferences(drawing, monkeypatch):
-    used = []
+    used, own_threads = [], between_slices.threads
 
-    @contextmanager
     def threads(count):
         used.append(count)
-        with ThreadPoolExecutor(count) as pool:
-            yield pool
+        return own_threads(count)
 
     monkeypatch.setattr(between_slices, "threads", threads)
     monkeypatch.setattr(operators.draw.edits, "machine", lambda: Machine(Budget(3)))
