@@ -80,8 +80,9 @@ class Structures:
             self.notes.append(f"Labels of {read.name} are numbered anew, as one is {max(extents)} and 255 is the most.")
         for number, (label, extent) in enumerate(extents.items(), 1):
             name = called = printable(labels.label_names.get(label, "")) or f"label {label}"
-            if name in self.label_of:
-                name = f"{called} {label}"
+            while name in self.label_of:
+                name = f"{name} {label}"
+            if name != called:
                 self.notes.append(f"{read.name} has two structures called {called}; the second is {name} here.")
             x, y, z = (slice(*side) for side in extent.box)
             mask = np.zeros((z.stop - z.start, y.stop - y.start, x.stop - x.start), bool)

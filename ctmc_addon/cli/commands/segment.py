@@ -291,5 +291,5 @@ def text_of(structures: Structures, segments: Sequence[Segment], ct: Volume, out
     for segment, voxels in zip(segments, structures.voxels().values(), strict=True):
         volume = milliliters(voxels * ct.voxel_mm3 / 1000)
         lines.append((segment.name, f"{volume}, {voxels} voxels, label {segment.label}"))
-    notes = [with_flags(note) for note in (*ct.notes, *structures.notes)]
+    notes = [*map(with_flags, ct.notes), *structures.notes]
     return listing([*lines, ("file", output.name), *titled("note", notes)])

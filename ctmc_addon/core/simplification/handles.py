@@ -15,6 +15,7 @@ a hole stays open until its narrowest loop is as small as the errors made elsewh
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -108,6 +109,8 @@ def least_face_cost(positions: Floats, edges: Ints) -> float:
     first, second = edges[:, ::EVERY]
     along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
     squared = dot(along, along)
+    if not len(squared):
+        return math.inf
     middle = len(squared) // 2
     longest = LEAST_LOOP * float(np.sqrt(np.partition(squared, middle)[middle]))
     return longest * longest * longest / SAVED

@@ -42,7 +42,7 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
         Whether anything was undone.
     """
     log = mesh.log
-    if log is None or not log.untested:
+    if log is None or not (log.untested or _may_have_gone(log)):
         return False
     crossing, undone = yield from _uncross_steps(mesh, log, hold)
     mesh.begin_log(crossing)
@@ -50,6 +50,11 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
     if undone:
         mesh.poor_rounds = 0
     return undone
+
+
+def _may_have_gone(log: CollapseLog) -> bool:
+    """Return whether triangles that crossed before may be gone by changes that were tested, and are to be counted."""
+    return log.crossing is not None and bool(log.crossing.shape[1]) and bool(log.rounds)
 
 
 def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[tuple[Ints, bool]]:

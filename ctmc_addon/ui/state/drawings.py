@@ -162,6 +162,7 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
         for at in reversed(range(len(lines))):
             if getattr(lines[at], name) in keys:
                 lines.remove(at)
+    choose(parked, left_to_choose(parked, of_labels=False))
     return len(items)
 
 
@@ -197,27 +198,33 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
     if source and not any(other.source == source for other in stored.labels):
         stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
         forget(scene, source)
-    chosen, labels = chosen_in(scene), [other for other in stored.labels if other.kind == LABEL]
-    if labels and stored.label not in [other.value for other in labels]:
-        chosen["label"] = next((other for other in labels if other.chosen), labels[0]).value
     ct = volumes.loaded(scene)
-    if not len(stored.labels) and stored.use_label and ct is not None and ct.volume.kind != ValueKind.LABEL:
-        chosen.update(use_label=False, use_threshold=stored.is_property_set("threshold"))
-    choose(scene, chosen)
+    choose(stored, left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
     change_events.notify(stored, "label")
 
 
-def chosen_in(scene: bpy.types.Scene) -> dict[str, Any]:
+def left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
+    """Return what is chosen of a CT after lines of its list have gone; a volume `of_labels` has no threshold."""
+    chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
+    chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
+    if labels and stored.label not in [line.value for line in labels]:
+        chosen["label"] = next((line for line in labels if line.chosen), labels[0]).value
+    if not len(stored.labels) and stored.use_label and not of_labels:
+        chosen.update(use_label=False, use_threshold=stored.is_property_set("threshold"))
+    return chosen
+
+
+def chosen_in(stored: Any) -> dict[str, Any]:
     """Return the marked line, and of what a surface is made; a value stands before its switch, which it switches on."""
-    return {name: getattr(scene.ctmc, name) for name in ("label_index", "label", "use_label", "use_threshold")}
+    return {name: getattr(stored, name) for name in ("label_index", "label", "use_label", "use_threshold")}
 
 
-def choose(scene: bpy.types.Scene, chosen: dict[str, Any]) -> None:
+def choose(stored: Any, chosen: dict[str, Any]) -> None:
     """Bring this back, without ticks that follow."""
     with filling():
         for name, value in chosen.items():
-            if getattr(scene.ctmc, name) != value:
-                setattr(scene.ctmc, name, value)
+            if getattr(stored, name) != value:
+                setattr(stored, name, value)
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:

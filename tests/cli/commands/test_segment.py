@@ -206,6 +206,15 @@ def test_segments_of_a_file_keep_their_colors_and_stay_two_where_they_have_one_n
     assert header["Segment0_Color"].startswith("0.2 ")
 
 
+def test_names_that_are_made_up_are_taken_by_none(ctmc, ct, tmp_path):
+    first = tmp_path / "first.seg.nrrd"
+    points = ("--seed", "a 3", 20, 0, 3, "--seed", "b", -18, 4, 6, "--seed", "c", 0, -14, 3)
+    assert ctmc("segment", ct, "-o", first, *points).code == 0
+    first.write_bytes(first.read_bytes().replace(b"Name:=b", b"Name:=a").replace(b"Name:=c", b"Name:=a"))
+    assert ctmc("segment", ct, "-o", tmp_path / "l.seg.nrrd", "--from", first, "--margin", "a", 2).code == 0
+    assert list(masks_of(tmp_path / "l.seg.nrrd")) == ["a 3", "a", "a 3 3"]
+
+
 def test_notes_say_what_a_person_may_not_expect(ctmc, ct, tmp_path):
     points = ("--seed", "liver", 20, 0, 3, "--margin", "liver", 0.5)
     done = ctmc("segment", ct, "-o", tmp_path / "l.nrrd", *points)

@@ -14,7 +14,7 @@ from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
 from ctmc_addon.core.segmentation.competition.blocks import factors_of
 from ctmc_addon.core.segmentation.competition.border import _least_steps
-from ctmc_addon.core.segmentation.competition.claims import _first_cut, _reach_mm
+from ctmc_addon.core.segmentation.competition.claims import _first_cut, _is_bone, _reach_mm
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
 REAL = Path(__file__).resolve().parents[4] / "shared" / "data" / "ts_nifti"
@@ -244,15 +244,33 @@ def test_competing_refuses_what_cannot_be():
         finish(compete_steps(volume, [Click((9, 4, 4), 1)]))
 
 
+def patient(label: int) -> tuple[Volume, np.ndarray]:
+    """Return the CT of TotalSegmentator's example, and where a label is."""
+    nibabel = pytest.importorskip("nibabel")
+    ct = nibabel.load(REAL / "example_ct.nii.gz")
+    labels = np.asarray(nibabel.load(REAL / "example_seg_fast_force_split.nii.gz").dataobj).T
+    return Volume(np.asarray(ct.dataobj).T.astype(np.int16), ct.affine, kind="HU"), labels == label
+
+
 @pytest.mark.skipif(not REAL.is_dir(), reason="real CT 'ts_nifti' is not beside the checkout")
 @pytest.mark.parametrize(("label", "share"), [(1, 0.7), (2, 0.5), (28, 0.5)], ids=["spleen", "kidney", "vertebra"])
 def test_one_click_in_a_patient(label, share):
-    nibabel = pytest.importorskip("nibabel")
-    ct = nibabel.load(REAL / "example_ct.nii.gz")
-    values = np.asarray(ct.dataobj).T.astype(np.int16)
-    labels = label == np.asarray(nibabel.load(REAL / "example_seg_fast_force_split.nii.gz").dataobj).T
-    at = np.argwhere(labels)
+    volume, inside = patient(label)
+    at = np.argwhere(inside)
     middle = at[((at - at.mean(axis=0)) ** 2).sum(axis=1).argmin()]
-    volume = Volume(values, ct.affine, kind="HU")
     drawn = finish(compete_steps(volume, [Click(tuple(int(part) for part in middle), 1)]))
-    assert dice(drawn == 1, labels) > share
+    assert dice(drawn == 1, inside) > share
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason="real CT 'ts_nifti' is not beside the checkout")
+def test_further_clicks_in_a_hip_go_on_behind_the_edges_inside_it():
+    volume, hip = patient(77)
+    clicks = [Click(sample, 1) for sample in [(24, 41, 32), (35, 33, 36), (43, 21, 42)]]
+    assert dice(finish(compete_steps(volume, clicks)) == 1, hip) > 0.55  # 0.44 where they end at the nearest
+
+
+def test_a_bone_is_told_by_a_tenth_of_its_values():
+    known = np.repeat(np.float32([60, 120]), [89, 11])
+    assert _is_bone(known, 94.0)
+    assert not _is_bone(known[:-2], 94.0)
+    assert not _is_bone(known, np.inf)  # values that are not HU

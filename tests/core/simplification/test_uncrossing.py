@@ -59,6 +59,15 @@ def test_where_triangles_crossed_collapses_are_tested_and_vertices_stay_free():
     assert mesh.locked.sum() < 0.1 * mesh.doubtful.sum()
 
 
+@pytest.mark.parametrize("reduction", [0.9, 0.97])
+def test_what_crossed_before_and_has_gone_is_not_counted(reduction):
+    pairs = [icosphere(2, 0.05, (1.5 * number + shift, 3.0, 0.0)) for number in range(5) for shift in (0.0, 0.05)]
+    mesh = joined(icosphere(4), *pairs)
+    assert crossings(mesh) > 100
+    result = finish(simplification_steps(mesh, reduction))
+    assert result.self_intersections == crossings(result.mesh)
+
+
 def fans(count, distance=1.0):
     """Fans of six triangles round vertices 7 k, one above the other: positions (3, V) and faces (3, F)."""
     positions = np.zeros((3, 7 * count), np.float32)

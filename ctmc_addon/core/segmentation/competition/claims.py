@@ -7,7 +7,8 @@ largest (after Hojjatoleslami and Kittler 1998, doi:10.1109/83.701170). The firs
 as a tumor in a liver, where all around a near cut is brighter, or all is darker, and behind it nothing is.
 A later click corrects what the earlier ones came to, so it reaches only a few times as far as it lies from what is
 right, and less far in a small structure: a click beside the border changes the border there, and no click undoes what
-another has done elsewhere. Nor does it lead through values that are unlike those of the structure and its own.
+another has done elsewhere. Nor does it lead through values that are unlike those of the structure and its own. In a
+bone a correction may go on behind the next sharp border, which may be that of its marrow.
 """
 
 from __future__ import annotations
@@ -27,7 +28,8 @@ Floats = NDArray[np.float32]
 Sides = tuple[float, float, float]
 BINS = 128  # of times, for the sharpest cut
 # Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
-FAR, FAR_CORRECTION = 0.4, 0.6
+FAR, FAR_CORRECTION, FAR_BONE = 0.4, 0.6, 0.1
+BONE_SHARE = 0.1  # of a structure, at least, has bone's values where it is a bone: the rest may be marrow
 COHERENT = 0.9  # share of the sharpness that is a rise or a fall alone, around a structure in a larger one
 VALLEY, FLAT = 0.5, 0.25  # sharpness and rise behind its cut, as shares of the rise there
 LEAST_RISE = 4.0  # units of the values from block to block, against noise
@@ -53,11 +55,14 @@ class Ground(NamedTuple):
         As of `geodesic.heights_of`.
     sides_mm : (z, y, x) float
         Of a block.
+    bone : float
+        Values above it are bone's; infinite where values are not HU.
     """
 
     values: Floats
     heights: Heights
     sides_mm: Sides
+    bone: float
 
 
 class Claims(NamedTuple):
@@ -125,7 +130,7 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     cut = longest
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
-        far = FAR_CORRECTION if known.size else FAR
+        far = FAR if not known.size else FAR_BONE if _is_bone(known, ground.bone) else FAR_CORRECTION
         cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
         own.reached[...] |= times < min(longest, BEYOND * cut)
     left = np.int32(cut) - times.astype(np.int32)
@@ -151,6 +156,11 @@ def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm
     radius_mm = round((0.75 * volume_mm3 / math.pi) ** (1 / 3), 3)  # a machine's last bit does not matter
     slope = min(max(radius_mm / RADIUS_MM, LEAST_REACH), REACH)
     return min(max_mm, min(REACH_MM, radius_mm) + slope * away_mm)
+
+
+def _is_bone(known: Floats, bone: float) -> bool:
+    """Return whether a structure of these values is a bone, inside which shell and marrow differ as much as borders."""
+    return bool(np.count_nonzero(known > bone) > BONE_SHARE * known.size)
 
 
 def _is_like(values: Floats, known: Floats, clicked: Floats) -> Mask:

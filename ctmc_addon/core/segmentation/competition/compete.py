@@ -104,7 +104,8 @@ def compete_steps(
     z, y, x = (side * factor for side, factor in zip(reversed(volume.spacing), factors, strict=True))
     means = yield from _smoothed_steps(block_means(tissue, factors), (z, y, x), NOISE_MM)
     smooth = yield from _smoothed_steps(means, (z, y, x), SIGMA_MM)
-    ground = Ground(smooth, heights_of(smooth, hu_per_mm), (z, y, x))
+    bone = float(_rounded(_soft(np.array(BONE_HU)))) if volume.kind == ValueKind.HU else math.inf
+    ground = Ground(smooth, heights_of(smooth, hu_per_mm), (z, y, x), bone)
     blocks = [(_block_of(click.sample, factors), click.structure) for click in near]
     reachable = None if permitted is None else blocks_any(permitted, factors)
     # Times begin at the border of a ball around the middle of a block, and the click may be at the block's corner.
@@ -161,10 +162,9 @@ def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
     tissue = np.empty(shape, np.float32)
     low, high = TABLE_HU
     hu = np.arange(low, high + 1, dtype=np.float64)
-    # Rounded, so that the last bit of a machine's logarithm does not matter.
-    scale = SOFT_HU * np.arcsinh((hu - MIDDLE_HU) / SOFT_HU)
-    scale -= (1 - BONE) * np.maximum(scale - scale[int(BONE_HU) - low], 0)
-    table = (np.rint(scale * 16) / 16).astype(np.float32)
+    scale = _soft(hu)
+    scale -= (1 - BONE) * np.maximum(scale - _soft(np.array(BONE_HU)), 0)
+    table = _rounded(scale).astype(np.float32)
     first, share = 0.0, 1.0
     if volume.kind != ValueKind.HU:
         table = (hu - low).astype(np.float32)
@@ -185,6 +185,16 @@ def _tissue_steps(volume: Volume, window: Window) -> Steps[Floats]:
         np.take(table, at, out=tissue[start - z.start : stop - z.start])
         yield Step((stop - z.start) / shape[0])
     return tissue
+
+
+def _soft(hu: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return HU on a scale where differences of soft tissues count in full."""
+    return SOFT_HU * np.arcsinh((hu - MIDDLE_HU) / SOFT_HU)
+
+
+def _rounded(scale: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return values rounded, so that the last bit of a machine's logarithm does not matter."""
+    return np.rint(scale * 16) / 16
 
 
 def _smoothed_steps(values: Floats, sides_mm: Sides, sigma_mm: float) -> Steps[Floats]:

@@ -50,7 +50,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
 
     def start(self, scene: bpy.types.Scene) -> None:
         """Remember what is drawn on, and what the list had chosen before a first stroke."""
-        self.key, self.chosen = "", drawings.chosen_in(scene)
+        self.key, self.chosen = "", drawings.chosen_in(scene.ctmc)
         self.touched: set[int] = set()
         self.is_new = drawings.active(scene) is None
         self.key = (require_active(scene) if self.erase else active_or_new(scene)).key
@@ -131,7 +131,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         drawings.revert(scene, item, self.touched)
         if self.is_new:
             drawings.remove(scene, drawings.line_of(scene, item))
-            drawings.choose(scene, self.chosen)
+            drawings.choose(scene.ctmc, self.chosen)
         session.redraw_viewports()
 
 

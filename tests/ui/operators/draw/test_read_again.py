@@ -66,6 +66,17 @@ def test_another_ct_of_the_same_size_takes_no_drawing_along(drawing, ball_file, 
     assert (mask() == before).all()
 
 
+def test_the_earlier_reading_is_made_at_a_threshold_once_its_drawings_have_gone_along(drawing):
+    scene = bpy.context.scene
+    stroke(middle())
+    first = scene.ctmc.volume_fingerprint
+    assert scene.ctmc.use_label
+    read_again("spacing", (1, 1, 2.5))
+    assert scene.ctmc.use_label
+    assert scans.activate(scene, first)
+    assert (len(scene.ctmc.labels), scene.ctmc.label_index, scene.ctmc.use_label) == (0, 0, False)
+
+
 def test_undo_of_another_spacing_gives_the_drawing_its_place_back(drawing):
     scene = bpy.context.scene
     stroke(middle())
