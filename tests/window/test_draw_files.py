@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from PIL import ImageChops
 from window.conftest import CT
+from window.desk import LIMIT
 from window.scenes import IDLE, LOADED, QUIET, begin, load
 
 pytestmark = pytest.mark.window
@@ -129,7 +130,8 @@ def test_both_drawings_are_saved_beside_the_blend_and_found_when_it_is_opened_ag
     desk.look("files-03-opened")
 
 
-def test_the_autosave_of_a_blender_that_was_killed_has_the_drawing_and_its_ct(desk, drawn):
+def test_the_autosave_of_a_blender_that_was_killed_has_the_drawing_and_its_ct(desk, drawn, monkeypatch):
+    monkeypatch.setattr(desk, "limit", 4 * LIMIT)  # Blender's shortest timer is a minute, and waits for a pause
     desk.ask("bpy.context.preferences.filepaths.auto_save_time = 1")  # minutes, the fewest
     voxels = draw(desk, -0.1)
     assert voxels not in drawn.values()

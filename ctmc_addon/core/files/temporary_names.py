@@ -58,10 +58,12 @@ def remove_leftovers(folder: Path) -> None:
 @cache
 def _machine() -> str:
     """Eight digits for the machine and, on Linux, the container: a process number means something only within."""
-    space = ""
+    words = [platform.node()]
     with suppress(OSError):
-        space = str(Path("/proc/self/ns/pid").readlink())
-    return hashlib.blake2b(f"{platform.node()} {space}".encode(), digest_size=4).hexdigest()
+        words.append(str(Path("/proc/self/ns/pid").readlink()))
+    with suppress(OSError):  # hosts of a cluster may have one name
+        words.append(Path("/etc/machine-id").read_text("ascii", "ignore"))
+    return hashlib.blake2b(" ".join(words).encode(), digest_size=4).hexdigest()
 
 
 def _runs(pid: int) -> bool:
