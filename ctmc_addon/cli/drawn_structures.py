@@ -116,14 +116,6 @@ class Structures:
             segments.append(Segment(name, color, number if in_order else label, self.layers.layer_of[label]))
         return segments
 
-    def voxels(self) -> dict[str, int]:
-        """Return how many voxels each has."""
-        counts = sum(
-            (np.bincount(part.ravel(), minlength=256) for layer in self.layers.labels for part in layer),
-            np.zeros(256, np.int64),
-        )
-        return {name: int(counts[label]) for name, label in self.label_of.items()}
-
     def check_steps(self, path: Path, segments: list[Segment], affine: NDArray[np.float64]) -> Steps[None]:
         """Read a file back; an `OutputError` where a voxel or the grid is not what was written.
 
@@ -135,7 +127,7 @@ class Structures:
         x, y, z = (slice(start, start + side) for start, side in zip(first.tolist(), back.size, strict=True))
         same = np.allclose(to_ct[:3, :3], np.eye(3), atol=1e-3) and np.allclose(to_ct[:3, 3], first, atol=1e-2)
         layers = [layer.values for layer in back.each_layer]
-        for segment, voxels in zip(segments, self.voxels().values(), strict=True):
+        for segment, voxels in zip(segments, self.layers.voxels().values(), strict=True):
             part = self.mask(segment.name)[z, y, x]
             same = same and np.count_nonzero(part) == voxels
             same = same and any(np.array_equal(values == segment.label, part) for values in layers)

@@ -288,7 +288,7 @@ def numbers_text(point: tuple[float, ...]) -> str:
 def text_of(structures: Structures, segments: Sequence[Segment], ct: Volume, output: Path) -> str:
     """Return the volumes of the structures, and what was assumed, for a person."""
     lines = []
-    for segment, voxels in zip(segments, structures.voxels().values(), strict=True):
+    for segment, voxels in zip(segments, structures.layers.voxels().values(), strict=True):
         volume = milliliters(voxels * ct.voxel_mm3 / 1000)
         lines.append((segment.name, f"{volume}, {voxels} voxels, label {segment.label}"))
     notes = [*map(with_flags, ct.notes), *structures.notes]

@@ -335,6 +335,7 @@ def test_layers_are_as_few_as_fit_after_a_structure_has_moved():
     assert len(layers.labels) == 1
     assert (layers.mask(3) == ~first).all()
     assert (layers.mask(8) == second).all()
+    assert layers.voxels() == {3: 12, 8: 12}
 
 
 def test_slices_that_are_broken_or_of_another_grid_are_refused():
