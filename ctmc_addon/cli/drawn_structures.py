@@ -15,6 +15,7 @@ from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
 from ..core.segmentation import MOST_STRUCTURES, Layers, Mask, Window, margin_steps, require_count
 from ..core.volume import ValueKind, label_extents_steps, placed_labels_steps, structure_color
+from .arguments import with_flags
 
 RGB = tuple[int, int, int]
 
@@ -74,7 +75,7 @@ class Structures:
         if not extents:
             raise LabelError(f"{read.name} has no labeled voxel; leave --from out")
         require_count(len(extents))
-        self.notes += labels.notes
+        self.notes += map(with_flags, labels.notes)
         kept = max(extents) <= MOST_STRUCTURES
         if not kept:
             self.notes.append(f"Labels of {read.name} are numbered anew, as one is {max(extents)} and 255 is the most.")
