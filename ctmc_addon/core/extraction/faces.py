@@ -29,7 +29,7 @@ from .case_table import EDGES, CornerLists
 from .order import Places
 
 MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
-VOXELS_AT_ONCE = 1 << 14  # whose corners are looked up at once, for the same reason
+VOXELS_AT_ONCE = 1 << 15  # whose corners are looked up at once, for the same reason
 FEW_VOXELS = 1 << 9  # whose corners are written in one call, as the calls take longer than what they write
 
 

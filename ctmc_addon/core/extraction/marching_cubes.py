@@ -42,7 +42,7 @@ from .gradients import Sampler, complete_normals_steps
 from .grid import Grid, make_grid
 from .interior_vertices import fill_interior_vertices
 from .order import order_of
-from .scan import SCAN_STAGES, scan_steps
+from .scan import SCAN_STAGES, scan_steps, slab_threads
 from .vertices import VertexArrays, fill_edge_vertices
 
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
@@ -225,5 +225,5 @@ def piece_steps(
                 fill_interior_vertices(grid, threshold, some, runs, out)
         fill_faces(slab, places, following, faces)
 
-    yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), threads, ""))
+    yield from stages.run(PLACING, map_steps(fill, range(len(slabs)), slab_threads(len(slabs), threads), ""))
     return Surface(out.positions[0], out.positions[-1], faces, out.normals)

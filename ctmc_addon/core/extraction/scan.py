@@ -25,8 +25,9 @@ from .trilinear_decider import trilinear_tables
 
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
-SLAB_MIXED = 1 << 13  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
-SLAB_CROSSED = 1 << 14  # edges along x that noise crosses, in words that are each crossed many times
+SLAB_MIXED = 1 << 14  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
+SLAB_CROSSED = 1 << 15  # edges along x that noise crosses, in words that are each crossed many times
+THREADED_SLABS = 8  # and more are shared by all threads; of fewer one makes no less, as its calls wait for no other
 DECIDED_SLABS = 8  # whose ambiguous voxels are decided together, where there are so many for every thread
 MIXED_ROWS = 16  # of which one is looked at to estimate both
 BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
@@ -66,11 +67,17 @@ def scan_steps(
 
     work = _surface_work(bits[: grid.layers, ::MIXED_ROWS]) * MIXED_ROWS
     ranges = _even_ranges(np.maximum(work, bits[0].size / SLAB_WORDS))
+    threads = slab_threads(len(ranges), threads)
     at_once = max(1, min(DECIDED_SLABS, len(ranges) // (2 * threads))) if topology == "trilinear" else 1
     groups = [ranges[first : first + at_once] for first in range(0, len(ranges), at_once)]
     found = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
     slabs = [slab for some in found for slab in some]
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
+
+
+def slab_threads(slabs: int, threads: int) -> int:
+    """How many of these threads share so many slabs: all or one."""
+    return threads if slabs >= THREADED_SLABS else 1
 
 
 def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:

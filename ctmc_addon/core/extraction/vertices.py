@@ -26,7 +26,7 @@ from .gradients import NOWHERE, Sampler, fill_normals
 from .grid import Axis, Grid
 from .order import Pieces, Runs
 
-EDGES_AT_ONCE = 1 << 15  # filled in together: their arrays stay in the cache
+EDGES_AT_ONCE = 1 << 16  # filled in together: their arrays stay in the cache
 
 
 @dataclass(frozen=True, eq=False)
