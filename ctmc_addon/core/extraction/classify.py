@@ -79,17 +79,28 @@ def inside_bits(grid: Grid, threshold: float, low: int, high: int, out: NDArray[
     rows = max(1, min(end_row - first_row, chunk))
     layers = max(1, chunk // rows) if z.stride == 1 else 1
     buffer = np.zeros((min(layers, high - low), rows, pitch), bool)
+    packs = _packs_as_it_is(grid, lowest, highest)
     for layer in range(first_layer, end_layer, layers):
         end = min(layer + layers, end_layer)
         block = grid.values[z.index[layer] - grid.first_slice : z.index[end - 1] + 1 - grid.first_slice]
         for row in range(first_row, end_row if lowest is not None else first_row, rows):
-            part = buffer[: end - layer, : min(rows, end_row - row)]
-            _compare(block, x, y, y.index[row : row + part.shape[1]], (lowest, highest), part[..., columns])
+            part: NDArray[Any] = buffer[: end - layer, : min(rows, end_row - row)]
+            if packs:
+                part = block[:, y.index[row] : y.index[row] + part.shape[1], x.start : x.stop]
+            else:
+                _compare(block, x, y, y.index[row : row + part.shape[1]], (lowest, highest), part[..., columns])
             packed = np.packbits(part.reshape(-1), bitorder="little").view(np.uint64)
             out[layer:end, row : row + part.shape[1]] = packed.reshape(*part.shape[:2], -1)
         out[layer:end, -1] = out[layer:end, -2]
     if high == z.count:
         out[-1] = out[-2]
+
+
+def _packs_as_it_is(grid: Grid, lowest: Any, highest: Any) -> bool:
+    """Whether the samples are a mask whose rows fill their words: packing marks what is not 0, with no comparison."""
+    x, y, values = grid.x, grid.y, grid.values
+    whole = x.stride == y.stride == 1 and x.stop - x.start == x.count == grid.words * WORD
+    return whole and values.dtype == np.uint8 and highest is None and lowest == 1
 
 
 def _compare(

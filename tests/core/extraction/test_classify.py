@@ -38,3 +38,18 @@ def test_the_bits_are_those_of_the_samples_compared_one_by_one(stride, close_bor
     unpacked = np.unpackbits(bits.view(np.uint8), axis=2, bitorder="little")
     np.testing.assert_array_equal(unpacked[:, :, : grid.x.count], expected)
     assert not unpacked[:, :, grid.x.count :].any()
+
+
+@pytest.mark.parametrize("close_border", [False, True])
+@pytest.mark.parametrize(("columns", "upper"), [(128, None), (128, 1), (100, None)])
+def test_of_a_mask_all_that_is_not_zero_is_inside(columns, upper, close_border):
+    values = np.random.default_rng(2).choice(np.array([0, 0, 1, 2, 255], np.uint8), (5, 9, columns))
+    grid = make_grid(values, (1, 1, 1), close_border, upper=upper)
+    bits = np.zeros((grid.z.count + 1, grid.y.count + 1, grid.words), np.uint64)
+    inside_bits(grid, 0.5, 0, grid.z.count, bits)
+    samples = np.isin(values, (1, 2, 255) if upper is None else (1,))
+    if close_border:
+        samples = np.pad(samples, 1)
+    unpacked = np.unpackbits(bits.view(np.uint8), axis=2, bitorder="little")[:-1, :-1]
+    np.testing.assert_array_equal(unpacked[:, :, : samples.shape[2]], samples)
+    assert not unpacked[:, :, samples.shape[2] :].any()
