@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from contextlib import suppress
 from itertools import pairwise
 
 import numpy as np
@@ -31,7 +32,7 @@ THREADED_SLABS = 8  # and more are shared by all threads; of fewer one makes no 
 DECIDED_SLABS = 8  # whose ambiguous voxels are decided together, where there are so many for every thread
 MIXED_ROWS = 16  # of which one is looked at to estimate both
 BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
-KEPT_BYTES = 1 << 23  # more than most arrays of a slab; see _keep_freed_pages
+KEPT_BYTES = (1 << 25) - (1 << 16)  # the most that has an effect; see _keep_freed_pages
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
 SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}
@@ -90,12 +91,13 @@ def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:
 
 
 def _keep_freed_pages() -> None:
-    """Free a large array, so that the arrays of slabs are allocated faster.
+    """Free a large array, so that the arrays of slabs and surfaces are allocated faster.
 
     The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger piece
-    was freed before. This is one; nothing is written to it.
+    of up to 32 MiB was freed before. This is one; nothing is written to it.
     """
-    np.empty(KEPT_BYTES, np.uint8)
+    with suppress(MemoryError):  # where so little is left that there is nothing to keep
+        np.empty(KEPT_BYTES, np.uint8)
 
 
 def _even_ranges(work: NDArray[np.float64]) -> list[tuple[int, int]]:
