@@ -6,7 +6,7 @@ from __future__ import annotations
 import gc
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from ..version import VERSION
 
@@ -18,8 +18,9 @@ def main(argv: Sequence[str] | None = None) -> int:
     that Ctrl-C is one line while NumPy is still being loaded, too.
     """
     if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
-        print(f"ctmc {VERSION}")
-        return 0
+        with suppress(OSError):  # a full disk or a closed pipe, which the parser says in a sentence below
+            print(f"ctmc {VERSION}", flush=True)
+            return 0
     try:
         from .address_space import reserve_memory
         from .interrupts import interrupts_held, sigterm_raised

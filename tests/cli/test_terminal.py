@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import errno
 import io
+import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
@@ -90,18 +92,31 @@ class Broken(io.StringIO):
 
 
 @pytest.mark.parametrize("at_once", [True, False])
-@pytest.mark.parametrize("words", [("settings",), ("info", "--help")])
+@pytest.mark.parametrize("words", [("settings",), ("info", "--help"), ("--version",), ("--help",)])
 @pytest.mark.parametrize(
-    ("number", "code", "sentence"),
-    [(errno.ENOSPC, 1, "ctmc: standard output cannot be written: the disk is full; free"), (errno.EPIPE, 0, "")],
+    ("number", "remedy"),
+    [
+        (errno.ENOSPC, "the disk is full; free some space or choose another disk"),
+        (errno.EPIPE, "the program that reads it has ended; let it read to the end"),
+    ],
 )
-def test_standard_output_on_a_full_disk_is_one_sentence(monkeypatch, capsys, at_once, words, number, code, sentence):
+def test_standard_output_that_is_full_or_closed_is_one_sentence(monkeypatch, capsys, at_once, words, number, remedy):
     with monkeypatch.context() as patch:
         patch.setattr(sys, "stdout", Broken(number, at_once))
-        assert main(words) == code
-    errors = capsys.readouterr().err
-    assert errors.startswith(sentence)
-    assert errors.count("\n") == code
+        assert main(words) == 1
+    assert capsys.readouterr().err == f"ctmc: standard output cannot be written: {remedy}\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="there is no /dev/full")
+@pytest.mark.parametrize("words", [["--version"], ["batch", "--help"]])
+def test_a_process_whose_output_is_full_ends_with_one_sentence(words):
+    with Path("/dev/full").open("wb") as full:
+        done = subprocess.run(
+            [sys.executable, "-m", "ctmc_addon", *words], stdout=full, stderr=subprocess.PIPE, text=True, check=False
+        )
+    assert done.returncode == 1
+    assert done.stderr.startswith("ctmc: standard output cannot be written: the disk is full")
+    assert done.stderr.count("\n") == 1
 
 
 def test_without_a_standard_output_a_command_runs(monkeypatch):
