@@ -92,12 +92,7 @@ def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
     def read(text: str) -> Any:
         value: Any = text
         if about.type is not str and text not in about.words:
-            try:
-                numbers = tuple(about.type(word) for word in separated(text))
-            except ValueError as error:
-                raise argparse.ArgumentTypeError(
-                    " or ".join(["write a whole number" if about.type is int else "write a number", *about.words])
-                ) from error
+            numbers = tuple(number_of(word, about) for word in separated(text))
             if len(numbers) != about.size and (len(numbers) != 1 or about.size != 3):
                 several = f"write {about.size} numbers with spaces between them"
                 raise argparse.ArgumentTypeError(
@@ -110,6 +105,15 @@ def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
             raise argparse.ArgumentTypeError(str(error).removeprefix(f"{name} ")) from error
 
     return read
+
+
+def number_of(word: str, about: Setting) -> Any:
+    """Return a word as the kind of number that a field has."""
+    try:
+        return about.type(word)
+    except ValueError as error:
+        expected = " or ".join(["write a whole number" if about.type is int else "write a number", *about.words])
+        raise argparse.ArgumentTypeError(f"{expected}, not {word!r}") from error
 
 
 def help_of(about: Setting, default: Any) -> str:

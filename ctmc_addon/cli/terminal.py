@@ -66,7 +66,7 @@ class Progress:
 
 
 class CheckedOutput:
-    """A stream whose errors are sentences: the disk behind `ctmc info ... > FILE` is full, `head` behind it has ended."""
+    """A stream whose errors are sentences: the disk of `ctmc info ... > FILE` is full, or `| head` has ended."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream

@@ -29,6 +29,8 @@ from ...core import (
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
 from ...core.volume import (
+    InsideValues,
+    ValueKind,
     chosen_labels_steps,
     existing_labels_steps,
     inside_values_steps,
@@ -47,6 +49,7 @@ from .files import (
     failed_record,
     identity,
     input_key,
+    is_otsu,
     options_of,
     put_output,
     record_path,
@@ -59,7 +62,7 @@ from .files import (
 THUMBNAIL = (160, 120)
 # Held while folders are made and outputs put in their places, so that the end of the batch leaves neither halfway.
 CHANGING_FOLDERS = threading.Lock()
-NO_HU = "mean_hu is empty: --hu takes one label a row, of a CT volume-N with its segmentation-N beside it"
+NO_HU = "mean_hu is empty: --hu takes labels of a CT volume-N with its segmentation-N beside it"
 NO_MEMORY = "there is not enough memory; choose a region, a larger stride or fewer jobs"
 
 Ask = Callable[[int], None]
@@ -169,9 +172,11 @@ class Case:
             surfaces = replace(surfaces, names=surfaces.titles)
         report = report_of(surfaces)
         notes = [with_flags(without_folders(note, task)) for note in report["notes"]]
-        hu = self.hu_inside(settings, volume, bool(output["labels"])) if task.get("hu") else {}
+        hu = self.hu_inside(surfaces, volume) if task.get("hu") else []
         if hu is None:
             notes.append(NO_HU)
+        for each, inside in zip(report.get("surfaces", [report]), hu or []):  # noqa: B905  (there may be none)
+            each.update(inside)
         record = {
             "case": name,
             "status": DONE,
@@ -183,8 +188,8 @@ class Case:
             **self.input_key,
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
+            **({"labels_as_one": True} if volume.kind == ValueKind.LABEL and is_otsu(settings) and not choices else {}),
             "seconds": since(start),
-            **(hu or {}),
             "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -216,17 +221,25 @@ class Case:
         result = self.together.results.get(label)
         return None if result is None else Surfaces(volume.name, (result,))
 
-    def hu_inside(self, settings: ReconstructionSettings, labels: Volume, several: bool) -> dict[str, float] | None:
-        """Return mean and deviation of the CT inside the label that lies beside it; None without such a CT."""
+    def hu_inside(self, surfaces: Surfaces, labels: Volume) -> list[dict[str, float]] | None:
+        """Return mean and deviation inside the label of each surface, of the CT beside it; None without such a CT."""
         path = Path(self.task["input"])
-        if several or settings.label is None or self.source == path:
+        if self.source == path:
             return None
         if self.ct is None:
             options = options_of(self.task)
             opened = finish(readers.open_volume_steps(path, options.allow_outside))
             self.ct = finish(needed_steps(opened, path, options, ReconstructionSettings(), True, budget=self.budget))
-        values = finish(inside_values_steps(self.ct, labels, settings.label, region_box(labels, settings)))
-        return {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
+        each = [self.inside(self.ct, labels, result.settings) for result in surfaces.results]
+        return [
+            {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
+            for values in each
+        ]
+
+    def inside(self, ct: Volume, labels: Volume, settings: ReconstructionSettings) -> InsideValues | None:
+        """Return the values of the CT inside the label of a surface."""
+        assert settings.label is not None, "labels lie beside the CT"
+        return finish(inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
         """Record that the case does not have the label of an output; what an older run made of it goes."""

@@ -16,7 +16,7 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError
-from ...core.files.file_names import LONGEST_BYTES, file_key, is_file_name
+from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
 from .manifest import CaseInput, manifest_inputs
@@ -174,15 +174,16 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpti
         if not source.where:
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
+    for output in outputs:
+        require_file_name(output.name, source.where)
     return Case(source.name, source.path, replace(reading, **source.reading), outputs)
 
 
 def require_different_files(cases: Sequence[Case]) -> None:
-    """Refuse names that no file can have, and two outputs with one name."""
+    """Refuse two outputs with one name."""
     seen: dict[str, Case] = {}
     for case in cases:
         for output in case.outputs:
-            require_file_name(output.name)
             key = file_key(output.name)
             if key in seen:
                 raise OutputError(
@@ -192,18 +193,19 @@ def require_different_files(cases: Sequence[Case]) -> None:
             seen[key] = case
 
 
-def require_file_name(name: str) -> None:
-    """Refuse a name with which no file can be written everywhere."""
+def require_file_name(name: str, where: str) -> None:
+    """Refuse a name with which no file can be written everywhere; `where` in a manifest it stands, if in one."""
+    remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
+    line = f"{where}: " if where else ""
     if name.casefold() in TAKEN:
-        raise OutputError(f"a case called {name} would write the summary's own file; give it another name")
-    if not is_file_name(name):
-        raise OutputError(f"'{name}' cannot be a file's name everywhere; name the case in a manifest's column 'case'")
+        raise OutputError(f"{line}a case called {name} would write the summary's own file; {remedy}")
     size = len(name.encode("utf-8", "surrogatepass"))
     if size > LONGEST_BYTES:
         raise OutputError(
-            f"the case's name '{name[:20]}...' has {size} bytes and may have {LONGEST_BYTES}; "
-            "name the case in a manifest's column 'case'"
+            f"{line}the case's name '{name[:20]}...' has {size} bytes and may have {LONGEST_BYTES}; {remedy}"
         )
+    if problem := name_problem(name):
+        raise OutputError(f"{line}{name!r} cannot be a file's name everywhere: {problem}; {remedy}")
 
 
 def short(case: Case) -> str:

@@ -13,6 +13,7 @@ from contextlib import closing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ... import readers
 from ...core import (
     VERSION,
     Budget,
@@ -41,6 +42,8 @@ from .files import (
     DONE,
     RUNNING,
     WAITING,
+    is_otsu,
+    is_refused_now,
     is_same_input,
     key_or_empty,
     options_of,
@@ -57,9 +60,9 @@ from .summary import (
     LABELS_FILE,
     SUMMARY_FILES,
     SummaryRow,
+    amount,
     counts,
     numbers,
-    row_of,
     write_summary,
     write_summary_if_possible,
 )
@@ -71,6 +74,7 @@ FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
 SUMMARY_SECONDS = 1.0  # between two summaries of a batch that runs, at least
 SUMMARY_SHARE = 0.1  # of its time, at most
 MOST_ABSENT = 3  # named in the table
+OTSU = "without --label or --threshold a surface is that of Otsu's threshold; --label 1 2 or --label all takes labels"
 
 
 def add_parser(commands: Any) -> None:
@@ -143,12 +147,13 @@ def run(args: argparse.Namespace) -> None:
     finally:
         if cluster is not None:
             cluster.close()
-    print(f"\n{table_of(rows)}\n\n{counts(rows)}; see summary.html", flush=True)
+    print(f"\n{table_of(rows, labels_not_used(cases))}\n\n{counts(rows)}; see summary.html", flush=True)
     failed = [row.case for row in rows if row.status not in (DONE, ABSENT)]
     absent = [row.case for row in rows if row.status == ABSENT and reading_of(args).strict]
-    what = [f"{len(failed)} of {len(rows)} cases failed: {', '.join(failed)}"] if failed else []
+    what = [f"{len(failed)} of {amount(rows)} failed: {', '.join(failed)}"] if failed else []
     if absent:
-        what.append(f"{len(absent)} of {len(rows)} cases lack the label, as --strict refuses: {', '.join(absent)}")
+        verb = "lacks" if len(absent) == 1 else "lack"
+        what.append(f"{len(absent)} of {amount(rows)} {verb} the label, which --strict refuses: {', '.join(absent)}")
     if what:
         raise CtmcError("; ".join(what))
 
@@ -189,7 +194,7 @@ def batch_steps(
     cases: Sequence[Case], folder: Path, unfinished: str, args: argparse.Namespace, cluster: Cluster | None
 ) -> Steps[list[SummaryRow]]:
     """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
-    rows = {output.name: SummaryRow(output.name) for case in cases for output in case.outputs}
+    rows = {output.name: SummaryRow(output.name, of_case=case.name) for case in cases for output in case.outputs}
     run = uuid.uuid4().hex[:12]
     tasks = [task_of(case, folder, args, run) | {"unfinished": unfinished} for case in cases]
     if args.resume:
@@ -260,7 +265,7 @@ def remaining_steps(
                 source = source_of(Path(task["input"]), settings_of(output).label)
                 if source not in keys:
                     keys[source] = key_or_empty(source, task["verify"], options_of(task).allow_outside)
-                if is_same_input(record, keys[source]):
+                if is_same_input(record, keys[source]) and not is_refused_now(record, task, source):
                     rows[output["name"]].fill(record, folder)
                     continue
             remaining.append(output)
@@ -296,8 +301,18 @@ def started(
             task["threads"] = task["threads"] or max(1, processors() // jobs)
         facts.append(("at once", f"{jobs}, {reason}"))
         events = run_here(tasks, jobs, needs, limit)
-    print(listing(facts), flush=True)
+    print(listing([*facts, *labels_not_used(cases)]), flush=True)
     return events
+
+
+def labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
+    """Return what is to be said of cases with labels beside them that ask for neither these nor a threshold."""
+    without = [case for case in cases if not case.outputs[0].labels and is_otsu(case.outputs[0].settings)]
+    unused = [labels for case in without if (labels := readers.segmentation_sibling(case.path)) is not None]
+    if not unused:
+        return []
+    which = f"{len(unused)} of {len(cases)} case{'s' * (len(cases) != 1)}, such as {unused[0].name}"
+    return [("labels", f"lie beside {which}, and are not used: {OTSU}")]
 
 
 def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
@@ -308,7 +323,7 @@ def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
     source = source_of(case.path, first.settings.label)
     voxels, value_bytes = values_of(source, case.reading.allow_outside)
     need = case_bytes(voxels, value_bytes if task["asks"] else None, thumbnails or task["format"] == ".blend")
-    if task["hu"] and source != case.path and not first.labels and not task["asks"]:  # who asks does so for the CT too
+    if task["hu"] and source != case.path and not task["asks"]:  # who asks does so for the CT too
         need += math.prod(values_of(case.path, case.reading.allow_outside))
     return need
 
@@ -319,6 +334,7 @@ def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
         for output in event.task["outputs"]:
             row = rows[output["name"]]
             facts = [fact for fact in numbers(row) if fact]
+            facts += ["all labels as one"] * row.labels_as_one
             print("  ".join([row.status, row.case, *(facts if row.status == DONE else [row.error or ""])]), flush=True)
 
 
@@ -329,15 +345,20 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
         if event.status != ENDED:
             rows[name].status = event.status
         else:
-            vars(rows[name]).update(vars(row_of(folder, name)))
+            rows[name].fill(read_record(folder, name), folder)
 
 
-def table_of(rows: Sequence[SummaryRow]) -> str:
-    """Return the summary for a terminal, errors below."""
+def table_of(rows: Sequence[SummaryRow], facts: Sequence[tuple[str, str]] = ()) -> str:
+    """Return the summary for a terminal, errors and other facts below."""
     lines = [["case", "status", "triangles", "ml", "crossings", "seconds"]]
     lines += [[row.case, row.status, *numbers(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]
+    errors += facts
+    merged = [row.case for row in rows if row.labels_as_one]
+    if merged:
+        which = f"in {len(merged)} of {amount(rows)} became one surface, such as that of {merged[0]}"
+        errors.append(("labels", f"{which}: {OTSU}"))
     opened = sum(row.closed is False for row in rows)
     if opened:
         done = sum(row.status == DONE for row in rows)

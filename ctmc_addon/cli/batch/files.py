@@ -19,11 +19,11 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, descriptions
+from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, descriptions, finish
 from ...core.files.atomic_write import made_folder, refused, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
-from ...readers import ReadingOptions, VolumeSource, files_below, open_volume
+from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
 from ..arguments import label_for_checks
 
 WAITING, RUNNING = "waiting", "running"
@@ -225,13 +225,35 @@ def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mappi
         One of the task's outputs.
     """
     expected: dict[str, Any] = json.loads(json.dumps(identity(task, output)))
-    sizes = record.get("file_bytes")
+    sizes, reading = record.get("file_bytes"), record.get("reading")
+    if isinstance(reading, dict):  # strict reading makes no other surface, it refuses: see `is_refused_now`
+        record = {**record, "reading": {**reading, "strict": expected["reading"]["strict"]}}
     return (
         record.get("status") in (DONE, ABSENT)
         and all(record.get(key) == value for key, value in expected.items())
         and isinstance(sizes, dict)
         and all(size_of(Path(task["folder"], name)) == size for name, size in sizes.items())
     )
+
+
+def is_refused_now(record: Mapping[str, Any], task: Mapping[str, Any], source: Path) -> bool:
+    """Return whether strict reading is asked for now, was not when a JSON was made, and refuses the input.
+
+    Its values are left where they are: what is refused stands in the headers.
+    """
+    options = options_of(task)
+    if not options.strict or record["reading"]["strict"]:
+        return False
+    try:
+        finish(finish(open_volume_steps(source, options.allow_outside)).slabs_steps(options))
+    except (CtmcError, OSError):
+        return True
+    return False
+
+
+def is_otsu(settings: ReconstructionSettings) -> bool:
+    """Return whether a surface is that of Otsu's threshold, as nothing else was asked for."""
+    return settings.label is None and settings.threshold is None
 
 
 def size_of(path: Path) -> int | None:

@@ -23,6 +23,7 @@ from ..described_flags import value_reader
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
+LONGEST_PLACE = 20  # letters before a byte that is not UTF-8, which say where it stands
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
@@ -51,7 +52,7 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ReadError(f"{path.name} is not in UTF-8; save it as 'CSV UTF-8'") from error
+        raise ReadError(f"{not_utf8(error.object, error.start, path.name)}; save it as 'CSV UTF-8'") from error
     except OSError as error:
         raise ReadError(f"{path.name} cannot be read ({error.strerror}); check its permissions") from error
     inputs: list[CaseInput] = []
@@ -69,6 +70,13 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     if not inputs:
         raise ReadError(f"{path.name} names no case; it needs a line of columns and a line for each case")
     return inputs
+
+
+def not_utf8(content: bytes, at: int, name: str) -> str:
+    """Return which byte of a manifest is not UTF-8, and where it stands."""
+    lines = content[:at].decode("utf-8", "replace").split("\n")
+    behind = f" behind {lines[-1][-LONGEST_PLACE:]!r}" if lines[-1] else ""
+    return f"{name}, line {len(lines)}: the byte 0x{content[at]:02x}{behind} is not UTF-8"
 
 
 def rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
@@ -143,7 +151,7 @@ def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Pa
         raise ReadError(f"{where}: the input is missing; give a file or a folder")
     path = folder / values[""]["input"]
     if not path.exists():
-        raise ReadError(f"{where}: there is no file or folder '{values['']['input']}'; check the path")
+        raise ReadError(f"{where}: there is no file or folder {values['']['input']!r}; check the path")
     return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], where)
 
 

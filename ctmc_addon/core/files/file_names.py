@@ -17,9 +17,23 @@ MOST_BYTES = 120  # of a name that is made here
 LONGEST_BYTES = 240  # of any stem: systems allow 255 with the suffix
 
 
-def is_file_name(name: str) -> bool:
-    """Return whether a file can be called so everywhere."""
-    return bool(name) and name == name.strip(" .") and not FORBIDDEN.search(name) and not RESERVED.fullmatch(name)
+def name_problem(name: str) -> str:
+    r"""Return why a file cannot be called so everywhere; empty where it can.
+
+    Examples
+    --------
+    >>> name_problem("liver 7"), name_problem("a:b"), name_problem("a\t")
+    ('', "':' is not allowed", "'\\t' is not allowed")
+    >>> name_problem("liver."), name_problem("con")
+    ("it begins or ends with '.'", 'Windows keeps it for a device')
+    """
+    forbidden = FORBIDDEN.search(name)
+    if forbidden:
+        return f"{forbidden[0]!r} is not allowed"
+    for letter in (name[:1], name[-1:]):
+        if letter in " .":  # of nothing too
+            return f"it begins or ends with {letter!r}" if letter else "it is empty"
+    return "Windows keeps it for a device" if RESERVED.fullmatch(name) else ""
 
 
 def file_key(name: str) -> str:

@@ -137,8 +137,11 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ("input,soften,smoothing_mm\n", ["line 1", "'smoothing-mm' is there twice"]),
         ("input,label\na.nii,1\n\nno.nii,2\n", ["m.csv, line 4", "no file or folder 'no.nii'"]),
         ("input,label\n,2\n", ["m.csv, line 2", "input is missing"]),
-        ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number"]),
-        ("input,label\na.nii,1 two\n", ["m.csv, line 2", "label cannot be '1 two'; write a whole number"]),
+        ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number or auto, not 'much'"]),
+        (
+            "input,label\na.nii,1 two\n",
+            ["m.csv, line 2", "label cannot be '1 two'; write a whole number", "not 'two'"],
+        ),
         ("input,keep_parts\na.nii,1.5\n", ["m.csv, line 2", "keep-parts cannot be '1.5'; write a whole number"]),
         (
             "input,alpha\na.nii,0.1\na.nii,7\n",
@@ -149,8 +152,10 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ("input,spacing\na.nii,0\n", ["line 2", "above 0 mm"]),
         ("input,label,threshold\na.nii,1,5\n", ["line 2", "choose one"]),
         ("input\na.nii,5\n", ["line 2", "2 cells", "1 column"]),
-        ("input,case\na.nii,x/y\n", ["'x/y' cannot be a file's name"]),
-        ("input,case\na.nii,con\n", ["'con' cannot be a file's name"]),
+        ("input,spacing\na.nii,0.7 a 2\n", ["m.csv, line 2", "spacing cannot be '0.7 a 2'; write a number, not 'a'"]),
+        ("input,case\na.nii,x/y\n", ["m.csv, line 2: 'x/y' cannot be a file's name everywhere: '/' is not allowed"]),
+        ("input,case\na.nii,con\n", ["m.csv, line 2: 'con' cannot be a file's name", "Windows keeps it for a device"]),
+        ("input,case\na.nii,x.\n", ["it begins or ends with '.'"]),
         ("input,case\na.nii,Summary\n", ["the summary's own file"]),
         ("input,case\na.nii,\u00c4\na.nii,a\u0308\n", ["two cases would write the same file"]),
         ("input\n", ["names no case"]),
@@ -163,6 +168,14 @@ def test_a_bad_manifest_is_refused_with_its_line(tmp_path, text, words):
     sentence = refusal(tmp_path / "m.csv")
     for word in words:
         assert word in sentence
+
+
+def test_a_letter_of_a_manifest_that_is_not_utf_8_is_named_with_its_place(tmp_path):
+    (tmp_path / "m.csv").write_bytes("input,case\na.nii,Ä Müller\n".encode().replace(b"\xc3\xbc", b"\xfc"))
+    assert (
+        refusal(tmp_path / "m.csv")
+        == "m.csv, line 2: the byte 0xfc behind 'a.nii,Ä M' is not UTF-8; save it as 'CSV UTF-8'"
+    )
 
 
 def test_a_name_that_is_too_long_for_a_file_is_refused_before_the_work(tmp_path):
@@ -252,7 +265,7 @@ def test_need_of_memory_counts_the_ct_beside_labels_for_its_hu_where_the_case_do
     for name, kind in (("volume-1", np.int16), ("segmentation-1", np.uint8)):
         nibabel.save(nibabel.Nifti1Image(np.zeros((6, 5, 4), kind), np.eye(4)), tmp_path / f"{name}.nii")
     voxels = 6 * 5 * 4
-    for label, hu, ct_bytes in ((1, True, 2 * voxels), (1, False, 0), ("all", True, 0), (None, True, 0)):
+    for label, hu, ct_bytes in ((1, True, 2 * voxels), (1, False, 0), ("all", True, 2 * voxels), (None, True, 0)):
         settings = {"smoothing": "none", "label": label} if label else {"threshold": 200}
         [case] = collect([str(tmp_path)], settings, READING)
         assert need_of(TASK | {"hu": hu}, case, thumbnails=False) == (

@@ -3,95 +3,22 @@ import csv
 import json
 import os
 import re
-import shutil
-import signal
-import struct
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
 import pytest
-from shapes import distance_mm
+from batches import FLAGS, ball, in_place_of_a_case, states, summary, whole
 
 from ctmc_addon import core, readers
-from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
-from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.cli.batch.process import run_here
 from ctmc_addon.cli.batch.summary.rows import COLUMNS
-from ctmc_addon.core.files.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
-# A batch that waits as soon as its summary has a case that is done, one that runs and one that waits.
-WAITING = """
-import sys, time
-from ctmc_addon.cli import main
-from ctmc_addon.cli.batch import command
-write = command.write_summary
-def write_and_wait(folder, rows, *rest):
-    write(folder, rows, *rest)
-    if {"done", "running", "waiting"} <= {row.status for row in rows}:
-        time.sleep(600)
-command.write_summary = write_and_wait
-command.SUMMARY_SECONDS, command.SUMMARY_SHARE = 0, 1000
-sys.exit(main(sys.argv[1:]))
-"""
 FIRST_COLUMNS = ["case", "status", "faces", "volume_mm3", "seconds", "error"]  # which scripts read
-FLAGS = ["--threshold", "50", "--spacing", "0.5"]
-
-
-def ball(radius, size=20):
-    """Return a ball at 50 and above, its radius in voxels."""
-    return (50 + 20 * (radius - distance_mm((size,) * 3))).clip(0, 200).astype(np.uint8)
-
-
-def wait_until(condition, seconds=90):
-    end = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < end, "it did not come about"
-        time.sleep(0.05)
-
-
-def summary(folder):
-    return json.loads((folder / "summary.json").read_text("utf-8"))
-
-
-def states(folder):
-    return {row["case"]: row["status"] for row in summary(folder)}
-
-
-def whole(folder):
-    """Whether every file is complete: an STL as long as it says, a JSON that can be read."""
-    for path in folder.rglob("*.stl"):
-        content = path.read_bytes()
-        assert len(content) == 84 + 50 * struct.unpack_from("<I", content, 80)[0], path
-    for path in folder.rglob("*.json"):
-        json.loads(path.read_text("utf-8"))
-    return True
-
-
-def written_at(folder):
-    return {path.name: path.stat().st_mtime_ns for path in folder.glob("*.json") if path.name != "summary.json"}
-
-
-@pytest.fixture(scope="module")
-def cases(tmp_path_factory):
-    folder = tmp_path_factory.mktemp("Fälle 病例")
-    for name, radius in (("large", 7), ("small", 4)):
-        np.save(folder / f"{name}.npy", ball(radius))
-    (folder / "broken.npy").write_bytes((folder / "large.npy").read_bytes()[:4000])
-    return folder
-
-
-@pytest.fixture(scope="module")
-def done(scene, cases, tmp_path_factory):
-    """A batch of three cases, one of them broken; the output's parents are not there."""
-    folder = tmp_path_factory.mktemp("out") / "a" / "b"
-    assert main(["batch", str(cases), "-o", str(folder), *FLAGS, "--simplify", "0.5"]) == 1
-    return folder
 
 
 @pytest.mark.once
@@ -114,17 +41,6 @@ def test_the_summary_has_a_row_for_every_case(done):
     with (done / "summary.csv").open(encoding="utf-8", newline="") as stream:
         table = list(csv.reader(stream))
     assert table == [list(COLUMNS), *[["" if row[key] is None else str(row[key]) for key in COLUMNS] for row in rows]]
-
-
-def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_folder, tmp_path):
-    words = ("--label", 1, 2, "--no-thumbnails")
-    done = ctmc("batch", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "out", *words)
-    assert done.code == 0, done.errors
-    for label in (1, 2):
-        report = json.loads((tmp_path / "out" / f"volume-4-label-{label}.json").read_text("utf-8"))
-        assert report["settings"]["label"] == label
-        note = "volume-4.nii.gz holds gray values: labels are taken from segmentation-4.nii.gz beside it"
-        assert [said for said in report["notes"] if "taken from" in said] == [note]
 
 
 def test_each_case_leaves_surface_and_json_and_nothing_else(done):
@@ -186,53 +102,6 @@ def test_a_thumbnail_shows_the_form_and_no_triangles(done):
     assert (pixels[filled].max(axis=1) - pixels[filled].min(axis=1)).max() < 110  # bone, where edges would be yellow
 
 
-def test_a_folder_in_use_is_refused_without_resume_or_overwrite(refused, done, cases):
-    before = written_at(done)
-    sentence = refused("batch", cases, "-o", done, *FLAGS)
-    assert "is not empty" in sentence
-    assert "--resume" in sentence
-    assert "--overwrite" in sentence
-    assert written_at(done) == before
-
-
-def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done, cases, tmp_path):
-    done, cases = shutil.copytree(done, tmp_path / "out"), shutil.copytree(cases, tmp_path / "in")
-    before = written_at(done)
-    (cases / "broken.npy").write_bytes((cases / "large.npy").read_bytes())
-    np.save(cases / "small.npy", ball(5))  # as long as the old one
-    outcome = ctmc("batch", cases, "-o", done, *FLAGS, "--simplify", "0.5", "--resume", "--no-thumbnails")
-    assert outcome.code == 0, outcome.errors
-    assert "1 done before" in outcome.out
-    after = written_at(done)
-    assert {name for name in after if after[name] != before[name]} == {"broken.json", "small.json"}
-    assert states(done) == {"broken": "done", "large": "done", "small": "done"}
-    assert whole(done)
-    again = ctmc("batch", cases, "-o", done, *FLAGS, "--simplify", "0.5", "--resume")
-    assert (again.code, written_at(done)) == (0, after)
-    assert "at once" not in again.out  # there is nothing to say of how what is not done is done
-
-
-@pytest.mark.usefixtures("scene")
-def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absent(ctmc, phantom_folder, tmp_path):
-    words = ["-o", tmp_path, "--label", "1", "2", "9", "--close-border", "--output-format", "ply", "--no-thumbnails"]
-    (tmp_path / "volume-4-label-9.ply").write_text("of an older run")
-    (tmp_path / "volume-4-label-9.json").write_text('{"files": ["volume-4-label-9.ply"]}')
-    outcome = ctmc("batch", phantom_folder, *words, "--overwrite")
-    assert outcome.code == 0
-    assert "absent  volume-4-label-9  label 9 is empty here; the labels are 1, 2" in outcome.out
-    assert "3 cases: 2 done, 1 absent; see summary.html" in outcome.out
-    again = ctmc("batch", phantom_folder, *words, "--resume")
-    assert (again.code, again.out.splitlines()[0]) == (0, "cases  1, 1 done before")  # what is absent is not looked for
-    again = ctmc("batch", phantom_folder, *words, "--resume", "--strict")
-    assert again.code == 1
-    assert again.errors == ["ctmc: 1 of 3 cases lack the label, as --strict refuses: volume-4-label-9"]
-    liver, tumour, none = summary(tmp_path)
-    assert (none["status"], none["faces"]) == ("absent", None)
-    assert [row["case"] for row in (liver, tumour, none)] == [f"volume-4-label-{label}" for label in (1, 2, 9)]
-    assert liver["volume_mm3"] > tumour["volume_mm3"] > 0
-    assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]
-
-
 def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_path):
     np.save(tmp_path / "open.npy", ball(14))  # reaches over the border
     out = tmp_path / "out"
@@ -251,44 +120,12 @@ def test_a_surface_that_is_open_has_no_volume_in_any_summary(scene, ctmc, tmp_pa
     assert (row["closed"], row["outlier"]) == (False, "open")
 
 
-@pytest.mark.once
-@pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
-def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
-    for number in range(5):
-        np.save(tmp_path / f"c{number}.npy", ball(30 + number, size=80))
-    out = tmp_path / "out"
-    words = ["batch", str(tmp_path / "c*.npy"), "-o", str(out), *FLAGS, "--jobs", "1", "--no-thumbnails"]
-    process = subprocess.Popen(
-        [sys.executable, "-c", WAITING, *words], cwd=ROOT, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-    )
-    try:
-        wait_until(
-            lambda: (out / "summary.json").exists() and {"done", "running", "waiting"} <= set(states(out).values())
-        )
-    finally:
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    # The case that ran notices, and removes what it has not finished; half a summary is for the next batch to remove.
-    wait_until(lambda: not any(out.glob(".ctmc-*/*")))
-    assert whole(out)
-    before = written_at(out)
-    assert 1 <= len(before) < 5
-    assert ctmc(*words, "--resume").code == 0
-    assert set(states(out).values()) == {"done"}
-    assert {name: written_at(out)[name] for name in before} == before
-    assert not list(out.glob(".ctmc-*"))
-
-
 def plain_task(folder, name):
     return {
         "case": name, "input": str(folder / "in.npy"), "folder": str(folder), "version": "0", "threads": 1,
         "outputs": [{"name": name, "settings": {}, "labels": [], "beside": []}], "reading": {}, "format": ".stl",
         "space": "ras", "thumbnails": False, "run": "1",
     }  # fmt: skip
-
-
-def in_place_of_a_case(monkeypatch, script):
-    monkeypatch.setattr(batch_process, "command", lambda: [sys.executable, "-c", script])
 
 
 @pytest.mark.parametrize(
@@ -359,61 +196,6 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
     assert (outcome.code, outcome.errors) == (130, ["ctmc: interrupted"])
     assert set(states(tmp_path).values()) == {"waiting"}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["summary.csv", "summary.html", "summary.json"]
-
-
-def test_what_killed_runs_left_is_removed(ctmc, cases, tmp_path, name_of_an_ended_process):
-    run, half = name_of_an_ended_process(".ctmc-run-"), name_of_an_ended_process()
-    for name in (f"{run}/large", f"thumbnails/{half}"):
-        (tmp_path / name).mkdir(parents=True)
-    (tmp_path / f"{half}.json").write_text("half")
-    assert ctmc("batch", cases / "small.npy", "-o", tmp_path, *FLAGS, "--overwrite", "--no-thumbnails").code == 0
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "small.json", "small.stl", "summary.csv", "summary.html", "summary.json", "thumbnails",
-    ]  # fmt: skip
-    assert list((tmp_path / "thumbnails").iterdir()) == []
-
-
-def test_a_second_batch_in_the_folder_is_refused_and_harms_nothing(ctmc, cases, tmp_path):
-    out = tmp_path / "out"
-    half = out / temporary_name()  # as another process would be writing
-    with unfinished_folder(out) as name:
-        (out / name / "large").mkdir()
-        half.write_text("half")
-        outcome = ctmc("batch", cases / "small.npy", "-o", out, *FLAGS, "--overwrite", "--no-thumbnails")
-        assert outcome.code == 1
-        assert len(outcome.errors) == 1
-        assert name in outcome.errors[0]
-        assert sorted(path.name for path in out.iterdir()) == sorted([name, half.name])
-        assert (out / name / "large").is_dir()
-    assert ctmc("batch", cases / "small.npy", "-o", out, *FLAGS, "--overwrite", "--no-thumbnails").code == 0
-    assert half.read_text() == "half"
-
-
-def test_overwrite_keeps_the_older_surface_until_there_is_a_new_one(ctmc, cases, tmp_path, monkeypatch):
-    words = ["batch", cases / "small.npy", "-o", tmp_path, *FLAGS, "--no-thumbnails"]
-    assert ctmc(*words).code == 0
-    before = (tmp_path / "small.stl").read_bytes()
-    with monkeypatch.context() as patched:
-        in_place_of_a_case(patched, "import sys; sys.exit(3)")
-        assert ctmc(*words, "--overwrite").code == 1
-    assert (tmp_path / "small.stl").read_bytes() == before
-    assert states(tmp_path) == {"small": "failed"}
-    assert json.loads((tmp_path / "small.json").read_text("utf-8"))["status"] == "failed"
-    assert ctmc(*words, "--overwrite", "--simplify", "0.5").code == 0
-    assert len((tmp_path / "small.stl").read_bytes()) < len(before)
-    assert states(tmp_path) == {"small": "done"}
-
-
-def test_verify_looks_at_the_content_and_not_at_the_time(ctmc, cases, tmp_path):
-    source = tmp_path / "small.npy"
-    source.write_bytes((cases / "small.npy").read_bytes())
-    words = ["batch", source, "-o", tmp_path / "out", *FLAGS, "--no-thumbnails"]
-    assert ctmc(*words, "--verify").code == 0
-    os.utime(source, (1, 1))
-    assert "1 done before" in ctmc(*words, "--resume", "--verify").out
-    assert "1 done before" not in ctmc(*words, "--resume").out  # another time: made again, and its content not kept
-    assert "1 done before" in ctmc(*words, "--resume").out
-    assert "1 done before" not in ctmc(*words, "--resume", "--verify").out
 
 
 @pytest.mark.parametrize(

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The table of a batch: a row for each output, as CSV, JSON and a page, with what is unusual marked."""
 
-from .rows import SummaryRow, counts, numbers, row_of
+from .rows import SummaryRow, amount, counts, numbers
 from .write import LABELS_FILE, SUMMARY_FILES, write_summary, write_summary_if_possible
 
 __all__ = [
     "LABELS_FILE",
     "SUMMARY_FILES",
     "SummaryRow",
+    "amount",
     "counts",
     "numbers",
-    "row_of",
     "write_summary",
     "write_summary_if_possible",
 ]

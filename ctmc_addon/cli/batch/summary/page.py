@@ -141,14 +141,15 @@ def labels_table(row: SummaryRow) -> str:
     if not row.surfaces:
         return ""
     lines = [surface_row(surface) for surface in row.surfaces]
-    head = "<tr><th>label</th><th>triangles</th><th>volume, ml</th></tr>"
+    head = "<tr><th>label</th><th>triangles</th><th>volume, ml</th><th>mean HU</th></tr>"
     return f"<details><summary>{len(lines)} surfaces</summary><table>{head}{''.join(lines)}</table></details>"
 
 
 def surface_row(surface: Mapping[str, Any]) -> str:
     """Return one of several surfaces of a case."""
     volume = milliliters(surface["volume_mm3"])
-    return f"<tr><td>{html.escape(surface['name'])}</td><td>{surface['faces']}</td><td>{volume}</td></tr>"
+    hu = "" if surface.get("mean_hu") is None else f"{surface['mean_hu']:.1f}"
+    return f"<tr><td>{html.escape(surface['name'])}</td><td>{surface['faces']}</td><td>{volume}</td><td>{hu}</td></tr>"
 
 
 def controls(rows: Sequence[SummaryRow]) -> str:

@@ -9,12 +9,15 @@ from pathlib import Path
 from typing import Any
 
 from ....core.files.mesh_files import PAGE
-from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, read_record, thumbnail_path
+from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, thumbnail_path
 
 # Of each of several surfaces.
-MEASURES = ("label", "name", "faces", "volume_mm3", "area_mm2", "components", "closed", "self_intersections")
+MEASURES = (
+    "label", "name", "faces", "volume_mm3", "area_mm2", "components", "closed", "self_intersections",
+    "mean_hu", "sd_hu",
+)  # fmt: skip
 NOTES_BETWEEN = " | "
-HIDDEN = ("surfaces", "page", "thumbnail")  # no columns
+HIDDEN = ("of_case", "surfaces", "page", "thumbnail", "labels_as_one")  # no columns
 
 
 @dataclass
@@ -46,9 +49,11 @@ class SummaryRow:
     memory_bytes: int | None = None
     notes: str = ""
     outlier: str = ""
+    of_case: str = ""  # the case, which has a row for each of its outputs
     surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
     page: bool = False  # whether there is a page of the case
     thumbnail: bool = False
+    labels_as_one: bool = False  # Otsu's threshold made one surface of all labels
 
     def fill(self, record: Mapping[str, Any] | None, folder: Path | None = None) -> None:
         """Fill the row from an output's JSON, and say whether its page and thumbnail lie in the folder."""
@@ -74,10 +79,12 @@ class SummaryRow:
         shapes = [surface.get("closed") for surface in surfaces or [record]]
         self.closed = None if None in shapes else all(shapes)
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = of_all.get("spacing_mm") or (None, None, None)
-        self.mean_hu, self.sd_hu = record.get("mean_hu"), record.get("sd_hu")
+        inside = record if len(surfaces) != 1 else of_all
+        self.mean_hu, self.sd_hu = inside.get("mean_hu"), inside.get("sd_hu")
         self.memory_bytes = record.get("memory_bytes")
         self.notes = NOTES_BETWEEN.join(record.get("notes", ()))
         self.page = f"{self.case}{PAGE}" in (record.get("files") or ())
+        self.labels_as_one = bool(record.get("labels_as_one"))
         self.thumbnail = folder is not None and self.status == DONE and thumbnail_path(folder, self.case).is_file()
 
     def columns(self) -> dict[str, Any]:
@@ -95,11 +102,10 @@ def total(surfaces: Sequence[Mapping[str, Any]], name: str) -> Any:
     return sum(known) if known and len(known) == len(values) else None
 
 
-def row_of(folder: Path, name: str) -> SummaryRow:
-    """Return the row of an output that is over."""
-    row = SummaryRow(name)
-    row.fill(read_record(folder, name), folder)
-    return row
+def amount(rows: Sequence[SummaryRow]) -> str:
+    """Return how many rows there are: '20 cases', or '40 outputs' of as many or fewer cases."""
+    what = "case" if len({row.of_case or row.case for row in rows}) == len(rows) else "output"
+    return f"{len(rows)} {what}{'s' * (len(rows) != 1)}"
 
 
 def counts(rows: Sequence[SummaryRow]) -> str:
@@ -107,7 +113,9 @@ def counts(rows: Sequence[SummaryRow]) -> str:
     states = [row.status for row in rows]
     order = (DONE, ABSENT, FAILED, RUNNING, WAITING)
     texts = [f"{states.count(state)} {state}" for state in order if state in states]
-    return f"{len(rows)} case{'s' * (len(rows) != 1)}: {', '.join(texts)}"
+    cases = len({row.of_case or row.case for row in rows})
+    of_cases = f" of {cases} case{'s' * (cases != 1)}" if cases != len(rows) else ""
+    return f"{amount(rows)}{of_cases}: {', '.join(texts)}"
 
 
 def numbers(row: SummaryRow) -> list[str]:
