@@ -40,7 +40,9 @@ def suffix(path: Path) -> str:
     ('.nii.gz', '.ome.zarr')
     """
     name = path.name.lower()
-    return next((end for end in TWO_DOTS if name.endswith(end)), path.suffix.lower())
+    if name.endswith(TWO_DOTS):
+        return next(end for end in TWO_DOTS if name.endswith(end))
+    return path.suffix.lower()
 
 
 def stem(path: Path) -> str:

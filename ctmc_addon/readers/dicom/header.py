@@ -12,7 +12,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -20,16 +20,25 @@ from typing import IO, Any, NamedTuple
 from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
-from .frames import FrameGeometry, frame_geometries
+from .deflated import DEFLATED, unpacks_without_end
+from .frames import OWN_KEYWORDS, FrameGeometry, frame_geometries, moved_geometry
 from .labels.classes import label_class
-from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE, NOT_SLICES, OTHERS, PLAIN, UNDEFINED_LENGTH, plain_header
+from .plain_header import (
+    EXPLICIT_LITTLE,
+    IMPLICIT_LITTLE,
+    NOT_SLICES,
+    OTHERS,
+    PLAIN,
+    UNDEFINED_LENGTH,
+    PlainHeader,
+    PlainHeaders,
+)
 
 PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
 CALLED_KEYWORDS = ["SeriesNumber", "SeriesDescription", "ConvolutionKernel"]
 KEYWORDS = [*(keyword for keyword, _ in PLAIN.values()), *OTHERS.values(), "PixelData"]
 LONGEST_CALLED = 64  # letters of a description
 LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
-DEFLATED = "1.2.840.10008.1.2.1.99"
 EXPLICIT_BIG = "1.2.840.10008.1.2.2"
 OPTIONS = {  # of pydicom's decoders, by keyword
     "SamplesPerPixel": "samples_per_pixel",
@@ -41,9 +50,6 @@ OPTIONS = {  # of pydicom's decoders, by keyword
     "PixelRepresentation": "pixel_representation",
 }
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
-MOST_UNPACKED = 1 << 26  # bytes of a small deflated file, and how many times its size a larger one may have
-MOST_UNPACKED_RATIO = 50
-UNPACKED_PIECE = 1 << 20
 SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
 
 
@@ -197,12 +203,46 @@ def read_header(path: Path) -> ImageFile | Broken | None:
 
 def read_plain(path: Path) -> ImageFile | Broken | None:
     """The header of a plain slice, for which pydicom is not imported; None of any other file."""
-    if has_other_suffix(path):
-        return None
-    with path.open("rb") as file:
-        plain = plain_header(file)
-    if plain is None:
-        return None
+    return PlainSlices().read(path)
+
+
+class PlainSlices:
+    """Reads plain slices one after the other; what those of a series share is converted once."""
+
+    def __init__(self) -> None:
+        self.headers = PlainHeaders()
+        self.parsed: ImageFile | None = None  # with which `PlainHeader.changed` compares; None where it is broken
+
+    def read(self, path: Path) -> ImageFile | Broken | None:
+        """Return what `read_plain` does."""
+        if has_other_suffix(path):
+            return None
+        with path.open("rb") as file:
+            plain = self.headers.read(file)
+        if plain is None:
+            return None
+        if plain.changed is not None and plain.changed <= OWN_KEYWORDS and self.parsed is not None:
+            image, elements = self.parsed, plain.elements
+            damage = missing_pixels(image.pixels, plain.pixels.length, plain.file_bytes)
+            return (
+                Broken(path, image.series, damage)
+                if damage
+                else replace(
+                    image,
+                    path=path,
+                    uid=str(elements.get("SOPInstanceUID", None) or ""),
+                    instance=int(elements.get("InstanceNumber", None) or 0),
+                    frames=(moved_geometry(image.frames[0], elements),),
+                )
+            )
+        header = plain_image(path, plain)
+        if plain.changed is None:
+            self.parsed = header if isinstance(header, ImageFile) else None
+        return header
+
+
+def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
+    """Return the description of the image with a plain header."""
     elements = plain.elements
     series = elements.get("SeriesInstanceUID", None) or ""
     options = {option: elements[keyword] for keyword, option in OPTIONS.items()}
@@ -265,23 +305,6 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
     except unreadable:
         return Broken(path, series, stray=not (preamble or is_image))
-
-
-def unpacks_without_end(file: IO[bytes]) -> bool:
-    """Whether a deflated file unpacks to more than any image: pydicom does it at once; leaves `file` at its start."""
-    head = file.read(1024)
-    unpacked, most = 0, 0
-    if DEFLATED.encode() in head:
-        most = max(MOST_UNPACKED, MOST_UNPACKED_RATIO * file.seek(0, 2))
-        # (0002,0000) is the length of the group that is never deflated (PS3.10 7.1).
-        file.seek(144 + int.from_bytes(head[140:144], "little"))
-        inflate = zlib.decompressobj(-zlib.MAX_WBITS)
-        piece = file.read(UNPACKED_PIECE)
-        while piece and unpacked <= most:
-            unpacked += len(inflate.decompress(piece, UNPACKED_PIECE))
-            piece = inflate.unconsumed_tail or file.read(UNPACKED_PIECE)
-    file.seek(0)
-    return unpacked > most
 
 
 def kind_in_words(path: Path) -> str:

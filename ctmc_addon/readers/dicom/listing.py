@@ -71,8 +71,10 @@ def times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, fl
         along = heights(times[0])
     except ReadError:
         return 1, 1, None
-    own = [any(ct_slice.image.path == path for ct_slice in time) for time in times]
-    default = max(range(len(times)), key=lambda at: (own.count(True) == 1 and own[at], len(times[at]), -at))
+    default = 0
+    if len(times) > 1:
+        own = [any(ct_slice.image.path == path for ct_slice in time) for time in times]
+        default = max(range(len(times)), key=lambda at: (own.count(True) == 1 and own[at], len(times[at]), -at))
     gaps = np.diff(np.unique(np.round(along / SAME_MM) * SAME_MM))
     return len(times), default + 1, float(np.median(gaps)) if len(gaps) else None
 
@@ -95,9 +97,9 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     groups = geometry_groups([ct_slice for ct_slice in slices if is_placed(ct_slice) and not is_scout(ct_slice)])
     if not groups:
         return []
-    # The largest, the first of equals; but a file given by itself chooses its own.
-    own = (group for group in groups if any(ct_slice.image.path == path for ct_slice in group))
-    group = next(own, max(groups, key=len))
+    group = max(groups, key=len)  # the first of equals; but a file given by itself chooses its own
+    if len(groups) > 1:
+        group = next((own for own in groups if any(ct_slice.image.path == path for ct_slice in own)), group)
     return sorted(group, key=lambda ct_slice: (ct_slice.image.instance, ct_slice.frame))
 
 
@@ -138,6 +140,8 @@ def alike(first: Slice, second: Slice) -> bool:
     if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
     a, b = first.geometry, second.geometry
+    if a.orientation == b.orientation and a.spacing == b.spacing:
+        return True
     if (a.spacing is None) != (b.spacing is None):
         return False
     turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))

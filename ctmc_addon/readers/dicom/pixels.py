@@ -15,8 +15,9 @@ from numpy.typing import NDArray
 from ...core import ReadError
 from ..optional_imports import needed, quiet, reason
 from .codestream import frame_damage
+from .deflated import DEFLATED
 from .frames import FrameGeometry
-from .header import DEFLATED, PIXEL_KEYWORDS, ImageFile, pydicom_errors
+from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
 from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 
@@ -207,7 +208,11 @@ def real_ends(
 
 
 def fill_slice(
-    stored: NDArray[Any], geometry: FrameGeometry, padding: tuple[int, int] | None, out: NDArray[Any]
+    stored: NDArray[Any],
+    geometry: FrameGeometry,
+    padding: tuple[int, int] | None,
+    out: NDArray[Any],
+    fits: bool = False,
 ) -> SliceRead:
     """Rescale one frame; padding becomes `padding_mark`.
 
@@ -220,30 +225,37 @@ def fill_slice(
         Stored values that are padding.
     out : (rows, columns) int16, int32 or float32
         Is filled.
+    fits : bool
+        Whether it is known that there is no padding and that all values fit; they are not looked at then.
 
     Raises
     ------
     DoesNotFit
         If a value is outside the type of `out`.
     """
+    if fits:
+        _rescale(stored, geometry.slope, geometry.intercept, out)
+        return SliceRead(float("inf"), 0)
     low, high, padded = real_ends(stored, geometry, padding)
     if not low > high:  # as where all is padding; floats may be NaN
-        _rescale(stored, geometry.slope, geometry.intercept, low, high, out)
+        if out.dtype.kind == "i" and (low < np.iinfo(out.dtype).min or high > np.iinfo(out.dtype).max):
+            raise DoesNotFit
+        _rescale(stored, geometry.slope, geometry.intercept, out)
     if padded is None:
         return SliceRead(low, 0)
     out[padded] = padding_mark(out.dtype)
     return SliceRead(low, int(padded.sum()))
 
 
-def _rescale(stored: NDArray[Any], slope: float, intercept: float, low: float, high: float, out: NDArray[Any]) -> None:
+def _rescale(stored: NDArray[Any], slope: float, intercept: float, out: NDArray[Any]) -> None:
     if out.dtype.kind == "f":
         out[...] = stored.astype(np.float64) * slope + intercept
         return
-    limits = np.iinfo(out.dtype)
-    if low < limits.min or high > limits.max:
-        raise DoesNotFit
     # Integers wrap: where the result fits, so does that of wrapped terms. Padding may not fit; it is overwritten next.
     same_size = stored.dtype.itemsize == out.dtype.itemsize
     whole = stored.view(out.dtype) if same_size else stored.astype(out.dtype)
+    if (slope, intercept) == (1.0, 0.0):
+        out[...] = whole
+        return
     factor, summand = np.array([int(slope), int(intercept)]).astype(out.dtype)
     np.add(whole if slope == 1.0 else whole * factor, summand, out=out)

@@ -13,6 +13,11 @@ from collections.abc import Iterator
 from functools import lru_cache
 from typing import IO, Any, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from .frames import OWN_KEYWORDS
+
 IMPLICIT_LITTLE, EXPLICIT_LITTLE = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1"
 COMPRESSED = re.compile(r"1\.2\.840\.10008\.1\.2\.(?:4\.[0-9]+|5)")
 CLASSES = {f"1.2.840.10008.5.1.4.1.1.{number}" for number in (2, 4, 7)}  # CT, MR and secondary captures
@@ -106,6 +111,7 @@ class PlainHeader(NamedTuple):
     compressed: bool
     pixels: Element
     file_bytes: int
+    changed: frozenset[str] | None = None  # keywords that differ from the header parsed last; None where it is that
 
 
 class NotPlainError(Exception):
@@ -118,24 +124,73 @@ def need(condition: bool) -> None:
         raise NotPlainError
 
 
-def plain_header(file: IO[bytes]) -> PlainHeader | None:
-    """Return the header of a plain slice, None where pydicom has to look; leaves `file` at its start."""
-    try:
-        header = _header(file)
-        check(header)
-    except (NotPlainError, struct.error):  # struct's where the file ends
+class PlainHeaders:
+    """Headers of plain slices, one after the other.
+
+    Slices of a series mostly differ in a few values that are as long as those of the slice before. Where all bytes
+    between the values are the same, so are the elements, and only the values that differ are taken.
+    """
+
+    def __init__(self) -> None:
+        self.layout: Layout | None = None  # of the last header that was parsed
+
+    def read(self, file: IO[bytes]) -> PlainHeader | None:
+        """Return the header of a plain slice, None where pydicom has to look; leaves `file` at its start."""
+        try:
+            content = file.read(LONGEST_HEADER if self.layout is None else self.layout.content.size)
+            header = None if self.layout is None else _laid_out_as(self.layout, content, file)
+            if header is None:
+                content += file.read(LONGEST_HEADER - len(content))
+                header, layout = _parsed(content, file)
+                check(header)
+                self.layout = layout
+            elif not (header.changed or frozenset()) <= OWN_KEYWORDS:  # of which nothing is checked
+                check(header)
+        except (NotPlainError, struct.error):  # struct's where the file ends
+            return None
+        finally:
+            file.seek(0)
+        return header
+
+
+class Layout(NamedTuple):
+    """Where the values of a header lie, the unused bytes at its start among them."""
+
+    header: PlainHeader
+    content: NDArray[np.uint8]  # all bytes before those of the pixels
+    starts: NDArray[np.int64]  # of each value, rising
+    stops: NDArray[np.int64]
+    elements: list[Element | None]  # of each value; None where none is taken, as within sequences
+
+
+def _laid_out_as(layout: Layout, content: bytes, file: IO[bytes]) -> PlainHeader | None:
+    """Return the header of a file that begins with `content`, None where its elements lie elsewhere."""
+    if len(content) < layout.content.size:
         return None
-    finally:
-        file.seek(0)
-    return header
+    differing = np.flatnonzero(np.frombuffer(content, np.uint8, layout.content.size) != layout.content)
+    values = np.searchsorted(layout.starts, differing, "right") - 1
+    if (differing >= layout.stops[values]).any():  # behind a value
+        return None
+    header = layout.header
+    elements, changed = header.elements.copy(), set()
+    for at in set(values.tolist()):
+        element = layout.elements[at]
+        if element is not None:
+            _take(element, content, elements)
+            changed.add(PLAIN[element.tag][0])
+    if elements["TransferSyntaxUID"] != header.syntax:
+        return None
+    file_bytes = _file_bytes(file, header.pixels, header.compressed)
+    return header._replace(elements=elements, file_bytes=file_bytes, changed=frozenset(changed))
 
 
-def _header(file: IO[bytes]) -> PlainHeader:
-    content = file.read(LONGEST_HEADER)
+def _parsed(content: bytes, file: IO[bytes]) -> tuple[PlainHeader, Layout]:
+    """Return the header of a file that begins with `content`, and how it is laid out."""
     need(content[128:132] == b"DICM")
     elements: dict[str, Any] = {}
     at = 132
-    for element in elements_of(content, at, True, META_GROUPS):
+    values: list[tuple[int, int, Element | None]] = [(0, 128, None)]
+    for element in elements_of(content, at, True, META_GROUPS, values):
         _take(element, content, elements)
         at = element.start + element.length
     syntax = str(elements.get("TransferSyntaxUID"))
@@ -143,21 +198,36 @@ def _header(file: IO[bytes]) -> PlainHeader:
     need(compressed or syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE))
     explicit = syntax != IMPLICIT_LITTLE
     need(explicit == content[at + 4 : at + 6].isalpha())  # some files are stored in another way than they say
-    for element in elements_of(content, at, explicit, GROUPS):
+    for element in elements_of(content, at, explicit, GROUPS, values):
         if element.tag == PIXEL_DATA:
             break
         _take(element, content, elements)
     need(element.tag == PIXEL_DATA)
+    header = PlainHeader(elements, syntax, compressed, element, _file_bytes(file, element, compressed))
+    starts, stops, passed = zip(*values, strict=True)
+    taken = [element if element is not None and element.tag in PLAIN else None for element in passed]
+    before = np.frombuffer(content, np.uint8, header.pixels.start)
+    return header, Layout(header, before, np.array(starts), np.array(stops), taken)
+
+
+def _file_bytes(file: IO[bytes], pixels: Element, compressed: bool) -> int:
+    """Return the bytes of a file that ends with its pixels, or with padding behind them."""
     file_bytes = file.seek(0, 2)
-    end = fragments_end(file, element.start) if compressed else element.start + element.length
+    end = fragments_end(file, pixels.start) if compressed else pixels.start + pixels.length
     if end != file_bytes:
         file.seek(end)
         need(struct.unpack("<HH", file.read(4)) == TRAILING_PADDING)
-    return PlainHeader(elements, syntax, compressed, element, file_bytes)
+    return file_bytes
 
 
-def elements_of(content: bytes, at: int, explicit: bool, groups: range) -> Iterator[Element]:
-    """Yield the elements of the outermost dataset from byte `at` on, as long as they are of some groups."""
+def elements_of(
+    content: bytes, at: int, explicit: bool, groups: range, values: list[tuple[int, int, Element | None]]
+) -> Iterator[Element]:
+    """Yield the elements of the outermost dataset from byte `at` on, as long as they are of some groups.
+
+    `values` gets the first byte of every value that is passed over, the byte behind it, and its element; None within
+    sequences.
+    """
     last = 0
     ends: list[int] = []  # the tags that end the sequences and items of undefined length around
     representation = b""
@@ -167,6 +237,7 @@ def elements_of(content: bytes, at: int, explicit: bool, groups: range) -> Itera
             return
         tag = group << 16 | number
         at += 8
+        element = None
         if group == ITEM_GROUP:
             if tag != ITEM:
                 need(tag == ends.pop() and length == 0)
@@ -185,11 +256,13 @@ def elements_of(content: bytes, at: int, explicit: bool, groups: range) -> Itera
             if not ends:
                 need(tag > last)
                 last = tag
-                yield Element(tag, representation.decode(), at, length)
+                element = Element(tag, representation.decode(), at, length)
+                yield element
             else:
                 need(ends[-1] == ITEM_END)
             inner_end = SEQUENCE_END
         if length != UNDEFINED_LENGTH:
+            values.append((at, at + length, element))
             at += length
         else:
             need(group == ITEM_GROUP or representation in (b"", b"SQ"))

@@ -25,13 +25,13 @@ from ..value_kind import is_mask_steps
 from .header import (
     Broken,
     ImageFile,
+    PlainSlices,
     Slice,
     has_other_suffix,
     kind_in_words,
     may_be_dicom,
     read_header,
     read_other,
-    read_plain,
 )
 from .listing import is_placed, is_scout, largest_group, listed
 from .pixels import check_codec
@@ -62,12 +62,13 @@ class DicomSource(VolumeSource):
 
     def __init__(self, path: Path, content: FolderContent) -> None:
         self.content = content
-        images = {ct_slice.image.path: ct_slice.image for slices in content.series.values() for ct_slice in slices}
-        multi_frame = next((image for image in images.values() if image.path == path and len(image.frames) > 1), None)
+        images = dict.fromkeys(ct_slice.image for slices in content.series.values() for ct_slice in slices)
+        multi_frame = any(len(image.frames) > 1 and image.path == path for image in images)
         # A slice's own name often is an identifier.
         named_path = path if path.is_dir() or multi_frame else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
-        super().__init__(path, listed(content.series, path), [*images, *unused], stem(named_path))
+        files = [*(image.path for image in images), *unused]
+        super().__init__(path, listed(content.series, path), files, stem(named_path))
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """Return the series that would be read; by default the one with the most slices that have a place."""
@@ -219,7 +220,8 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
 def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
     """`read_header` of each file, plain slices first: pydicom is imported only where there are others."""
     stages = Stages({"Reading headers": 1, "Loading pydicom": 4})
-    plain = yield from stages.run("Reading headers", quiet_batches_steps(read_plain, files, "Reading headers", 16))
+    reading = quiet_batches_steps(PlainSlices().read, files, "Reading headers", 16)
+    plain = yield from stages.run("Reading headers", reading)
     rest = [file for file, header in zip(files, plain, strict=True) if header is None]
     if any(map(may_be_dicom, rest)):
         yield from imported_steps("pydicom", "pydicom", "DICOM")
@@ -247,7 +249,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
         if image.gray:
             series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
     slice_names: dict[tuple[Path, str], set[str]] = {}
-    for image in images:
+    for image in images if broken else []:
         slice_names.setdefault((image.path.parent, name_pattern(image.path)), set()).add(image.series)
     unsound, strays = [], 0
     for header in broken:

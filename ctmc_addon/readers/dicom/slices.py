@@ -19,7 +19,7 @@ from ...core import Budget, ReadError, Step, Steps, finish
 from ...core.volume import SliceReader, as_slice
 from ..value_kind import require_volume_memory
 from .header import Slice
-from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mark, real_ends
+from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mark, plain_type, real_ends
 from .stack_geometry import Stack
 from .stored import StoredPixels
 
@@ -41,6 +41,7 @@ class DicomSlices(SliceReader):
         image = slices[0].image
         self.slices, self.stack, self.lowest = slices, stack, lowest
         self.shape, self.dtype = (len(stack.below), image.rows, image.columns), np.dtype(dtype)
+        self._fits = fit_by_headers(slices, dtype) and all(plain_type(one.image) is not None for one in slices)
         self._pixels = StoredPixels(slices)
         finalize(self, self._pixels.close)
 
@@ -75,7 +76,7 @@ class DicomSlices(SliceReader):
             stored = stored[as_slice(rows), as_slice(columns)]
             low, high = high, low if self.stack.resampled else out[at]
             image, geometry = self.slices[number].image, self.slices[number].geometry
-            seen = fill_slice(stored, geometry, image.pixels.padding, high)
+            seen = fill_slice(stored, geometry, image.pixels.padding, high, self._fits)
             lowest, padded = min(lowest, seen.lowest), padded + seen.padded
             while self.stack.resampled and done < len(out) and above[done] <= number:
                 if below[done] == number:
@@ -138,12 +139,8 @@ def values_steps(
 
 def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any, SliceRead]]:
     """The first type that holds all slices, and what padding there is: by their headers, or by a look at each."""
-    if all(one.image.pixels.padding is None for one in slices):
-        ends = [
-            stored_end * one.geometry.slope + one.geometry.intercept for one in slices for stored_end in limits(one)
-        ]
-        if len(types) == 1 or fits(min(ends), max(ends), types[0]):
-            return types[0], SliceRead(math.inf, 0)
+    if fit_by_headers(slices, types[0]):
+        return types[0], SliceRead(math.inf, 0)
     low, high, padded = math.inf, -math.inf, 0
     with StoredPixels(slices) as pixels:
         for number, one in enumerate(slices):
@@ -154,6 +151,15 @@ def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any
             padded += 0 if mask is None else int(mask.sum())
             yield step
     return next(dtype for dtype in types if fits(low, high, dtype)), SliceRead(low, padded)
+
+
+def fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
+    """Return whether the headers say that all values fit into a type, and that none of them is padding."""
+    if any(one.image.pixels.padding is not None for one in slices):
+        return False
+    scales = {(limits(one), one.geometry.slope, one.geometry.intercept) for one in slices}
+    ends = [end * slope + intercept for both, slope, intercept in scales for end in both]
+    return fits(min(ends), max(ends), dtype)
 
 
 def limits(ct_slice: Slice) -> tuple[float, float]:

@@ -95,7 +95,8 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
         nonlocal done, waiting
         for plane in values:
             before = next(iter(seen), 0.0)
-            seen.update(two_values(plane))
+            own = two_values(plane)
+            seen.update(own)
             if len(seen) > 2 or (len(seen) == 2 and min(seen) > 0):
                 raise NotAMask("the values " + limited(f"{value:g}" for value in sorted(seen)))
             outside = 0.0 if 0.0 in seen else min(*seen, 0.0)
@@ -106,7 +107,8 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
                     for number in range(waiting):
                         label_map.paint(number, np.ones(plane.shape, bool), label)
                 waiting = 0
-            label_map.paint(done, plane != outside, label)
+            if own != {outside}:  # compared in the values' own type: 0.0 beside integers would make floats of all
+                label_map.paint(done, plane != plane.dtype.type(outside), label)
             done += 1
         return False
 

@@ -13,8 +13,9 @@ from fuzz.mutations import change_dicom_element, mutated
 
 from ctmc_addon.core import ReadError
 from ctmc_addon.readers import read_volume
-from ctmc_addon.readers.dicom.header import KEYWORDS, ImageFile, read_other, read_plain
-from ctmc_addon.readers.dicom.plain_header import OTHERS, PLAIN
+from ctmc_addon.readers.dicom import plain_header
+from ctmc_addon.readers.dicom.header import KEYWORDS, ImageFile, PlainSlices, read_other, read_plain
+from ctmc_addon.readers.dicom.plain_header import OTHERS, PLAIN, elements_of
 from ctmc_addon.readers.optional_imports import quiet
 
 EXPLICIT, IMPLICIT = "1.2.840.10008.1.2.1", "1.2.840.10008.1.2"
@@ -77,7 +78,48 @@ def test_a_changed_slice_is_read_as_pydicom_reads_it_or_left_to_it(tmp_path, see
         if ours is not None:
             plain += 1
             assert said(ours) == said(pydicoms), number
+        behind = PlainSlices()  # what is shared with a slice before is not looked at again, and must be as if it were
+        assert said(behind.read(tmp_path / "0.dcm"))
+        assert [said(behind.read(changed)) for _ in range(2)] == [said(ours)] * 2, number
+        assert said(behind.read(tmp_path / "1.dcm")) == said(read_plain(tmp_path / "1.dcm")), number
     assert 30 < plain < 140
+
+
+@pytest.mark.parametrize("name", REAL)
+def test_real_slices_are_read_one_after_the_other_as_each_alone(real, name):
+    slices = PlainSlices()
+    for path in sorted(file for file in real(name).iterdir() if file.is_file()):
+        assert said(slices.read(path)) == said(read_plain(path))
+
+
+def test_a_slice_laid_out_as_the_one_before_is_compared_and_not_parsed(tmp_path, monkeypatch):
+    dicom()(tmp_path)
+    parsed = []
+    monkeypatch.setattr(plain_header, "elements_of", lambda *words: parsed.append(words) or elements_of(*words))
+    slices = PlainSlices()
+    images = [slices.read(path) for path in sorted(tmp_path.glob("*.dcm"))]
+    assert len(images) == len({image.uid for image in images}) > 2
+    assert len({image.frames[0].position for image in images}) == len(images)
+    assert len(parsed) == 2  # the groups of the first file
+    assert all(image.pixels is images[0].pixels for image in images)
+
+
+@pytest.mark.parametrize(
+    ("keyword", "value"),
+    [("Rows", 4), ("BitsStored", 12), ("RescaleIntercept", "-7"), ("SeriesInstanceUID", "1.2.3.9"), ("Modality", "MR")],
+)
+def test_a_value_that_differs_from_the_slice_before_is_taken(tmp_path, keyword, value):
+    dicom()(tmp_path)
+    path = tmp_path / "1.dcm"
+    dataset = pydicom.dcmread(path)
+    before = dataset[keyword].value
+    length = len(str(before))
+    setattr(dataset, keyword, str(value).ljust(length, "0")[:length] if isinstance(value, str) else value)
+    dataset.save_as(path)
+    slices = PlainSlices()
+    first, second = (slices.read(tmp_path / name) for name in ("0.dcm", "1.dcm"))
+    assert isinstance(first, ImageFile)
+    assert said(second) == said(both(path)[1])
 
 
 @pytest.mark.parametrize("representation", [0, 1])
