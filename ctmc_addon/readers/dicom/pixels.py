@@ -21,6 +21,10 @@ from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
 from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 
+# The types of pixels by their representation, 1 with a sign, and their bits.
+LITTLE_ENDIAN = {(sign, bits): np.dtype(f"<{'ui'[sign]}{bits // 8}") for sign in (0, 1) for bits in (8, 16, 32)}
+
+
 class DoesNotFit(Exception):
     """A value outside the output's type; the volume is read again into a wider one."""
 
@@ -118,9 +122,9 @@ def plain_type(image: ImageFile) -> np.dtype[Any] | None:
     as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
     if not (as_in_memory and isinstance(bits, int) and isinstance(stored, int) and isinstance(kind, int)):
         return None
-    if bits not in (8, 16, 32) or kind not in (0, 1) or not 1 <= stored <= bits or not image.rows * image.columns:
+    if (kind, bits) not in LITTLE_ENDIAN or not 1 <= stored <= bits or not image.rows * image.columns:
         return None
-    return np.dtype(f"<{'ui'[kind]}{bits // 8}")
+    return LITTLE_ENDIAN[kind, bits]
 
 
 def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
