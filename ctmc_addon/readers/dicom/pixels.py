@@ -20,7 +20,6 @@ from .frames import FrameGeometry
 from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
 from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
-
 # The types of pixels by their representation, 1 with a sign, and their bits.
 LITTLE_ENDIAN = {(sign, bits): np.dtype(f"<{'ui'[sign]}{bits // 8}") for sign in (0, 1) for bits in (8, 16, 32)}
 
