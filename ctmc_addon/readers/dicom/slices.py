@@ -164,9 +164,11 @@ def fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
 
 def limits(ct_slice: Slice) -> tuple[float, float]:
     """Lowest and highest value that a stored pixel can have, as wide as its bits allow."""
-    pixels = ct_slice.image.pixels
-    bits, signed = int(pixels.options["bits_allocated"]), bool(pixels.options.get("pixel_representation", 0))
-    bits = min(bits, int(pixels.options.get("bits_stored") or bits))
+    options = ct_slice.image.pixels.options
+    bits, stored, signed = (options.get(name) for name in ("bits_allocated", "bits_stored", "pixel_representation"))
+    if not (isinstance(bits, int) and isinstance(stored, int | None) and isinstance(signed, int | None)):
+        return -math.inf, math.inf  # a damaged header has texts or lists there
+    bits = min(bits, stored or bits)
     return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
 
 

@@ -11,8 +11,8 @@ import pytest
 from fuzz.dicom_seeds import J2K, RLE, dicom
 from fuzz.mutations import change_dicom_element, mutated
 
-from ctmc_addon.core import ReadError
-from ctmc_addon.readers import read_volume
+from ctmc_addon.core import ReadError, finish
+from ctmc_addon.readers import open_volume, read_volume
 from ctmc_addon.readers.dicom import plain_header
 from ctmc_addon.readers.dicom.header import KEYWORDS, ImageFile, PlainSlices, read_other, read_plain
 from ctmc_addon.readers.dicom.plain_header import OTHERS, PLAIN, elements_of
@@ -167,3 +167,16 @@ def test_a_number_of_another_value_representation_is_one_sentence(tmp_path, save
         dataset.save_as(tmp_path / f"{z}.dcm")
     with pytest.raises(ReadError, match=r"pixels of 0\.dcm .* are truncated or damaged"):
         read_volume(tmp_path)
+
+
+@pytest.mark.parametrize("damage", [["16", "16"], "x"])
+@pytest.mark.parametrize("keep_open", [False, True])
+def test_bits_that_are_no_number_are_one_sentence(tmp_path, save_slice, damage, keep_open):
+    for z in range(3):
+        save_slice(tmp_path / f"{z}.dcm", np.ones((4, 5), np.uint16), (0, 0, z))
+        dataset = pydicom.dcmread(tmp_path / f"{z}.dcm")
+        dataset[0x00280101] = pydicom.DataElement(0x00280101, "LO", damage)
+        dataset.save_as(tmp_path / f"{z}.dcm")
+    source = open_volume(tmp_path)
+    with pytest.raises(ReadError, match=r"pixels of 0\.dcm .* are truncated or damaged"):
+        finish(source.slabs_steps() if keep_open else source.read_steps())

@@ -10,7 +10,7 @@ body{font:15px system-ui,sans-serif;margin:2em;color:var(--ink);background:var(-
 table{border-collapse:collapse;margin:1em 0}th,td{padding:.3em .8em;border-bottom:1px solid var(--line);text-align:left;
 vertical-align:top}#cases{font-size:14px}#cases th,#cases td{padding:.3em .35em}summary{white-space:nowrap}
 #cases td:nth-child(2){min-width:7em}#cases thead th{position:sticky;top:0;background:var(--paper)}
-td.number,th.number,.totals td{text-align:right;font-variant-numeric:tabular-nums}
+td.number,th.number,.totals td,.totals th+th{text-align:right;font-variant-numeric:tabular-nums}
 th[tabindex]{cursor:pointer}
 th[aria-sort=ascending]::after{content:" \\25b2"}th[aria-sort=descending]::after{content:" \\25bc"}
 img{display:block;width:120px;height:90px;background:#fff}.failed{color:var(--bad)}.waiting,.running{color:var(--soft)}
