@@ -16,6 +16,7 @@ from .triangle_mesh import TriangleMesh
 from .vectors import cross, dot
 
 GROWTH = 1.1  # of a cube's side, at least, from one try to the next
+PIECE = 1 << 16  # triangles
 MOST_SIDE = 1 << 20  # cubes along an axis: three numbers of so many are one of 64 bits
 
 
@@ -45,12 +46,12 @@ def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
     extent = float((columns.max(axis=1) - start).max())
     side = max(math.sqrt(2.0 * _area(columns, mesh.faces) / most_faces), extent / MOST_SIDE)
     while extent > 0 and side <= extent:
-        cube = np.floor((columns - start[:, None]) / side).astype(np.int64)  # (3, v)
-        key = (cube[0] * MOST_SIDE + cube[1]) * MOST_SIDE + cube[2]
+        key = np.zeros(columns.shape[1], np.int64)
+        for column, first in zip(columns, start, strict=True):
+            key *= MOST_SIDE
+            key += np.floor((column - first) / side).astype(np.int64)
         number, count = _numbered(key)
-        faces = np.take(number, mesh.faces)  # (f, 3)
-        a, b, c = faces.T
-        faces = faces[(a != b) & (b != c) & (c != a)]
+        faces = np.concatenate([_moved(number, mesh.faces[at]) for at in _pieces(len(mesh.faces))])
         if len(faces) <= most_faces:
             break
         side *= max(GROWTH, math.sqrt(len(faces) / most_faces))
@@ -61,7 +62,19 @@ def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
     weight = np.bincount(number, minlength=count)
     vertices = np.stack([np.bincount(number, row, count) / weight for row in columns], axis=1)
     normals = None if mesh.normals is None else _mean_normals(mesh.normals, number, count)
-    return TriangleMesh(vertices.astype(np.float32), faces.astype(np.int32), normals)
+    return TriangleMesh(vertices.astype(np.float32), faces, normals)
+
+
+def _pieces(count: int) -> list[slice]:
+    """Return slices of `PIECE` triangles at most: all at once would take more memory than the mesh."""
+    return [slice(at, at + PIECE) for at in range(0, count, PIECE)]
+
+
+def _moved(number: NDArray[np.int64], faces: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Return the triangles between cubes, (f, 3), without those that lie in fewer than three."""
+    moved = np.take(number, faces).astype(np.int32)
+    a, b, c = moved.T
+    return moved[(a != b) & (b != c) & (c != a)]
 
 
 def _numbered(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
@@ -77,9 +90,12 @@ def _numbered(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
 
 def _area(columns: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
     """Return the area of all triangles."""
-    a, b, c = (columns[:, corner] for corner in faces.T)  # (3, f) each
-    twice = cross(b - a, c - a)
-    return float(np.sqrt(dot(twice, twice)).sum()) / 2
+    area = 0.0
+    for at in _pieces(len(faces)):
+        a, b, c = (columns[:, corner] for corner in faces[at].T)  # (3, f) each
+        twice = cross(b - a, c - a)
+        area += float(np.sqrt(dot(twice, twice)).sum()) / 2
+    return area
 
 
 def _mean_normals(normals: NDArray[np.float32], number: NDArray[np.int64], count: int) -> NDArray[np.float32]:

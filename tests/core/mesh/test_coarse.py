@@ -1,10 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
+import tracemalloc
+
 import numpy as np
 import pytest
 from shapes import distance_mm
 
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
-from ctmc_addon.core.mesh import coarse_mesh
+from ctmc_addon.core.mesh import coarse, coarse_mesh
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
 
@@ -35,3 +37,18 @@ def test_a_mesh_that_is_small_enough_stays_and_one_point_is_no_picture(ball):
     assert coarse_mesh(ball, len(ball.faces)) is ball
     point = TriangleMesh(np.ones((3, 3), np.float32), np.array([[0, 1, 2]] * 5, np.int32))
     assert coarse_mesh(point, 2) is point
+
+
+def test_a_large_mesh_is_taken_in_pieces_and_needs_less_memory_than_it_has(ball, monkeypatch):
+    copies = np.arange(40, dtype=np.int32)[:, None, None]
+    vertices = (ball.vertices + copies * np.float32(60)).reshape(-1, 3)
+    large = TriangleMesh(vertices, (ball.faces + copies * np.int32(len(ball.vertices))).reshape(-1, 3))
+    tracemalloc.start()
+    in_pieces = coarse_mesh(large, 5000)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 64 * len(large.faces)
+    monkeypatch.setattr(coarse, "PIECE", len(large.faces))
+    at_once = coarse_mesh(large, 5000)
+    assert (in_pieces.faces == at_once.faces).all()
+    np.testing.assert_allclose(in_pieces.vertices, at_once.vertices, rtol=1e-6)
