@@ -18,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     that Ctrl-C is one line while NumPy is still being loaded, too.
     """
     if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
-        with suppress(OSError):  # a full disk or a closed pipe, which the parser says in a sentence below
+        with suppress(OSError):  # a full disk or a closed pipe: the parser below says what is to be said
             print(f"ctmc {VERSION}", flush=True)
             return 0
     try:

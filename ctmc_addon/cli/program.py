@@ -63,6 +63,8 @@ def run(argv: Sequence[str] | None) -> int:
     except CtmcError as error:
         print(f"ctmc: {with_flags(' '.join(str(error).split()))}", file=sys.stderr)
         return 1
+    except BrokenPipeError:  # `ctmc info ... | head` closes the pipe early, which is not an error.
+        pass
     return 0
 
 

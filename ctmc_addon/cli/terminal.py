@@ -66,7 +66,7 @@ class Progress:
 
 
 class CheckedOutput:
-    """A stream whose errors are sentences: the disk of `ctmc info ... > FILE` is full, or `| head` has ended."""
+    """A stream whose errors are sentences, such as that of a full disk behind `ctmc info ... > FILE`."""
 
     def __init__(self, stream: TextIO) -> None:
         self.stream = stream
@@ -91,12 +91,14 @@ class CheckedOutput:
         except OSError as error:
             with suppress(OSError), open(os.devnull, "w", encoding="utf-8") as nowhere:
                 os.dup2(nowhere.fileno(), self.stream.fileno())  # else Python fails once more when it ends
+            if isinstance(error, BrokenPipeError):
+                raise
             raise refused(Path("standard output"), error) from error
 
 
 @contextmanager
 def checked_output() -> Iterator[None]:
-    """Flush standard output at the end; what goes wrong there is an `OutputError`."""
+    """Flush standard output at the end; what goes wrong there is an `OutputError`, a pipe that was closed excepted."""
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         output = CheckedOutput(sys.stdout or nowhere)  # none where it was closed, as by `>&-`
         with redirect_stdout(cast(TextIO, output)):

@@ -35,7 +35,6 @@ REMEDIES = {
     errno.ENOSPC: "the disk is full; free some space or choose another disk",
     errno.EDQUOT: "the quota is used up; free some space or choose another disk",
     errno.EFBIG: "the disk allows no file that large; choose another disk",
-    errno.EPIPE: "the program that reads it has ended; let it read to the end",
     errno.ENAMETOOLONG: "the name is too long; choose a shorter one",
 }
 
