@@ -16,7 +16,6 @@ Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-SHARE = 0.12  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
 PASSES = 3  # of selecting edges whose triangles do not meet
 
@@ -121,15 +120,57 @@ def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -
     return np.concatenate(independent)
 
 
-def violates_link_condition_steps(collapses: Collapses, edges: Ints, locked: Flags) -> Steps[Flags]:
+def violates_link_condition_steps(
+    collapses: Collapses, faces: Ints, face_edges: Ints, counts: tuple[int, int]
+) -> Steps[Flags]:
     """Which collapses violate the link condition, (n,) bool: the ends must share two neighbors, no more.
 
-    And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat.
+    And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat. `faces` and
+    `face_edges` are (3, F), `counts` the numbers of vertices and edges.
     """
-    shared, neighbor = yield from shared_neighbors_steps(collapses, edges, len(locked))
-    refused = np.bincount(shared, minlength=len(collapses.edges)) != 2
-    neighbors = np.bincount(edges.ravel(), minlength=len(locked))
-    refused[shared[(neighbors[neighbor] == 3) & ~locked[neighbor]]] = True
+    vertex_count, edge_count = counts
+    gone, left = np.flatnonzero(collapses.gone), np.flatnonzero(~collapses.gone)
+    is_end = np.zeros(vertex_count, bool)
+    is_end[collapses.kept] = is_end[collapses.dropped] = True
+    # The third corners of the two faces that vanish: the first of them is the last to be written.
+    owner, corners = collapses.owner[gone], np.take(faces, collapses.faces[gone], axis=1)
+    apex = corners.sum(axis=0, dtype=np.int32)
+    apex -= collapses.kept[owner] + collapses.dropped[owner]
+    first, last = np.full((2, len(collapses.edges)), -1, np.int32)
+    last[owner] = apex
+    first[owner[::-1]] = apex[::-1]
+    refused = (np.bincount(owner, minlength=len(collapses.edges)) != 2) | (first == last)
+    yield PAUSE
+
+    owner, number = collapses.owner[left], collapses.faces[left]
+    corners = np.take(faces, number, axis=1)
+    second, third = np.take(is_end, corners[1]), np.take(is_end, corners[2])
+    inner = np.where(second, corners[1], np.where(third, corners[2], corners[0]))
+    outer = np.where(second, corners[2], corners[1]), np.where(third | second, corners[0], corners[2])
+    at_kept = inner == np.take(collapses.kept, owner)
+    yield PAUSE
+    kept_sides, dropped_sides = np.flatnonzero(at_kept), np.flatnonzero(~at_kept)
+    (beside_kept, kept_owner), (beside_dropped, dropped_owner) = (
+        (np.concatenate([np.take(vertex, side) for vertex in outer]), np.tile(np.take(owner, side), 2))
+        for side in (kept_sides, dropped_sides)
+    )
+    yield PAUSE
+    of_vertex = np.full(vertex_count, -1, np.int32)
+    while len(beside_kept):  # a vertex has room for one collapse: the others come next
+        of_vertex[beside_kept] = kept_owner
+        shared = np.flatnonzero(np.take(of_vertex, beside_dropped) == dropped_owner)
+        vertex, of = np.take(beside_dropped, shared), np.take(dropped_owner, shared)
+        refused[of[(vertex != np.take(first, of)) & (vertex != np.take(last, of))]] = True
+        waiting = np.flatnonzero(np.take(of_vertex, beside_kept) != kept_owner)
+        beside_kept, kept_owner = np.take(beside_kept, waiting), np.take(kept_owner, waiting)
+    yield PAUSE
+    around = np.take(face_edges, number, axis=1)
+    opposite = np.where(second, around[2], np.where(third, around[0], around[1]))
+    here = np.arange(len(left), dtype=np.int32)
+    seen = np.empty(edge_count, np.int32)
+    seen[opposite] = here
+    twice = np.take(seen, opposite)
+    refused[owner[(twice != here) & (np.take(owner, twice) == owner)]] = True
     return refused
 
 

@@ -27,7 +27,6 @@ from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog
 from .collapse_rules import CollapseRules
 from .collapses import (
-    SHARE,
     Collapses,
     crosses_border_steps,
     flips_normal_steps,
@@ -190,7 +189,7 @@ class CollapsingMesh(CollapseRules):
 
     def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
-        count = int(min(SHARE * 1.5 * self.face_count, 8 * budget) / self.accepted)
+        count = int(min(self.share * 1.5 * self.face_count, 8 * budget) / self.accepted)
         candidates = self.cheapest(min(count, len(self.cost) - 1))
         yield PAUSE
         edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1])

@@ -40,3 +40,33 @@ def test_of_edges_that_meet_at_a_triangle_the_cheapest_collapses(work):
         ends = set(work.edges[:, edge])
         assert not taken & ends
         taken |= ends.union(*(neighbors[end] for end in ends))
+
+
+def test_what_the_link_condition_refuses_is_what_shared_neighbors_say(work):
+    """With borders, and vertices with three neighbors."""
+    rng = np.random.default_rng(4)
+    mesh = TriangleMesh(work.positions[:, :-1].T.copy(), work.faces[:, rng.random(work.face_count) > 0.02].T.copy())
+    work = CollapsingMesh(mesh)
+    finish(work.prepare_steps())
+    refused = 0
+    while True:
+        candidates = rng.permutation(np.flatnonzero(np.isfinite(work.cost)))
+        collapses = work.collapses(finish(independent_set_steps(candidates, work.edges, work.positions.shape[1])))
+        violates = finish(work.violates_link_condition_steps(collapses))
+        assert violates.tolist() == [folds(work, edge) for edge in collapses.edges]
+        refused += int(violates.sum())
+        if violates.all():
+            break
+        finish(work.merge_steps(collapses.select(~violates), False))
+    assert refused > 10
+
+
+def folds(work, edge):
+    """Whether the ends share other than two neighbors, or one that has but one more."""
+    neighbors = {}
+    for first, second in work.edges[:, work.edges[0] != work.edges[1]].T.tolist():
+        neighbors.setdefault(first, set()).add(second)
+        neighbors.setdefault(second, set()).add(first)
+    first, second = work.edges[:, edge].tolist()
+    shared = neighbors[first] & neighbors[second]
+    return len(shared) != 2 or any(len(neighbors[each]) == 3 and not work.locked[each] for each in shared)

@@ -70,10 +70,23 @@ class BoxTree:
             near &= np.take(selected, first, axis=1)[:, None] | np.take(selected, second, axis=1)
         itself = np.flatnonzero(first == second)
         near[:, :, itself] &= _FORWARD[:, :, None]
-        found = np.flatnonzero(near.reshape(BRANCH * BRANCH, -1).T).astype(np.int32)
+        found = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
         pair = found >> 2 * SHIFT
         one, other = found >> SHIFT & BRANCH - 1, found & BRANCH - 1
         return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
+
+
+def _by_column(flags: Flags) -> Flags:
+    """Flags (2, 8, n), one column of 16 after the other, (16 n,): by way of their bits several times faster."""
+    bits = flags.view(np.uint8)
+    words = np.empty((flags.shape[2], 2), np.uint8)
+    for half in (0, 1):
+        word = bits[half, 7].copy()
+        for row in bits[half, 6::-1]:
+            word <<= 1
+            word |= row
+        words[:, half] = word
+    return np.unpackbits(words.ravel(), bitorder="little").view(bool)
 
 
 def _fours(rows: NDArray[Any], fill: float) -> NDArray[Any]:
