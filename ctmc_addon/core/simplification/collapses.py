@@ -66,12 +66,28 @@ class Collapses:
         found[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
         return found
 
+    def slots(self, corners: Ints, vertex_count: int) -> tuple[Flags, Flags]:
+        """Of which faces that stay (3, f) the second corner is in a collapse, and of which the third; else the first."""
+        is_end = np.zeros(vertex_count, bool)
+        is_end[self.kept] = is_end[self.dropped] = True
+        return np.take(is_end, corners[1]), np.take(is_end, corners[2])
+
+    def apexes(self, corners: Ints, owner: Ints) -> Ints:
+        """Of faces that vanish (3, f) with these collapses the corners that are in none, (f,)."""
+        return corners.sum(axis=0, dtype=np.int32) - (self.kept[owner] + self.dropped[owner])
+
     def moved(self, positions: Floats) -> Floats:
         """Positions (3, V) with both ends of every edge at its target."""
         moved = positions.copy()
         for row, target in zip(moved, self.target, strict=True):
             row[self.kept] = row[self.dropped] = target
         return moved
+
+
+def turned(rows: Ints, slots: tuple[Flags, Flags], by: int) -> Ints:
+    """Of every column (3, f) the value so many rows after that of its slot (see `Collapses.slots`), (f,)."""
+    second, third = slots
+    return np.where(second, rows[(by + 1) % 3], np.where(third, rows[(by + 2) % 3], rows[by]))
 
 
 def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[tuple[Ints, Ints]]:
@@ -130,12 +146,9 @@ def violates_link_condition_steps(
     """
     vertex_count, edge_count = counts
     gone, left = np.flatnonzero(collapses.gone), np.flatnonzero(~collapses.gone)
-    is_end = np.zeros(vertex_count, bool)
-    is_end[collapses.kept] = is_end[collapses.dropped] = True
     # The third corners of the two faces that vanish: the first of them is the last to be written.
-    owner, corners = collapses.owner[gone], np.take(faces, collapses.faces[gone], axis=1)
-    apex = corners.sum(axis=0, dtype=np.int32)
-    apex -= collapses.kept[owner] + collapses.dropped[owner]
+    owner = collapses.owner[gone]
+    apex = collapses.apexes(np.take(faces, collapses.faces[gone], axis=1), owner)
     first, last = np.full((2, len(collapses.edges)), -1, np.int32)
     last[owner] = apex
     first[owner[::-1]] = apex[::-1]
@@ -144,9 +157,8 @@ def violates_link_condition_steps(
 
     owner, number = collapses.owner[left], collapses.faces[left]
     corners = np.take(faces, number, axis=1)
-    second, third = np.take(is_end, corners[1]), np.take(is_end, corners[2])
-    inner = np.where(second, corners[1], np.where(third, corners[2], corners[0]))
-    outer = np.where(second, corners[2], corners[1]), np.where(third | second, corners[0], corners[2])
+    slots = collapses.slots(corners, vertex_count)
+    inner, *outer = (turned(corners, slots, by) for by in range(3))
     at_kept = inner == np.take(collapses.kept, owner)
     yield PAUSE
     kept_sides, dropped_sides = np.flatnonzero(at_kept), np.flatnonzero(~at_kept)
@@ -164,8 +176,7 @@ def violates_link_condition_steps(
         waiting = np.flatnonzero(np.take(of_vertex, beside_kept) != kept_owner)
         beside_kept, kept_owner = np.take(beside_kept, waiting), np.take(kept_owner, waiting)
     yield PAUSE
-    around = np.take(face_edges, number, axis=1)
-    opposite = np.where(second, around[2], np.where(third, around[0], around[1]))
+    opposite = turned(np.take(face_edges, number, axis=1), slots, 1)
     here = np.arange(len(left), dtype=np.int32)
     seen = np.empty(edge_count, np.int32)
     seen[opposite] = here

@@ -32,6 +32,7 @@ from .collapses import (
     flips_normal_steps,
     independent_set_steps,
     locked_vertices_steps,
+    turned,
 )
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
@@ -241,9 +242,12 @@ class CollapsingMesh(CollapseRules):
             return False
         yield from self.components.remove_steps(gone)
         removed = np.append(~self.components.present, False)  # for the dummy
-        faces, edges = removed[of_face], removed[np.take(self.component, self.edges[0])]
-        self.face_count -= int(faces.sum())
-        self.faces[:, faces] = self.edges[:, edges] = self.dummy
+        faces = np.flatnonzero(np.take(removed, of_face))
+        edges = np.take(self.face_edges, faces, axis=1).ravel()
+        self.face_count -= len(faces)
+        for rows, places in ((self.faces, faces), (self.edges, edges)):
+            for row in rows:
+                row[places] = self.dummy
         self.cost[edges] = np.inf
         return True
 
@@ -324,9 +328,9 @@ class CollapsingMesh(CollapseRules):
         # In every face that vanishes the other two edges become a single edge.
         sides = np.take(self.face_edges, gone, axis=1)
         self.edge_becomes[collapses.edges] = -1
-        slot = np.argmax(np.take(self.edge_becomes, sides) < 0, axis=0)
-        column = np.arange(len(gone))
-        lost, stays = sides[(slot + 1) % 3, column], sides[(slot + 2) % 3, column]
+        second, third = (np.take(self.edge_becomes, side) < 0 for side in sides[1:])
+        lost = np.where(second, sides[2], np.where(third, sides[0], sides[1]))
+        stays = np.where(second, sides[0], np.where(third, sides[1], sides[2]))
         self.edge_becomes[lost] = stays
         self.edges_joined(lost, stays)
         self.vertex_becomes[drop] = keep
@@ -335,9 +339,10 @@ class CollapsingMesh(CollapseRules):
         left = collapses.faces[~collapses.gone]
         corners = np.take(self.vertex_becomes, np.take(self.faces, left, axis=1))
         around = np.take(self.edge_becomes, np.take(self.face_edges, left, axis=1))
-        for row in range(3):  # one row at a time: several times faster in NumPy than all at once
-            self.faces[row, left], self.face_edges[row, left] = corners[row], around[row]
-            self.faces[row, gone] = self.dummy
+        # One row at a time: several times faster in NumPy than all at once.
+        for corner, side, new_corner, new_side in zip(self.faces, self.face_edges, corners, around, strict=True):
+            corner[left], side[left] = new_corner, new_side
+            corner[gone] = self.dummy
         incident_edges = np.zeros(len(self.cost), bool)
         incident_edges[around] = True
         incident_edges = np.flatnonzero(incident_edges)
@@ -365,22 +370,25 @@ class CollapsingMesh(CollapseRules):
     def move_steps(self, collapses: Collapses) -> Steps[None]:
         """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
         left, gone = np.flatnonzero(~collapses.gone), np.flatnonzero(collapses.gone)
-        faces = np.take(self.faces, collapses.faces[np.append(left, gone)], axis=1)
-        change = -face_quadrics(self.positions, faces)
+        faces, lost = (np.take(self.faces, collapses.faces[places], axis=1) for places in (left, gone))
+        change, lost_change = -face_quadrics(self.positions, faces), -face_quadrics(self.positions, lost)
         yield PAUSE
         for row, target in zip(self.positions, collapses.target, strict=True):
             row[collapses.kept] = row[collapses.dropped] = target
-        new = face_quadrics(self.positions, faces[:, : len(left)])
-        change[:, : len(left)] += new
+        new = face_quadrics(self.positions, faces)
+        change += new
         yield PAUSE
+        slots = collapses.slots(faces, len(self.vertex_becomes))
+        rim = np.concatenate([turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[gone])])
         around = np.zeros(len(self.vertex_becomes), bool)
-        around[faces] = True
+        around[rim] = True
         around = np.flatnonzero(around)
         number = np.empty(len(self.vertex_becomes), np.intp)
         number[around] = np.arange(len(around))
-        index, owner = np.take(number, faces).ravel(), collapses.owner[left].astype(np.intp)
-        for row, difference, total in zip(self.quadrics, change, new, strict=True):
-            row[around] += np.bincount(index, np.tile(difference, 3), len(around)).astype(np.float32)
+        index, owner = np.take(number, rim), collapses.owner[left].astype(np.intp)
+        for row, difference, lost_share, total in zip(self.quadrics, change, lost_change, new, strict=True):
+            shares = np.concatenate([difference, difference, lost_share])
+            row[around] += np.bincount(index, shares, len(around)).astype(np.float32)
             row[collapses.kept] = np.bincount(owner, total, len(collapses.kept))
             yield PAUSE
 
