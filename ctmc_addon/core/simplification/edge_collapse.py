@@ -379,7 +379,9 @@ class CollapsingMesh(CollapseRules):
         change += new
         yield PAUSE
         slots = collapses.slots(faces, len(self.vertex_becomes))
-        rim = np.concatenate([turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[gone])])
+        rim = np.concatenate(
+            [turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[gone])]
+        )
         around = np.zeros(len(self.vertex_becomes), bool)
         around[rim] = True
         around = np.flatnonzero(around)
