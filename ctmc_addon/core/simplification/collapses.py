@@ -67,7 +67,7 @@ class Collapses:
         return found
 
     def slots(self, corners: Ints, vertex_count: int) -> tuple[Flags, Flags]:
-        """Of which faces that stay (3, f) the second corner is in a collapse, and of which the third; else the first."""
+        """Of which faces that stay (3, f) the second corner is in a collapse, of which the third; else the first is."""
         is_end = np.zeros(vertex_count, bool)
         is_end[self.kept] = is_end[self.dropped] = True
         return np.take(is_end, corners[1]), np.take(is_end, corners[2])

@@ -31,7 +31,7 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 SAVED = 4  # triangles fewer for every cut
-LEAST_LOOP = 0.35  # of the median edge at first is the longest edge of a loop before handles are looked for
+LEAST_LOOP = 0.6  # of the median edge at first is the longest edge of a loop before handles are looked for
 EVERY = 16  # one of so many edges is measured for that
 MOST_FACES = 64  # at a vertex, on one side of a loop
 PULL = np.float32(0.1)  # share of the way to its neighbors by which each of the two loops is moved

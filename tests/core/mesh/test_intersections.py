@@ -5,12 +5,13 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from meshes import icosphere, joined, sheet, torus
+from meshes import boundary_edges, icosphere, joined, sheet, torus
 from oracles.crossings import crossing_pairs
 
-from ctmc_addon.core import marching_cubes
+from ctmc_addon.core import finish, marching_cubes
 from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.intersections.orientation import sides, turns
+from ctmc_addon.core.mesh.intersections.stars import _open_ends_steps
 
 FLOOR = [(0, 0, 0), (4, 0, 0), (0, 4, 0)]
 
@@ -165,3 +166,16 @@ def test_marching_cubes_of_noise_does_not_cross_itself(alpha):
     mesh = marching_cubes(noise, 0.0, alpha=alpha)
     assert len(mesh.faces) > 1500
     assert not len(self_intersections(mesh.vertices, mesh.faces))
+
+
+def test_the_ends_of_border_edges_are_known_among_many_vertices():
+    """Products of their numbers need more than 32 bits."""
+    wide = sheet(300, 300)
+    ends = finish(_open_ends_steps(np.ascontiguousarray(wide.faces.T), len(wide.vertices)))
+    assert np.array_equal(np.unique(ends), np.unique(boundary_edges(wide)))
+    ball = icosphere(2)
+    assert not len(finish(_open_ends_steps(np.ascontiguousarray(ball.faces.T), len(ball.vertices))))
+    turned = ball.faces.copy()
+    turned[7] = turned[7, ::-1]
+    ends = finish(_open_ends_steps(np.ascontiguousarray(turned.T), len(ball.vertices)))
+    assert set(ends.tolist()) == set(turned[7].tolist())

@@ -68,22 +68,25 @@ def flat_stars_steps(
     return proved & (rounds == 1)
 
 
-def _open_ends_steps(faces: Ints, vertex_count: int) -> Steps[NDArray[np.int64]]:
+def _open_ends_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Ends of the edges that do not have as many triangles one way as the other."""
-    edges = np.empty((3, faces.shape[1]), np.int64)
-    for start, keys in enumerate(edges):
-        first, second = faces[start - 1], faces[start]
-        np.multiply(np.minimum(first, second), np.int64(2 * vertex_count), out=keys)
-        keys += 2 * np.maximum(first, second)
-        keys += first < second
+    first, second = faces.ravel(), faces[[1, 2, 0]].ravel()
+    rises = first < second
+    rising, falling = np.flatnonzero(rises), np.flatnonzero(~rises)
+    low, high = np.take(first, rising), np.take(second, rising)
+    falling_low, falling_high = np.take(second, falling), np.take(first, falling)
+    yield PAUSE
+    ends = []
+    higher = np.zeros(vertex_count, np.int32)  # of each vertex one edge that rises there: the others come next
+    while len(low):
+        higher[low] = high
+        rises, falls = np.take(higher, low) == high, np.take(higher, falling_low) == falling_high
+        times = np.bincount(low[rises], minlength=vertex_count)
+        times -= np.bincount(falling_low[falls], minlength=vertex_count)
+        unequal = np.flatnonzero(times).astype(np.int32)
+        ends += [unequal, np.take(higher, unequal)]
+        rising, falling = np.flatnonzero(~rises), np.flatnonzero(~falls)
+        low, high = np.take(low, rising), np.take(high, rising)
+        falling_low, falling_high = np.take(falling_low, falling), np.take(falling_high, falling)
         yield PAUSE
-    keys = np.sort(edges, axis=None, kind="stable")
-    yield PAUSE
-    if len(keys) % 2 == 0 and ((keys[::2] ^ 1) == keys[1::2]).all() and not (keys[::2] & 1).any():
-        return np.zeros(0, np.int64)
-    edge = keys >> 1
-    starts = np.flatnonzero(np.concatenate([[True], edge[1:] != edge[:-1]]))
-    count = np.diff(starts, append=len(edge))
-    open_edges = edge[starts[2 * np.add.reduceat(keys & 1, starts) != count]]
-    yield PAUSE
-    return np.concatenate(np.divmod(open_edges, vertex_count))
+    return np.concatenate([*ends, falling_low, falling_high])
