@@ -11,10 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..progress import Steps
-from .collapses import Collapses, shuffled, violates_link_condition_steps
+from ..progress import PAUSE, Steps
+from .collapses import (
+    Collapses,
+    crosses_border_steps,
+    flips_normal,
+    shuffled,
+    violates_link_condition_steps,
+    with_normals_steps,
+)
 from .component_removal import Components
 from .crossing_check import crosses_steps
+from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps
 
 Ints = NDArray[np.int32]
@@ -44,6 +52,8 @@ class CollapseRules:
     dummy: int
     original_vertex: Ints
     doubtful: Flags
+    batch: bool
+    bound: ErrorBound | None
     share = 0.06  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
@@ -58,6 +68,31 @@ class CollapseRules:
         """Which collapses would change how the surface is connected, (n,) bool."""
         counts = len(self.locked), len(self.cost)
         return violates_link_condition_steps(collapses, self.faces, self.face_edges, counts)
+
+    def possible_steps(self, collapses: Collapses) -> Steps[Collapses]:
+        """Those of the collapses that may be done, with normals; the others cost inf from now on."""
+        violating = yield from self.violates_link_condition_steps(collapses)
+        collapses = self.without(collapses, violating)
+        yield PAUSE
+        if self.batch:
+            crossing = yield from crosses_border_steps(collapses, self.faces, self.edges, self.locked)
+            collapses = self.without(collapses, crossing)
+            yield PAUSE
+        collapses = yield from with_normals_steps(collapses, self.positions, self.faces)
+        collapses = self.without(collapses, flips_normal(collapses))
+        yield PAUSE
+        if self.bound is not None:
+            moved = collapses.moved(self.positions)
+            yield PAUSE
+            exceeding = yield from self.bound.exceeded_steps(collapses, self.faces, moved)
+            collapses = self.without(collapses, exceeding)
+            yield PAUSE
+        return collapses
+
+    def without(self, collapses: Collapses, refused: Flags) -> Collapses:
+        """Return the others; those refused, (n,) bool, cost inf from now on."""
+        self.cost[collapses.edges[refused]] = np.inf
+        return collapses.select(~refused)
 
     @property
     def tests_crossings(self) -> bool:

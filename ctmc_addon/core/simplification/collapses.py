@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,8 @@ class Collapses:
         In which.
     gone : (s,) bool
         Whether the face vanishes: it has two corners there.
+    normals : two of (3, f) float32, or None
+        Of the faces that stay, before and after, as long as twice their areas.
     """
 
     edges: Indices
@@ -43,6 +45,7 @@ class Collapses:
     faces: Indices
     owner: Ints
     gone: Flags
+    normals: tuple[Floats, Floats] | None = None
 
     def select(self, selected: Flags) -> Collapses:
         """Return the selected ones, (n,) bool, numbered anew."""
@@ -50,6 +53,10 @@ class Collapses:
             return self
         number = np.cumsum(selected, dtype=np.int32) - np.int32(1)
         faces = selected[self.owner]
+        normals = None
+        if self.normals is not None:
+            left = faces[~self.gone]
+            normals = np.compress(left, self.normals[0], axis=1), np.compress(left, self.normals[1], axis=1)
         return Collapses(
             self.edges[selected],
             self.kept[selected],
@@ -58,6 +65,7 @@ class Collapses:
             self.faces[faces],
             number[self.owner[faces]],
             self.gone[faces],
+            normals,
         )
 
     def at_vertices(self, vertices: Flags, faces: Ints) -> Flags:
@@ -230,15 +238,21 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
     return refused
 
 
-def flips_normal_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Flags]:
-    """Which collapses turn a face too far, or leave it without area, (n,) bool."""
+def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Collapses]:
+    """Return them with the normals of the faces that stay."""
     corners = np.take(faces, collapses.faces[~collapses.gone], axis=1)
     normals = []
     for places in (positions, collapses.moved(positions)):
         a, b, c = (np.take(places, corner, axis=1) for corner in corners)
         normals.append(cross(b - a, c - a))
         yield PAUSE
-    before, after = normals
+    return replace(collapses, normals=(normals[0], normals[1]))
+
+
+def flips_normal(collapses: Collapses) -> Flags:
+    """Which collapses, with normals, turn a face too far, or leave it without area, (n,) bool."""
+    assert collapses.normals is not None
+    before, after = collapses.normals
     along, size = dot(before, after), dot(after, after)
     bad = (along < 0) | (along * along < TURN * TURN * dot(before, before) * size) | (size == 0)
     refused = np.zeros(len(collapses.edges), bool)

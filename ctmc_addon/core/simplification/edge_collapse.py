@@ -15,7 +15,6 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; link condition by Dey et a
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +27,6 @@ from .collapse_log import CollapseLog
 from .collapse_rules import CollapseRules
 from .collapses import (
     Collapses,
-    crosses_border_steps,
-    flips_normal_steps,
     independent_set_steps,
     locked_vertices_steps,
     turned,
@@ -43,6 +40,7 @@ from .quadrics import (
     edge_quadric,
     error,
     face_quadrics,
+    normal_quadrics,
     renew_quadrics_steps,
     vertex_quadrics_steps,
 )
@@ -197,18 +195,7 @@ class CollapsingMesh(CollapseRules):
         collapses = self.collapses(edges)
         yield PAUSE
         tried = len(collapses.edges)
-        checks: list[Callable[[Collapses], Steps[Flags]]] = [
-            self.violates_link_condition_steps,
-            lambda collapses: flips_normal_steps(collapses, self.positions, self.faces),
-            self.exceeds_error_steps,
-        ]
-        if self.batch:
-            checks.insert(1, lambda collapses: crosses_border_steps(collapses, self.faces, self.edges, self.locked))
-        for check_steps in checks:
-            refused = yield from check_steps(collapses)
-            self.cost[collapses.edges[refused]] = np.inf
-            collapses = collapses.select(~refused)
-            yield PAUSE
+        collapses = yield from self.possible_steps(collapses)
         accepted = len(collapses.edges) / tried
         if len(collapses.edges) and self.limit is None:
             self._update_face_cost(collapses)
@@ -301,14 +288,6 @@ class CollapsingMesh(CollapseRules):
         a, b, c = np.take(owners, star, axis=1) >= 0
         return Collapses(edges, *ends, target, star, highest[star], (a & (b | c)) | (b & c))
 
-    def exceeds_error_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses take the surface too far from the original, (n,) bool."""
-        if self.bound is None:
-            return np.zeros(len(collapses.edges), bool)
-        moved = collapses.moved(self.positions)
-        yield PAUSE
-        return (yield from self.bound.exceeded_steps(collapses, self.faces, moved))
-
     def merge_steps(self, collapses: Collapses, tested: bool) -> Steps[None]:
         """Collapse; what is gone stands at the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
@@ -371,13 +350,14 @@ class CollapsingMesh(CollapseRules):
         """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
         left, gone = np.flatnonzero(~collapses.gone), np.flatnonzero(collapses.gone)
         faces, lost = (np.take(self.faces, collapses.faces[places], axis=1) for places in (left, gone))
-        change, lost_change = -face_quadrics(self.positions, faces), -face_quadrics(self.positions, lost)
+        lost_change = -face_quadrics(self.positions, lost)
+        assert collapses.normals is not None
+        before, after = collapses.normals
+        new = normal_quadrics(after)
+        change = new - normal_quadrics(before)
         yield PAUSE
         for row, target in zip(self.positions, collapses.target, strict=True):
             row[collapses.kept] = row[collapses.dropped] = target
-        new = face_quadrics(self.positions, faces)
-        change += new
-        yield PAUSE
         slots = collapses.slots(faces, len(self.vertex_becomes))
         rim = np.concatenate(
             [turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[gone])]

@@ -57,11 +57,15 @@ def vertex_quadrics_steps(positions: Floats, faces: NDArray[np.int32]) -> Steps[
 def face_quadrics(positions: Floats, faces: NDArray[np.int32] | NDArray[np.int64]) -> Floats:
     """What faces (3, f) add to the quadric of each of their corners, (6, f)."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
-    normal = cross(b - a, c - a)
+    return normal_quadrics(cross(b - a, c - a))
+
+
+def normal_quadrics(normal: Floats) -> Floats:
+    """What faces with these normals (3, f), as long as twice their areas, add to the quadric of each corner, (6, f)."""
     length = np.sqrt(dot(normal, normal))
     length[length == 0] = 1.0
     weighted = normal / (np.float32(6.0) * length)
-    out = np.empty((6, faces.shape[1]), np.float32)
+    out = np.empty((6, normal.shape[1]), np.float32)
     pairs = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
     for row, (i, j) in zip(out, pairs, strict=True):
         np.multiply(weighted[i], normal[j], out=row)
