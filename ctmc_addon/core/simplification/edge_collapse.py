@@ -192,7 +192,7 @@ class CollapsingMesh(CollapseRules):
         candidates = self.cheapest(min(count, len(self.cost) - 1))
         yield PAUSE
         edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1])
-        collapses = self.collapses(edges)
+        collapses = self.collapses(np.sort(edges))  # in the order in which their vertices lie in memory
         yield PAUSE
         tried = len(collapses.edges)
         collapses = yield from self.possible_steps(collapses)
