@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from contextlib import suppress
+from functools import cache
 from itertools import pairwise
 
 import numpy as np
@@ -90,8 +91,9 @@ def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:
     return work
 
 
+@cache
 def _keep_freed_pages() -> None:
-    """Free a large array, so that the arrays of slabs and surfaces are allocated faster.
+    """Free a large array, once in a process, so that the arrays of slabs and surfaces are allocated faster.
 
     The GNU C library gives freed memory back to the system, page by page to be fetched again, unless a larger piece
     of up to 32 MiB was freed before. This is one; nothing is written to it.
