@@ -9,7 +9,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +16,7 @@ from numpy.typing import NDArray
 from ..progress import PAUSE, Stages, Step, Steps
 from .angles.triangle_angles import QualitySums, TriangleQuality, squared_length
 from .piece_links import PieceLinks
-from .topology import FACES_PER_STEP, component_numbers_steps, edge_counts_steps
+from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_keys_steps
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 SMALL = 10.0  # components that enclose less are small, in the cube of the mesh's unit
@@ -126,7 +125,7 @@ class PieceMeasures:
         self._closed = True
         self._borders = [np.empty((2, 0), np.int64)]  # edges with one triangle, vertices counted in the surface
         self._used = np.empty(0, bool)  # of the next piece's vertices by this one
-        self._seam = np.empty((2, 0), np.int64)  # edges between them, their triangles, and those that run up
+        self._seam = np.empty(0, np.int64)  # edges between them, their triangles, and those that run up
         self._seam_counts = np.empty((2, 0), np.int64)
 
     def add_steps(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> Steps[None]:
@@ -177,26 +176,27 @@ class PieceMeasures:
         self._used = used[own:]
 
     def _add_edges_steps(self, faces: NDArray[np.int32], vertex_count: int, own: int, first: int) -> Steps[None]:
-        ends, *counts = yield from edge_counts_steps(faces, vertex_count)
-        count = np.stack(counts)  # (2, E): triangles, and those that run up
-        if self._seam.shape[1]:
-            # Edges come in the order of their ends, and so do these keys.
-            keys = ends[0].astype(np.int64) << 32 | ends[1]
-            waiting = self._seam[0] << 32 | self._seam[1]
-            at = np.minimum(np.searchsorted(keys, waiting), max(0, len(keys) - 1))
-            again = keys[at] == waiting if len(keys) else np.zeros(len(waiting), bool)
-            count[:, at[again]] += self._seam_counts[:, again]
-            self._finish_edges(self._seam[:, ~again], self._seam_counts[:, ~again], first)
-        done = int(np.searchsorted(ends[0], own))  # the lower ends, in order
-        self._finish_edges(ends[:, :done], count[:, :done], first)
-        self._seam = ends[:, done:].astype(np.int64) - own
-        self._seam_counts = count[:, done:]
+        keys, irregular, its_counts = yield from edge_keys_steps(faces, vertex_count)
+        seam = int(np.searchsorted(keys, own << 31))  # the lower ends, in order
+        at = np.searchsorted(keys, self._seam)
+        again = keys.take(at, mode="clip") == self._seam if len(keys) else np.zeros(len(at), bool)
+        self._finish_edges(self._seam[~again], self._seam_counts[:, ~again], first)
+        # All others are closed by this piece alone.
+        looked_at = np.unique(np.concatenate([irregular, at[again], np.arange(seam, len(keys))]))
+        counts = np.repeat([[2], [1]], len(looked_at), axis=1)
+        counts[:, np.searchsorted(looked_at, irregular)] = its_counts
+        counts[:, np.searchsorted(looked_at, at[again])] += self._seam_counts[:, again]
+        done = int(np.searchsorted(looked_at, seam))
+        self._edges += seam - done
+        self._finish_edges(keys[looked_at[:done]], counts[:, :done], first)
+        self._seam = keys[seam:] - (own << 31 | own)
+        self._seam_counts = counts[:, done:]
 
-    def _finish_edges(self, ends: NDArray[Any], counts: NDArray[np.int64], first: int) -> None:
+    def _finish_edges(self, keys: NDArray[np.int64], counts: NDArray[np.int64], first: int) -> None:
         count, upwards = counts
         self._edges += len(count)
         self._closed &= bool((count == 2).all() and (upwards == 1).all())
-        self._borders.append(ends[:, count == 1].astype(np.int64) + first)
+        self._borders.append(edge_ends(keys[count == 1]).astype(np.int64) + first)
 
     def _add_sums_steps(
         self, vertices: NDArray[np.float32], faces: NDArray[np.int32], numbers: NDArray[np.int32]

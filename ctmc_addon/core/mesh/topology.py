@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ..progress import PAUSE, Steps
 
 FACES_PER_STEP = 1 << 17
-BUCKET = 1 << 19  # corners whose edges are sorted together
+BUCKET = 1 << 20  # corners whose edges are sorted together
 
 Ints = NDArray[np.int32]
 
@@ -73,27 +73,57 @@ def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArr
     A triangle runs up an edge that it passes from the lower to the higher vertex number. A mesh is closed where
     every edge has two triangles, one of which runs up it.
     """
+    keys, irregular, counts = yield from edge_keys_steps(faces, vertex_count)
+    count, upwards = np.full(len(keys), 2), np.ones(len(keys), np.int64)
+    count[irregular], upwards[irregular] = counts
+    return edge_ends(keys), count, upwards
+
+
+def edge_keys_steps(
+    faces: Ints, vertex_count: int
+) -> Steps[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+    """Every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
+
+    Returns
+    -------
+    keys : (E,) int64
+    irregular : (n,) int64
+        Which of them do not have two triangles, one of which runs up; rising.
+    counts : (2, n) int64
+        Their triangles, and how many of these run up.
+    """
     columns = np.ascontiguousarray(faces.T)
     start, end = columns.ravel(), columns[[1, 2, 0]].ravel()
     yield PAUSE
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    up = start < end
+    low = np.minimum(start, end)
+    both = np.maximum(start, end).astype(np.int64) << 1
+    both |= low == start  # the direction in the lowest bit
+    both |= low.astype(np.int64) << 32
     yield PAUSE
-    parts = []
+    parts, irregular, counts, edges = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [np.empty((2, 0), np.int64)], 0
     for corners in buckets(low, vertex_count):
-        # The direction in the lowest bit: equal keys are equal, so the quickest sort will do.
-        keys = (low[corners].astype(np.int64) * vertex_count + high[corners]) * 2 + up[corners]
-        keys.sort()
+        ways = both[corners]
+        ways.sort(kind="stable")  # neighbors come one after the other: much is in order already
         yield PAUSE
-        of = keys >> 1
-        first = np.flatnonzero(np.concatenate([[True], of[1:] != of[:-1]]))
-        ends = np.stack(np.divmod(of[first], vertex_count)).astype(np.int32)
-        parts.append((ends, np.diff(first, append=len(of)), np.add.reduceat(keys & 1, first)))
+        down, up = ways[::2], ways[1::2]
+        keys = down >> 1
+        if len(down) != len(up) or (down + 1 != up).any() or (keys[1:] == keys[:-1]).any():
+            keys = ways >> 1
+            first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
+            its_counts = np.stack([np.diff(first, append=len(keys)), np.add.reduceat(ways & 1, first)])
+            keys = keys[first]
+            found = np.flatnonzero((its_counts[0] != 2) | (its_counts[1] != 1))
+            irregular.append(found + edges)
+            counts.append(its_counts[:, found])
+        parts.append(keys)
+        edges += len(keys)
         yield PAUSE
-    if not parts:
-        return np.empty((2, 0), np.int32), np.empty(0, np.int64), np.empty(0, np.int64)
-    edges, count, upwards = (np.concatenate(part, axis=-1) for part in zip(*parts, strict=True))
-    return edges, count, upwards
+    return np.concatenate(parts), np.concatenate(irregular), np.concatenate(counts, axis=1)
+
+
+def edge_ends(keys: NDArray[np.int64]) -> Ints:
+    """The vertices of edges, (2, E), the lower one first: as `edge_keys_steps` packs them."""
+    return np.stack([keys >> 31, keys & 0x7FFFFFFF]).astype(np.int32)
 
 
 def buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
