@@ -44,6 +44,7 @@ def refined_start(
     slice_steps: int,
     inside: Inside,
     pool: Threads | None,
+    every: int = 1,
 ) -> Start:
     """Signed distances carried to the grid with `slice_steps` steps between slices, and the bounds there.
 
@@ -55,12 +56,13 @@ def refined_start(
         To the nearest sample on the other side.
     inside : Inside
         Samples of the label's grid outside it have no bounds.
+    every : int
+        2 where bricks have every other sample along x and y, else 1.
     """
     count = len(refined)
     field, low, high = (np.empty((count, WIDTH), np.float32) for _ in range(3))
     centered = np.float32(min(spacing_mm) / 2)
-    gap = np.float32(((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2)
-    least = np.float32(NEAREST_ZERO * min(spacing_mm))
+    gap, least = np.float32(halfway_mm(spacing_mm)), np.float32(NEAREST_ZERO * min(spacing_mm))
     infinite = np.float32(np.inf)
     (x0, x1), (y0, y1), (z0, z1) = inside.x, inside.y, inside.z
 
@@ -71,10 +73,10 @@ def refined_start(
         away = np.abs(lower)
         away -= gap
         np.maximum(away, least, out=away)
-        known = (y >= y0) & (y < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
+        known = (y * every >= y0) & (y * every < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
         unknown = np.repeat(~known[:, None], WIDTH, axis=1)  # where the label says nothing of the sign
-        edge = np.flatnonzero((x * WIDTH < x0) | ((x + 1) * WIDTH > x1))
-        columns = x[edge, None] * WIDTH + np.arange(WIDTH)
+        edge = np.flatnonzero((x * (WIDTH * every) < x0) | ((x + 1) * (WIDTH * every) > x1))
+        columns = (x[edge, None] * WIDTH + np.arange(WIDTH)) * every
         unknown[edge] |= (columns < x0) | (columns >= x1)
         between = np.flatnonzero(step)
         here, upper = lower[between], distance.take(label.at(below[between] + 1, y[between], x[between]), axis=0)
@@ -90,7 +92,9 @@ def refined_start(
         lower[between] = lower[between] * (1 - share) + upper * share
         field[part] = lower
 
-    over_rows(pool, fill, len(refined.place))
+    count = len(refined.place) if every > 1 else refined.active
+    field[count:-2], low[count:], high[count:] = 0.0, -infinite, infinite
+    over_rows(pool, fill, count)
     for row, sign in ((-2, 1), (-1, -1)):
         away = abs(distance[row, 0]) - centered
         field[row] = sign * away
@@ -99,25 +103,13 @@ def refined_start(
     return Start(field, low, high)
 
 
-def halved(fine: Bricks, start: Start, coarse: Bricks, pool: Threads | None) -> Start:
-    """Every other sample along x and y; of an odd number of rows and pairs of bricks, as `field` makes them."""
-    taken = [np.empty((len(coarse), WIDTH), np.float32) for _ in range(3)]
-
-    def pick(part: slice) -> None:
-        z, y, x = coarse.coordinates(part)
-        rows = [fine.at(z, 2 * y, 2 * x + half) for half in (0, 1)]
-        for into, values in zip(taken, (start.field, start.low, start.high), strict=True):
-            for half, there in enumerate(rows):
-                into[part, 4 * half : 4 * half + 4] = np.take(values, there, axis=0)[:, ::2]
-
-    over_rows(pool, pick, len(coarse.place))
-    for into, values in zip(taken, (start.field, start.low, start.high), strict=True):
-        into[-2:] = values[-2:]
-    return Start(*taken)
+def halfway_mm(spacing_mm: tuple[float, float, float]) -> float:
+    """The mean of pixel and slice gap, about half of which the surface may be from a sample beside it."""
+    return ((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2
 
 
 def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Threads | None) -> None:
-    """Carry coarse values to the active bricks of the fine grid, by cubics, and back into their bounds.
+    """Carry coarse values to the bricks of the fine grid, by cubics, and back into their bounds.
 
     Halfway between two samples stands 9/16 of both less 1/16 of those beyond; linear steps would leave folds that take
     the fine grid rounds to smooth.
@@ -154,7 +146,7 @@ def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Th
         np.minimum(moved, start.high[part], out=moved)
         start.field[part] = moved
 
-    over_rows(pool, carry, fine.active)
+    over_rows(pool, carry, len(fine.place))
 
 
 def _halfway(before: Floats, left: Floats, right: Floats, after: Floats) -> Floats:

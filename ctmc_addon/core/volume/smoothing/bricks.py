@@ -68,25 +68,29 @@ class Bricks:
         return z, y, x
 
 
-def number_bricks(active: NDArray[np.bool_], inside: NDArray[np.bool_]) -> Bricks:
+def number_bricks(active: NDArray[np.bool_], inside: NDArray[np.bool_], neighbors: bool = True) -> Bricks:
     """List the active bricks and their neighbors.
 
     Parameters
     ----------
     active : (slices, rows, bricks) bool
     inside : (slices, rows, bricks) bool
-        Where a brick that is neither active nor a neighbor lies.
+        Where a brick that is not in the list lies.
+    neighbors : bool
+        Whether neighbors are wanted.
     """
-    neighbors = active.copy()
-    for axis in range(3):
-        neighbors |= widened(active, 1, axis)
-    neighbors &= ~active
-    first, second = np.flatnonzero(active), np.flatnonzero(neighbors)
-    place = np.concatenate([first, second])
-    number = np.ascontiguousarray(np.where(inside, np.int32(len(place)), np.int32(len(place) + 1)))
+    place = np.flatnonzero(active)
+    count = len(place)
+    if neighbors:
+        around = active.copy()
+        for axis in range(3):
+            around |= widened(active, 1, axis)
+        around &= ~active
+        place = np.concatenate([place, np.flatnonzero(around)])
+    number = np.where(inside, np.int32(len(place)), np.int32(len(place) + 1))
     number.ravel()[place] = np.arange(len(place), dtype=np.int32)
     shape: tuple[int, int, int] = active.shape  # type: ignore[assignment]
-    return Bricks(shape, len(first), place, number)
+    return Bricks(shape, count, place, number)
 
 
 def widened(flags: NDArray[np.bool_], reach: int, axis: int) -> NDArray[np.bool_]:
@@ -138,6 +142,16 @@ def near_surface(code: NDArray[np.uint8], reach: tuple[int, int, int]) -> NDArra
     near[:, :, 1:] |= (change[:, :, :-1] & low) != 0
     near[:, :, :-1] |= (change[:, :, 1:] & high) != 0
     return widened(widened(near, reach[1], 1), reach[2], 0)
+
+
+def changes_along_x(code: NDArray[np.uint8], reach: int) -> NDArray[np.bool_]:
+    """Bricks with a sample at most `reach` samples, 8 at most, from one along x at which the label differs."""
+    after = np.concatenate([code[:, :, 1:], (code[:, :, -1:] & 1) << 7], axis=2)
+    change = code ^ ((code << 1) | (after >> 7))  # bit i: sample i differs from i + 1
+    near = change != 0
+    near[:, :, 1:] |= (change[:, :, :-1] & np.uint8(2**reach - 1)) != 0
+    near[:, :, :-1] |= (change[:, :, 1:] & np.uint8(256 - 2 ** (WIDTH + 1 - reach))) != 0
+    return near
 
 
 def pieces(count: int, at_once: int = ROWS_AT_ONCE) -> list[slice]:

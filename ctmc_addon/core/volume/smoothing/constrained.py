@@ -9,7 +9,7 @@ only single operations on elements, in an order that does not depend on either.
 from __future__ import annotations
 
 import math
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
-from .bounds import Inside, Start, doubled, halved, refined_start
-from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, threads, widened
+from .bounds import Inside, Start, doubled, halfway_mm, refined_start
+from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, pieces, threads, widened
 from .islands import keep_islands_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
@@ -27,12 +27,14 @@ from .volume_constant import keep_volume_steps
 
 BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
+COARSE = 2  # every so many pixels are smoothed first
 NARROW_PIXELS = 2  # to either side that are smoothed at full resolution, after every other pixel
 COARSE_ROUNDS = (25, 72)  # on every other pixel, where slices are refined at most twice, and where more
 COARSE_INERTIA = 7.0  # as after some ten rounds: the distances that the field starts with are smooth but for steps
 FINE_ROUNDS = 18
 FINE_INERTIA = 8.0  # the coarse field is nearly smooth
 MOST_STEPS = 8
+SAMPLES_AT_ONCE = 1 << 18  # far from the surface
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
 STAGES = {
@@ -44,7 +46,6 @@ STAGES = {
 }
 WORKING_BYTES = 1 << 23
 REMEDY = "choose a region, fewer slice_steps or smoothing none"  # where memory is too little
-BITS_OF_BYTE = np.unpackbits(np.arange(256, dtype=np.uint8)[:, None], axis=1).sum(axis=1, dtype=np.intp)
 
 
 def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
@@ -125,26 +126,26 @@ def constrained_steps(
     budget = budget or Budget()
     with threads(budget.thread_count) as pool:
         looking = _label_bricks_steps(mask, spacing_mm, steps, close_border, budget)
-        code, label, inside, inside_label = yield from stages.run(finding, looking)
-        reach, farthest = reach_of(spacing_mm), 1.5 * band_mm(spacing_mm)
-        distance_steps = signed_distance_steps(code, label, spacing_mm, reach, farthest, pool)
-        distance = yield from stages.run(measuring, distance_steps)
-        smooth_steps = _smoothed_steps(code != 0, label, distance, inside_label, spacing_mm, steps, pool)
-        bricks, start = yield from stages.run(smoothing, smooth_steps)
-        far = float(start.field[-2, 0])
-        limit = band_mm(spacing_mm)  # of a constant
-        islands_steps = keep_islands_steps(mask, spacing_mm, steps, bricks, start, inside, limit, close_border, budget)
+        code, near, inside, inside_label = yield from stages.run(finding, looking)
+        smoother = _Smoother(code, spacing_mm, steps, inside_label, pool)
+        yield from stages.run(measuring, smoother.start_steps(near))
+        yield from stages.run(smoothing, smoother.smooth_steps())
+        fine, limit = smoother.fine, band_mm(spacing_mm)  # of a constant
+        islands_steps = keep_islands_steps(
+            mask, spacing_mm, steps, fine.bricks, fine.start, inside, limit, close_border, budget
+        )
         yield from stages.run(islands, islands_steps)
+        whole = yield from smoother.whole_steps()
         volume_steps = keep_volume_steps(
-            mask, spacing_mm, steps, bricks, start, inside, far, limit, close_border, budget, pool
+            mask, spacing_mm, steps, fine.bricks, fine.start, inside, whole, limit, close_border, budget, pool
         )
         return (yield from stages.run(keeping, volume_steps))
 
 
 def _label_bricks_steps(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int, close_border: bool, budget: Budget
-) -> Steps[tuple[NDArray[np.uint8], Bricks, Inside, Inside]]:
-    """The packed label and the bricks within reach of its surface; the mask's place in them, and the known label's.
+) -> Steps[tuple[NDArray[np.uint8], NDArray[np.bool_], Inside, Inside]]:
+    """What `outlined` returns.
 
     Before anything large is made, whether there is the memory for all.
     """
@@ -153,8 +154,7 @@ def _label_bricks_steps(
     slices, rows, columns = mask.shape
     what = f"smoothing a label's {columns} x {rows} x {slices} voxels in {steps} steps a slice"
     budget.require(constrained_bytes(mask, code, near, steps, close_border), what, REMEDY)
-    yield PAUSE
-    return code, number_bricks(near if steps == 1 else widened(near, 1, 0), code != 0), inside, inside_label
+    return code, near, inside, inside_label
 
 
 def outlined(
@@ -167,61 +167,124 @@ def outlined(
     return code, near_surface(code, reach), inside, inside_label
 
 
-def _smoothed_steps(
-    deep: NDArray[np.bool_],
-    label: Bricks,
-    distance: Floats,
-    inside_label: Inside,
-    spacing_mm: tuple[float, float, float],
-    steps: int,
-    pool: Threads | None,
-) -> Steps[tuple[Bricks, Start]]:
-    """The smoothest field near the surface, before the constant, and its bounds: on every other pixel, then on all."""
-    yield PAUSE
-    # The reach is a box: its corners are farther than the band.
-    nearest = np.abs(distance[: len(label.place)]).min(axis=1)
-    near = np.zeros(deep.shape, bool)
-    near.ravel()[label.place] = nearest <= band_mm(spacing_mm)
-    if steps > 1:
-        after = np.repeat(near[1:], steps, axis=0)
-        near = np.repeat(near, steps, axis=0)[: (len(near) - 1) * steps + 1]
-        deep = np.repeat(deep, steps, axis=0)[: len(near)]
-        for step in range(1, steps):
-            near[step:-1:steps] |= after[step::steps]
-    refined = number_bricks(near, deep)
-    start = refined_start(label, distance, refined, spacing_mm, steps, inside_label, pool)
-    yield PAUSE
-    stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
-    x, y, z = spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps
-    coarse = number_bricks(*_coarser(near, deep))
-    first = halved(refined, start, coarse, pool)
-    rounds, sides = COARSE_ROUNDS[steps > 2], (2 * x, 2 * y, z)
-    relaxing = relax_steps(coarse, first.field, first.low, first.high, sides, rounds, pool, COARSE_INERTIA)
-    yield from stages.run("Smoothing every other pixel", relaxing)
-    doubled(coarse, first.field, refined, start, pool)
-    yield from stages.run("Smoothing", _narrow_steps(refined, start, deep, (x, y, z), pool))
-    return refined, start
+class _Level(NamedTuple):
+    """A field and its bounds over the bricks of a grid."""
+
+    bricks: Bricks
+    start: Start
 
 
-def _narrow_steps(
-    bricks: Bricks,
-    start: Start,
-    deep: NDArray[np.bool_],
-    sides: tuple[float, float, float],
-    pool: Threads | None,
-) -> Steps[None]:
-    """Smooth in place what is near the surface now; farther away the field of every other pixel is smooth enough."""
-    near = np.zeros(bricks.shape, bool)
-    distance = np.abs(start.field[: bricks.active]).min(axis=1)
-    near.ravel()[bricks.place[: bricks.active]] = distance <= NARROW_PIXELS * max(sides[:2])
-    narrow = number_bricks(near, deep)
-    own = bricks.number.ravel().take(narrow.place)
-    field = start.field.take(np.append(own, [len(bricks) - 2, len(bricks) - 1]), axis=0)
-    own = own[: narrow.active]
-    low, high = start.low.take(own, axis=0), start.high.take(own, axis=0)
-    yield PAUSE
-    yield from relax_steps(narrow, field, low, high, sides, FINE_ROUNDS, pool, FINE_INERTIA)
-    start.field[own] = field[: narrow.active]
+class _Smoother:
+    """The smoothest field near a label's surface, before the constant: on every other pixel, then on all.
+
+    Farther than `NARROW_PIXELS` from the surface the field of every other pixel is smooth enough.
+    """
+
+    coarse: _Level
+    fine: _Level
+
+    def __init__(
+        self,
+        code: NDArray[np.uint8],
+        spacing_mm: tuple[float, float, float],
+        steps: int,
+        inside: Inside,
+        pool: Threads | None,
+    ) -> None:
+        self.code, self.spacing_mm, self.steps, self.inside, self.pool = code, spacing_mm, steps, inside, pool
+        self.sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps)
+
+    def start_steps(self, near: NDArray[np.bool_]) -> Steps[None]:
+        """Measure the distances, and find where the smoothing starts and what bounds it; `near` is `outlined`'s."""
+        stages = Stages({"Every other pixel": 1, "All pixels": 1})
+        self.coarse = yield from stages.run("Every other pixel", self._coarse_steps(near))
+        self.fine = yield from stages.run("All pixels", self._fine_steps())
+
+    def _coarse_steps(self, near: NDArray[np.bool_]) -> Steps[_Level]:
+        spacing, band = self.spacing_mm, band_mm(self.spacing_mm)
+        deep = _coarser(self.code != 0)
+        label = self._label_bricks(_coarser(near), deep)
+        reach, farthest = reach_of(spacing), 1.5 * band
+        distance = yield from signed_distance_steps(self.code, label, spacing, reach, farthest, self.pool, COARSE)
+        # The reach is a box: its corners are farther than the band.
+        near = np.zeros(deep.shape, bool)
+        near.ravel()[label.place] = np.abs(distance[: len(label.place)]).min(axis=1) <= band
+        bricks = number_bricks(*self._refined(near, deep))
+        start = refined_start(label, distance, bricks, spacing, self.steps, self.inside, self.pool, COARSE)
+        return _Level(bricks, start)
+
+    def _fine_steps(self) -> Steps[_Level]:
+        spacing = self.spacing_mm
+        # A sample that is farther cannot come as near to the surface as is smoothed.
+        farthest = NARROW_PIXELS * max(spacing[:2]) + halfway_mm(spacing)
+        x, y, z = (max(1, math.ceil(farthest / side - 1e-6) - 1) for side in spacing)
+        # And these bricks hold all others; normals read the neighbors of what is beside the surface.
+        near_y, near_z = (math.floor(farthest / side) - 1 for side in spacing[1:])
+        near = near_surface(self.code, (x, max(1, near_y), max(int(self.steps == 1), near_z)))
+        deep = self.code != 0
+        label = self._label_bricks(near, deep)
+        distance = yield from signed_distance_steps(self.code, label, spacing, (x, y, z), farthest, self.pool)
+        bricks = number_bricks(*self._refined(near, deep))
+        return _Level(bricks, refined_start(label, distance, bricks, spacing, self.steps, self.inside, self.pool))
+
+    def _label_bricks(self, near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> Bricks:
+        return number_bricks(near if self.steps == 1 else widened(near, 1, 0), deep, neighbors=False)
+
+    def _refined(self, near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Flags of slices with the steps between them: near where one of both slices is."""
+        if self.steps == 1:
+            return near, deep
+        after = np.repeat(near[1:], self.steps, axis=0)
+        near = np.repeat(near, self.steps, axis=0)[: (len(near) - 1) * self.steps + 1]
+        deep = np.repeat(deep, self.steps, axis=0)[: len(near)]
+        for step in range(1, self.steps):
+            near[step :: self.steps] |= after[step :: self.steps]
+        return near, deep
+
+    def smooth_steps(self) -> Steps[None]:
+        """Smooth both levels in place."""
+        stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
+        x, y, z = self.sides
+        coarse, start = self.coarse
+        rounds, sides = COARSE_ROUNDS[self.steps > 2], (COARSE * x, COARSE * y, z)
+        relaxing = relax_steps(coarse, start.field, start.low, start.high, sides, rounds, self.pool, COARSE_INERTIA)
+        yield from stages.run("Smoothing every other pixel", relaxing)
+        doubled(coarse, start.field, *self.fine, self.pool)
+        yield from stages.run("Smoothing", self._narrow_steps())
+
+    def _narrow_steps(self) -> Steps[None]:
+        """Smooth what is near the surface now."""
+        yield PAUSE
+        bricks, start = self.fine
+        near = np.zeros(bricks.shape, bool)
+        distance = np.abs(start.field[: bricks.active]).min(axis=1)
+        near.ravel()[bricks.place[: bricks.active]] = distance <= NARROW_PIXELS * max(self.sides[:2])
+        narrow = number_bricks(near, near)  # every neighbor is one of the bricks
+        own = bricks.number.ravel().take(narrow.place)
+        field = start.field.take(np.append(own, [len(bricks) - 2, len(bricks) - 1]), axis=0)
+        own = own[: narrow.active]
+        low, high = start.low.take(own, axis=0), start.high.take(own, axis=0)
+        yield PAUSE
+        yield from relax_steps(narrow, field, low, high, self.sides, FINE_ROUNDS, self.pool, FINE_INERTIA)
+        start.field[own] = field[: narrow.active]
+
+    def whole_steps(self) -> Steps[Floats]:
+        """The field at all samples, (slices, rows, columns), each two by two pixels as one of every other pixel.
+
+        That holds far from the surface; of the bricks near it only those neighbors have their own field already.
+        """
+        coarse, start = self.coarse
+        slices, rows, wide = self.fine.bricks.shape
+        whole = np.empty((slices, rows, wide * WIDTH), np.float32)
+        for part in pieces(slices, max(1, SAMPLES_AT_ONCE // (rows * wide * WIDTH))):
+            values = start.field.take(coarse.number[part], axis=0)  # (slices, rows, bricks, 8)
+            values = values.reshape(*values.shape[:2], -1)
+            along = np.repeat(values, COARSE, axis=2)[:, :, : wide * WIDTH]
+            for row in range(COARSE):
+                into = whole[part, row::COARSE]
+                into[...] = along[:, : into.shape[1]]
+            yield PAUSE
+        return whole
 
 
 def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArray[np.bool_], Inside, Inside]:
@@ -248,16 +311,12 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
     return mask, Inside(*own), Inside(*inside_label)
 
 
-def _coarser(near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which bricks of every other sample along x and y are near the surface, and which are inside."""
-    slices, rows, wide = near.shape
-    ahead = np.zeros((slices, rows // 2 + 1, 2 * (-(-wide // 2))), bool)
-    ahead[:, : -(-rows // 2), :wide] = near[:, ::2]
-    odd = near[:, 1::2]
-    ahead[:, : odd.shape[1], :wide] |= odd
-    ahead[:, 1 : odd.shape[1] + 1, :wide] |= odd
-    row = np.minimum(2 * np.arange(rows // 2 + 1), rows - 1)
-    return ahead[:, :, ::2] | ahead[:, :, 1::2], deep[:, row, ::2]
+def _coarser(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Flags of bricks as those of bricks with every other sample along x and y, set where one of two is."""
+    rows = flags[:, ::COARSE]
+    if rows.shape[2] % COARSE:
+        rows = np.concatenate([rows, rows[:, :, -1:]], axis=2)
+    return rows[:, :, ::2] | rows[:, :, 1::2]
 
 
 def constrained_bytes(
@@ -282,4 +341,9 @@ def constrained_bytes(
 
 def _bits(code: NDArray[Any]) -> int:
     """How many bits of all bytes are set."""
-    return int(np.dot(np.bincount(code.ravel(), minlength=256), BITS_OF_BYTE))
+    words = np.append(code, np.zeros(-code.size % 8, np.uint8)).view(np.uint64)
+    # In each byte the sums of its neighboring bits, of pairs of those, and of both halves.
+    for shift, mask in ((1, 0x55), (2, 0x33), (4, 0x0F)):
+        of_each = np.uint64(mask * 0x0101010101010101)
+        words = (words & of_each) + (words >> np.uint64(shift) & of_each)
+    return int(words.view(np.uint8).sum(dtype=np.int64))

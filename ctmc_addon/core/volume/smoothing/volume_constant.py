@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...budget import Budget
 from ...extraction.grid import make_grid
-from ...extraction.marching_cubes import extract_steps
+from ...extraction.marching_cubes import ENDS, extract_steps
 from ...mesh.triangle_mesh import Surface
 from ...progress import PAUSE, Step, Steps, equal_part
 from .bounds import NEAREST_ZERO, Inside, Start
@@ -35,7 +35,7 @@ def keep_volume_steps(
     bricks: Bricks,
     start: Start,
     inside: Inside,
-    far: float,
+    whole: Floats,
     limit_mm: float,
     close_border: bool,
     budget: Budget,
@@ -47,20 +47,13 @@ def keep_volume_steps(
     ----------
     bricks, start
         The smooth field near the surface and its bounds, on the refined grid.
-    far : float
-        What deep inside gets, and far outside with a minus.
+    whole : (slices, rows, columns) float32
+        The field far from the surface, on that grid; filled in place.
     limit_mm : float
         Of the constant to either side; a label of one voxel needs more than a pixel.
     """
-    whole = np.empty((bricks.shape[0], bricks.shape[1], bricks.shape[2] * WIDTH), np.float32)
     flat = whole.reshape(-1, WIDTH)
-    number = bricks.number.ravel()
-    for part in pieces(len(flat), 1 << 18):  # bricks near the surface get theirs later
-        flat[part] = np.float32(-far)
-        flat[part.start + np.flatnonzero(number[part] == len(bricks) - 2)] = np.float32(far)
-        yield PAUSE
-    ring = slice(bricks.active, len(bricks.place))
-    flat[bricks.place[ring]] = start.field[ring]
+    yield PAUSE
 
     (x0, x1), (y0, y1), (z0, z1) = inside.x, inside.y, inside.z
     values = whole[z0 * slice_steps : (z1 - 1) * slice_steps + 1, y0:y1, x0:x1]
@@ -90,9 +83,10 @@ def keep_volume_steps(
     for trial in range(MOST_TRIALS):
         put(constant)
         closed = with_closed_ends(values, slice_steps)[0] if ends else values
-        extracting = extract_steps(make_grid(closed, close_border=True), 0.0, False, budget)
+        grid = make_grid(closed, close_border=True)
+        extracting = extract_steps(grid, 0.0, False, budget, alphas=ENDS[1:])
         surface = yield from equal_part(extracting, trial, MOST_TRIALS)
-        del closed  # before the next
+        del closed, grid  # before the next
         volume, area = yield from equal_part(_measured_steps(surface, sides, pool), trial, MOST_TRIALS)
         del surface
         tried.append((float(constant), volume))

@@ -166,7 +166,8 @@ def test_an_island_at_the_border_keeps_the_volume_of_its_samples():
         mesh = marching_cubes(field.values, 0.0, normals=False, close_border=True)
         assert mesh.closed
         assert mesh.components == 4
-        assert field.volume_mm3 == pytest.approx(field.label_mm3, rel=2e-4)
+        # Of 35 voxels: in thick slices the volume jumps by 0.1 % where a step between two slices changes sides.
+        assert field.volume_mm3 == pytest.approx(field.label_mm3, rel=2e-4 if spacing == EVEN else 3e-4)
         number = component_of_face(mesh)
         steps = field.slice_steps
         volumes = np.sort(finish(component_volumes_steps(mesh.vertices.astype(float), mesh.faces, number))) / steps
