@@ -221,7 +221,8 @@ class _Making:
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from."""
-        self.field = yield from self.stages.run(PREPARING, field_steps(self.volume, self.settings, self.budget))
+        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
+        self.field = yield from self.stages.run(PREPARING, preparing)
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
 
     def result_steps(self) -> Steps[Reconstruction]:

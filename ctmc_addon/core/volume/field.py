@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import AbsentLabelError, LabelError, MeshError, SettingsError
+from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
@@ -71,6 +72,8 @@ class Field:
         The window, counted from the first value.
     slice_steps, first_slice : int
         Every so many slices of the values, from this one, is one of the volume's.
+    surface : Surface or None
+        The surface of the values in index space, where smoothing has made it.
     """
 
     volume: Volume
@@ -85,6 +88,7 @@ class Field:
     window_in_values: Box
     slice_steps: int = 1
     first_slice: int = 0
+    surface: Surface | None = None
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -172,7 +176,11 @@ class Field:
 
 
 def field_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, window: Box | None = None
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    window: Box | None = None,
+    with_surface: bool = False,
 ) -> Steps[Field]:
     """Return what is extracted from a volume with some settings.
 
@@ -183,6 +191,9 @@ def field_steps(
     budget : Budget, optional
     window : Box, optional
         What `field_window_steps` returned, where that is known already.
+    with_surface : bool
+        Whether the field is to keep the surface that smoothing measured, if that is the one of the settings but for its
+        normals.
 
     Raises
     ------
@@ -223,11 +234,11 @@ def field_steps(
         field = replace(field, values=smoothed)
     elif settings.smoothing_method == "constrained":
         field.check()
-        field = yield from stages.run(SMOOTHING, _constrained_steps(field, volume, budget))
+        field = yield from stages.run(SMOOTHING, _constrained_steps(field, volume, budget, with_surface))
     return field
 
 
-def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Field]:
+def _constrained_steps(field: Field, volume: Placed, budget: Budget, with_surface: bool) -> Steps[Field]:
     """Return the field of a label with the smoothest values that agree with it, all of them in memory."""
     settings, spacing = field.settings, volume.spacing
     budget.require(math.prod(field.values.shape), f"smoothing label {settings.label}", REMEDY)
@@ -236,7 +247,12 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
         return field
     slice_steps = refinement_of(spacing, settings)
     yield PAUSE
-    smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget)
+    window = None
+    is_plain = settings.stride == (1, 1, 1) and settings.topology == "classic" and settings.region is None
+    if with_surface and is_plain and not settings.close_border and not _reaches_border(field, mask, volume):
+        x, y, (start, stop) = relative_box(field.window, field.origin)
+        window = x, y, (start * slice_steps, (stop - 1) * slice_steps + 1)
+    smooth = yield from constrained_steps(mask, spacing, slice_steps, settings.close_border, budget, window)
     volumes = ""
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
         is_open = not settings.close_border and _reaches_border(field, mask, volume)
@@ -254,6 +270,7 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget) -> Steps[Fi
         window_in_values=_refined_window(field, volume, smooth, settings.close_border),
         slice_steps=slice_steps,
         first_slice=smooth.first_slice,
+        surface=smooth.surface,
     )
     return replace(smoothed, values=HeldValues(smooth.values, _wrong_side(smoothed, smooth.values, mask)))
 

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
+from ..volume import Box
 from .bounds import Inside, Start, doubled, halfway_mm, refined_start
 from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, pieces, threads, widened
 from .islands import keep_islands_steps
@@ -77,6 +78,7 @@ def constrained_steps(
     slice_steps: int = 0,
     close_border: bool = False,
     budget: Budget | None = None,
+    window: Box | None = None,
 ) -> Steps[SmoothField]:
     """The smoothest field whose sign is the label's at every sample, its volume kept.
 
@@ -104,6 +106,8 @@ def constrained_steps(
         are added, so that Marching Cubes with a closed border closes it half a slice gap outside.
     budget : Budget, optional
         Its bytes are those that all of it may take.
+    window : Box, optional
+        The part of the refined values whose surface is wanted, which was measured last; the whole surface lies in it.
 
     Raises
     ------
@@ -137,7 +141,18 @@ def constrained_steps(
         yield from stages.run(islands, islands_steps)
         whole = yield from smoother.whole_steps()
         volume_steps = keep_volume_steps(
-            mask, spacing_mm, steps, fine.bricks, fine.start, inside, whole, limit, close_border, budget, pool
+            mask,
+            spacing_mm,
+            steps,
+            fine.bricks,
+            fine.start,
+            inside,
+            whole,
+            limit,
+            close_border,
+            budget,
+            pool,
+            window,
         )
         return (yield from stages.run(keeping, volume_steps))
 

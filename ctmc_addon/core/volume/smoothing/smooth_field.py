@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...mesh.triangle_mesh import Surface
 from .bricks import Floats
 
 
@@ -26,6 +27,8 @@ class SmoothField:
         `constrained_steps`.
     volume_mm3, label_mm3 : float
         Of the surface that Marching Cubes finds with a closed border, and of the label's samples in the same space.
+    surface : Surface or None
+        That surface in index space, where it was asked for and is the one of `values`.
     """
 
     values: Floats
@@ -34,6 +37,7 @@ class SmoothField:
     constant_mm: float
     volume_mm3: float
     label_mm3: float
+    surface: Surface | None = None
 
 
 def refined_affine(affine: NDArray[np.float64], slice_steps: int, first_slice: int = 0) -> NDArray[np.float64]:

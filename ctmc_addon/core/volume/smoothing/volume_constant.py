@@ -11,14 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...budget import Budget
-from ...extraction.grid import make_grid
+from ...extraction.grid import Grid, make_axes, make_grid
 from ...extraction.marching_cubes import ENDS, extract_steps
 from ...mesh.triangle_mesh import Surface
 from ...progress import PAUSE, Step, Steps, equal_part
+from ..volume import Box
 from .bounds import NEAREST_ZERO, Inside, Start
 from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows, pieces, spread
 from .smooth_field import SmoothField, with_closed_ends
 
+PLAIN = (1, 1, 1)  # stride
 EXACT_ENOUGH = 2e-4  # of the volume
 MOST_TRIALS = 10
 FARTHER = 4.0  # times the last step
@@ -40,6 +42,7 @@ def keep_volume_steps(
     close_border: bool,
     budget: Budget,
     pool: Threads | None,
+    window: Box | None = None,
 ) -> Steps[SmoothField]:
     """The whole grid's values, with the constant at which the surface encloses the label's volume.
 
@@ -51,6 +54,8 @@ def keep_volume_steps(
         The field far from the surface, on that grid; filled in place.
     limit_mm : float
         Of the constant to either side; a label of one voxel needs more than a pixel.
+    window : Box, optional
+        The part of the values whose surface is wanted, with both ends of alpha; the whole surface lies in it.
     """
     flat = whole.reshape(-1, WIDTH)
     yield PAUSE
@@ -81,14 +86,20 @@ def keep_volume_steps(
     constant = np.float32(0)
     tried: list[tuple[float, float]] = []
     for trial in range(MOST_TRIALS):
+        made: Surface | None = None
         put(constant)
         closed = with_closed_ends(values, slice_steps)[0] if ends else values
-        grid = make_grid(closed, close_border=True)
-        extracting = extract_steps(grid, 0.0, False, budget, alphas=ENDS[1:])
+        if window is None:
+            grid, alphas = make_grid(closed, close_border=True), ENDS[1:]
+        else:
+            grid, alphas = Grid(closed, *make_axes(window, PLAIN, False)), ENDS
+        extracting = extract_steps(grid, 0.0, False, budget, alphas=alphas)
         surface = yield from equal_part(extracting, trial, MOST_TRIALS)
-        del closed, grid  # before the next
+        del closed, grid
         volume, area = yield from equal_part(_measured_steps(surface, sides, pool), trial, MOST_TRIALS)
-        del surface
+        if window is not None:
+            made = surface
+        del surface  # before the next
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
             break
@@ -99,8 +110,9 @@ def keep_volume_steps(
     best, volume = min(tried, key=lambda pair: abs(pair[1] - goal))
     if best != float(constant):
         put(np.float32(best))
+        made = None
     values, added = with_closed_ends(values, slice_steps) if ends else (values, 0)
-    return SmoothField(values, slice_steps, added, best, volume, goal)
+    return SmoothField(values, slice_steps, added, best, volume, goal, made)
 
 
 def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.float32) -> None:
