@@ -57,7 +57,7 @@ def refined_start(
     inside : Inside
         Samples of the label's grid outside it have no bounds.
     every : int
-        2 where bricks have every other sample along x and y, else 1.
+        2 where bricks have every other sample along x and y; else 1, and then neighbors of active bricks have neither.
     """
     count = len(refined)
     field, low, high = (np.empty((count, WIDTH), np.float32) for _ in range(3))

@@ -11,9 +11,12 @@ from meshes import boundary_edges
 
 from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.errors import LabelError, SettingsError
+from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
-from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
+from ctmc_addon.core.settings import ReconstructionSettings
+from ctmc_addon.core.volume.field import field_steps
 from ctmc_addon.core.volume.smoothing.bricks import (
     FEWEST_ROWS,
     ROWS_AT_ONCE,
@@ -24,6 +27,8 @@ from ctmc_addon.core.volume.smoothing.bricks import (
     threads,
 )
 from ctmc_addon.core.volume.smoothing.constrained import (
+    _bits,
+    _coarser,
     automatic_refinement,
     constrained_bytes,
     constrained_steps,
@@ -31,6 +36,7 @@ from ctmc_addon.core.volume.smoothing.constrained import (
 )
 from ctmc_addon.core.volume.smoothing.signed_distance import signed_distance_steps
 from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField, refined_affine
+from ctmc_addon.core.volume.volume import Volume
 
 THICK = (0.75, 0.75, 5.0)
 
@@ -238,24 +244,33 @@ def test_what_cannot_be_smoothed_is_refused():
         smooth(ball(4.0, THICK), THICK, slice_steps=9)
 
 
-def test_signed_distances_are_those_of_every_pair_of_samples():
+@pytest.mark.parametrize("every", [1, 2])
+@pytest.mark.parametrize("columns", [19, 37])
+def test_signed_distances_are_those_of_every_pair_of_samples(every, columns):
     random = np.random.default_rng(3)
-    mask = np.zeros((6, 12, 19), bool)
-    mask[1:4, 3:9, 4:15] = random.random((3, 6, 11)) < 0.8
+    mask = np.zeros((6, 13, columns), bool)
+    mask[1:4, 3:9, 4:-4] = random.random((3, 6, columns - 8)) < 0.8
+    mask[:3, 9:, -3:] = True
     spacing, reach = (0.8, 1.1, 2.0), (8, 7, 4)
     code = packed(mask)
-    bricks = number_bricks(near_surface(code, reach), code != 0)
-    found = finish(signed_distance_steps(code, bricks, spacing, reach, 50.0, None))
+    near, deep = near_surface(code, reach), code != 0
+    if every == 2:
+        near, deep = _coarser(near), _coarser(deep)
+    bricks = number_bricks(near, deep)
+    found = finish(signed_distance_steps(code, bricks, spacing, reach, 50.0, None, every))
     at = np.argwhere(np.ones_like(mask)) * spacing[::-1]
     flat = mask.ravel()
     apart = np.sqrt(((at[:, None] - at[None]) ** 2).sum(axis=2))  # (n, n)
     expected = np.where(flat[:, None] != flat[None], apart, np.inf).min(axis=1).reshape(mask.shape)
+    signed = np.where(mask, expected, -expected)[:, ::every, ::every]
     z, y, x = bricks.coordinates()
+    seen = 0
     for brick, values in enumerate(found[: len(bricks.place)]):
-        columns = slice(8 * x[brick], min(8 * x[brick] + 8, 19))
-        true = np.where(mask, expected, -expected)[z[brick], y[brick], columns]
+        true = signed[z[brick], y[brick], 8 * x[brick] : 8 * x[brick] + 8]
         close = np.abs(true) < 5
         assert values[: len(true)][close] == pytest.approx(true[close], rel=1e-5)
+        seen += int(close.sum())
+    assert seen == (np.abs(signed) < 5).sum()
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), THICK])
@@ -269,6 +284,30 @@ def test_memory_is_as_predicted(spacing):
     tracemalloc.stop()
     code, near, *_ = outlined(mask, spacing)
     assert 0.4 < peak / constrained_bytes(mask, code, near, automatic_refinement(spacing)) < 1.05
+
+
+@pytest.mark.parametrize("size", [0, 1, 8, 1003])
+def test_bits_are_counted(size):
+    code = np.random.default_rng(size).integers(0, 256, size, dtype=np.uint8)
+    assert _bits(code) == int(np.unpackbits(code).sum())
+
+
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.8, 0.8, 2.5)])
+@pytest.mark.parametrize("cut", [False, True])
+def test_the_surface_that_was_measured_is_the_one_that_is_extracted(spacing, cut):
+    mask = ball(11.0, spacing)
+    mask = np.pad(mask[len(mask) // 2 :] if cut else mask, ((0, 2), (2, 3), (5, 1)))
+    volume = Volume(mask.astype(np.uint8), np.diag([-spacing[0], -spacing[1], spacing[2], 1.0]), kind="label")
+    settings = ReconstructionSettings(label=1)
+    fields = [finish(field_steps(volume, settings, with_surface=asked)) for asked in (True, False)]
+    assert [field.surface is not None for field in fields] == [not cut, False]
+    taken, again = (
+        [piece for piece in surface_pieces_steps(field, Budget(1), False) if isinstance(piece, Surface)]
+        for field in fields
+    )
+    assert len(again) == 1
+    for name in ("midpoints", "linear", "faces"):
+        assert getattr(taken[0], name).tobytes() == getattr(again[0], name).tobytes()
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 2.5), THICK])
