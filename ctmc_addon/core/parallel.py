@@ -192,35 +192,36 @@ def in_order_steps(
         Each function begins its steps. Steps are handed on.
     """
     stopped = threading.Event()
-    at_work: deque[tuple[ThreadPoolExecutor, Future[Result]]] = deque()
+    at_work: deque[tuple[ThreadPoolExecutor, Future[Result]]] = deque()  # and done, but for one before
 
-    def first_steps() -> Steps[Result]:
-        pool, future = at_work[0]
-        while not future.done():
-            wait([future], LOOK)
+    def until_steps(most: int) -> Generator[Step | Result, None, None]:
+        """Yield the results that are next in order, until no more than `most` works are not done."""
+        while True:
+            running = [future for _, future in at_work if not future.done()]
+            while at_work and at_work[0][1].done():
+                pool, future = at_work.popleft()
+                pool.shutdown()
+                yield future.result()
+            if len(running) <= most:
+                return
+            wait(running, LOOK, FIRST_COMPLETED)
             yield PAUSE
-        at_work.popleft()
-        pool.shutdown()
-        return future.result()
 
     try:
         for work in works:
             if isinstance(work, Step):
                 yield work
                 continue
-            while at_work and len(at_work) >= threads:
-                yield (yield from first_steps())
+            yield from until_steps(threads - 1)
             steps = work()
             del work  # it keeps what it was given, which the steps may let go of
             begun = _begun(steps, stopped) if threads > 1 else None
             if begun is not None:
                 at_work.append(begun)
                 continue
-            while at_work:
-                yield (yield from first_steps())
+            yield from until_steps(0)
             yield (yield from _without_fractions_steps(steps))
-        while at_work:
-            yield (yield from first_steps())
+        yield from until_steps(0)
     finally:
         stopped.set()
         for pool, _ in at_work:

@@ -171,6 +171,25 @@ def test_no_more_works_come_than_can_be_at_work():
     assert max(seen) <= 3
 
 
+def test_a_work_that_lasts_keeps_no_thread_from_the_works_after_it():
+    ended = threading.Event()
+
+    def first_steps():
+        while not ended.is_set():
+            time.sleep(0.001)
+            yield Step(0.5)
+        return "first"
+
+    def last_steps():
+        ended.set()
+        yield Step(0.5)
+        return "last"
+
+    works = [first_steps, *(doubled(number) for number in range(4)), last_steps]
+    items = [item for item in in_order_steps(works, 2) if not isinstance(item, Step)]
+    assert items == ["first", 0, 2, 4, 6, "last"]
+
+
 def test_works_that_come_one_by_one_end_with_the_steps():
     before, ended = threading.active_count(), []
 

@@ -16,12 +16,10 @@ from numpy.typing import NDArray
 
 from ..mesh.completed_pieces import CompletedPiece, completed_pieces_steps
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
-from ..mesh.vectors import cross, dot
 from ..progress import Step, WithResult
 
 NEW = -1  # number of a vertex that has none yet
 BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
-RINGS = 2  # of triangles beside a seam are simplified again without it
 
 T = TypeVar("T")
 Indices = NDArray[np.int64]
@@ -208,16 +206,17 @@ def _batch(piece: CompletedPiece, start: int, end: int, low: int) -> Batch:
 
 
 def _bands(batch: Batch, most: int) -> Iterator[Batch]:
-    """Yield a batch; one of more than twice `most` triangles, as of a layer with a cap on a whole slice, in bands."""
-    if batch.face_count <= 2 * most:
+    """Yield a batch, or bands of it that have about `most` triangles: from one and a half times as many on, two."""
+    count = round(batch.face_count / most)
+    if count < 2:
         yield batch
         return
     vertices = batch.mesh.vertices
     axis = int(np.argmax(vertices.max(axis=0) - vertices.min(axis=0)))
     along = vertices[batch.mesh.faces[:, 0], axis]
-    ends = np.sort(along)[most::most]
+    ends = np.sort(along)[[batch.face_count * number // count for number in range(1, count)]]
     band = np.searchsorted(ends, along, side="right")
-    for number in range(len(ends) + 1):
+    for number in range(count):
         selected = band == number
         if selected.any():
             yield batch.with_faces(selected)
@@ -226,25 +225,3 @@ def _bands(batch: Batch, most: int) -> Iterator[Batch]:
 def shared(first: Batch, second: Batch) -> Indices:
     """Sorted numbers of the vertices that both have."""
     return np.intersect1d(first.numbers, second.numbers)
-
-
-def beside(batch: Batch, seam: Indices) -> Flags:
-    """Faces within `RINGS` rings of triangles of the vertices with these sorted numbers, (F,) bool."""
-    near = np.zeros(len(batch.numbers), bool)
-    if len(seam):
-        at = np.minimum(np.searchsorted(seam, batch.numbers), len(seam) - 1)
-        near = seam[at] == batch.numbers
-    faces = np.zeros(batch.face_count, bool)
-    for _ in range(RINGS):
-        faces = near[batch.mesh.faces].any(axis=1)
-        near[batch.mesh.faces[faces]] = True
-    return faces
-
-
-def area(mesh: TriangleMesh) -> float:
-    """Sum of the areas of the triangles, added in their order."""
-    if not len(mesh.faces):
-        return 0.0
-    a, b, c = (mesh.vertices[corner].T for corner in mesh.faces.T)
-    normal = cross(b - a, c - a).astype(np.float64)
-    return float(np.cumsum(np.sqrt(dot(normal, normal)))[-1]) / 2.0

@@ -2,8 +2,8 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. Then the strips along the seams are simplified, and at last the surface as a whole, exactly to
-the goal. The batches leave `SPARE` times as many triangles as are wanted: the last pass chooses where they matter most.
+quick clusters at first. At last the surface is simplified as a whole, its seams too, exactly to the goal. The batches
+leave `SPARE` times as many triangles as are wanted: the last pass chooses where they matter most.
 
 What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
 surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
@@ -15,7 +15,6 @@ import math
 from collections.abc import Callable, Generator, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
-from itertools import zip_longest
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,15 +24,15 @@ from ..errors import MeshError
 from ..memory import require_or_killed
 from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
-from ..progress import PAUSE, Step, Steps
-from .batches import NEW, Batch, Numbering, area, beside, joined, shared
+from ..progress import Step, Steps
+from .batches import NEW, Batch, Numbering, joined, shared
 from .bounded import hold_bound_steps
 from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .whole import SAFETY_FACTOR, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
 
-SPARE = 2.0  # times as many triangles as wanted are left for the last pass
+SPARE = 1.2  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
 BATCHES_SHARE = 0.8  # of the time
@@ -45,13 +44,11 @@ Numbers = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A simplified batch, its density and what went.
+    """A simplified batch, and what went.
 
     batch : Batch
     face_count : int
         Triangles that it had.
-    density : float
-        Triangles wanted for each unit of area.
     collapsed : CollapsedComponents
     handles_cut : int
     large : (n,) int64 or None
@@ -62,7 +59,6 @@ class Reduced:
 
     batch: Batch
     face_count: int
-    density: float
     collapsed: CollapsedComponents
     handles_cut: int
     large: Numbers | None = None
@@ -126,39 +122,7 @@ class _Passes:
                 yield Step(BATCHES_SHARE * fraction, item.message)
             else:
                 reduced.append(item)
-        if single or self.goal.max_error is not None:  # only the last pass may add to the error of batches
-            return single or [each.batch for each in reduced]
-        works: list[Work] = []
-        most = 0
-        for number in range(1, len(reduced)):
-            yield PAUSE
-            pair = reduced[number - 1 : number + 1]
-            seam = shared(pair[0].batch, pair[1].batch)
-            halves, wanted = [], 0.0
-            for at, each in enumerate(pair, number - 1):
-                in_strip = beside(each.batch, seam)
-                halves.append(each.batch.with_faces(in_strip))
-                reduced[at] = replace(each, batch=each.batch.with_faces(~in_strip))
-                wanted += each.density * area(halves[-1].mesh)
-            works.append(
-                partial(
-                    reduce_batch_steps,
-                    joined(halves),
-                    wanted,
-                    largest_component=self.later_limit,
-                    by_box=True,
-                    protected=self.protected(),
-                )
-            )
-            most = max(most, sum(half.face_count for half in halves))
-        strips = []
-        for item in self._in_order_steps(works, most):
-            if isinstance(item, Step):
-                yield Step(BATCHES_SHARE * fraction)
-            else:
-                strips.append(item)
-        pairs = zip_longest(reduced, strips)
-        return [each.batch for pair in pairs for each in pair if each is not None and each.batch.face_count]
+        return single or [each.batch for each in reduced if each.batch.face_count]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
         """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
@@ -299,7 +263,7 @@ def reduce_batch_steps(
     before = batch.face_count
     target = round(wanted) + at_border
     if target >= before:
-        return Reduced(batch, before, _density(batch, wanted), CollapsedComponents(), 0)
+        return Reduced(batch, before, CollapsedComponents(), 0)
     volumes = None
     if max_error is None and not whole and before - at_border > CLUSTERED * wanted / SPARE:
         batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted / SPARE) + at_border)
@@ -315,14 +279,8 @@ def reduce_batch_steps(
     original = collapsing.original_vertex[used]
     left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
     large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
-    density, collapsed = _density(left, wanted), collapsing.collapsed_components
-    return Reduced(left, before, density, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
-
-
-def _density(batch: Batch, wanted: float) -> float:
-    """Triangles wanted for each unit of a batch's area."""
-    size = area(batch.mesh)
-    return wanted / size if size > 0 else 0.0
+    collapsed = collapsing.collapsed_components
+    return Reduced(left, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _stretch_steps(

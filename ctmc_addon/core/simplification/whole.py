@@ -25,6 +25,7 @@ SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a su
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
 LAST = 0.01  # of the triangles are too many: handles are no longer looked for, unless edges get no further
+BATCHES = 4  # at least, without a maximum error, of a surface that is not simplified as a whole
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -68,7 +69,7 @@ class Goal:
     def sizes(self, budget: Budget) -> tuple[int, int]:
         """Return the triangles of a batch, and of what is simplified at once in the last pass, at most."""
         if self.max_error is None:
-            return budget.whole_faces, budget.whole_faces * 3 // 2
+            return max(1, budget.whole_faces // BATCHES), budget.whole_faces * 3 // 2
         return max(1, budget.whole_faces // 4), max(1, budget.whole_faces * 3 // 4)
 
     def most_whole(self, budget: Budget) -> float:
