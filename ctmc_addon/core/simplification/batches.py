@@ -213,15 +213,70 @@ def _bands(batch: Batch, most: int) -> Iterator[Batch]:
         return
     vertices = batch.mesh.vertices
     axis = int(np.argmax(vertices.max(axis=0) - vertices.min(axis=0)))
-    along = vertices[batch.mesh.faces[:, 0], axis]
-    ends = np.sort(along)[[batch.face_count * number // count for number in range(1, count)]]
-    band = np.searchsorted(ends, along, side="right")
-    for number in range(count):
-        selected = band == number
+    yield from _parts(batch, _band_of_face(batch, axis, count))
+
+
+def _band_of_face(batch: Batch, axis: int, count: int) -> Indices:
+    """Of so many bands along an axis, with as many triangles each, the one of every face, (F,)."""
+    along = batch.mesh.vertices[batch.mesh.faces[:, 0], axis]
+    places = [batch.face_count * number // count for number in range(1, count)]
+    ends = np.partition(along, places)[places]
+    return np.searchsorted(ends, along, side="right")
+
+
+def _parts(batch: Batch, number_of_face: Indices) -> Iterator[Batch]:
+    """The batches of the faces with one number each, (F,), in the order of the numbers."""
+    for number in range(int(number_of_face.max()) + 1):
+        selected = number_of_face == number
         if selected.any():
             yield batch.with_faces(selected)
 
 
-def shared(first: Batch, second: Batch) -> Indices:
-    """Sorted numbers of the vertices that both have."""
-    return np.intersect1d(first.numbers, second.numbers)
+def regions(surface: Batch, most: int, axis: int = -1) -> tuple[list[Batch], int]:
+    """Regions of a surface, of no more than about `most` triangles each, and the axis along which they follow.
+
+    Of the axes, but for the given one, that is taken on which the fewest triangles lie at a border between regions: it
+    runs along the seams of batches, where there are many small triangles, and not across them.
+    """
+    count = -(-surface.face_count // most)
+    if count < 2:
+        return [surface], axis
+    best = None
+    for along in range(3):
+        if along == axis:
+            continue
+        band = _band_of_face(surface, along, count)
+        of_vertex = np.empty(len(surface.numbers), np.int64)
+        for corner in surface.mesh.faces.T:
+            of_vertex[corner] = band
+        at_border = sum(int((of_vertex[corner] != band).sum()) for corner in surface.mesh.faces.T)
+        if best is None or at_border < best[0]:
+            best = at_border, along, band
+    assert best is not None
+    return list(_parts(surface, best[2])), best[1]
+
+
+def shared_count(first: Batch, second: Batch) -> int:
+    """How many vertices both have, of batches whose numbers rise, as those of `batches_steps`."""
+    low, high = np.searchsorted(first.numbers, second.numbers[[0, -1]])
+    numbers = first.numbers[low : high + 1]
+    at = np.minimum(np.searchsorted(second.numbers, numbers), len(second.numbers) - 1)
+    return int((second.numbers[at] == numbers).sum())
+
+
+def near_others(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
+    """The faces whose boxes meet that of another batch, as a batch, and which batch each is of, (f,).
+
+    Triangles of different batches that cross each other are among them.
+    """
+    boxes = [(batch.mesh.vertices.min(axis=0), batch.mesh.vertices.max(axis=0)) for batch in batches]
+    near = []
+    for number, (batch, (low, high)) in enumerate(zip(batches, boxes, strict=True)):
+        selected = np.zeros(batch.face_count, bool)
+        corners = [batch.mesh.vertices[corner] for corner in batch.mesh.faces.T]
+        lowest, highest = np.minimum.reduce(corners), np.maximum.reduce(corners)
+        for other, (least, most) in enumerate(boxes):
+            if other != number and (low <= most).all() and (high >= least).all():
+                selected |= ((lowest <= most) & (highest >= least)).all(axis=1)
+        near.append(batch.with_faces(selected))
+    return joined(near), np.repeat(np.arange(len(near)), [batch.face_count for batch in near])

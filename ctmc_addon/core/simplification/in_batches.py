@@ -2,8 +2,8 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. At last the surface is simplified as a whole, its seams too, exactly to the goal. The batches
-leave `SPARE` times as many triangles as are wanted: the last pass chooses where they matter most.
+quick clusters at first. They leave `SPARE` times as many triangles as are wanted. The last pass simplifies all of them, the
+seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
 
 What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
 surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
@@ -12,7 +12,7 @@ surfaces add up at most. A closed component may go as a whole; one that is cut b
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -25,7 +25,7 @@ from ..memory import require_or_killed
 from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
 from ..progress import Step, Steps
-from .batches import NEW, Batch, Numbering, joined, shared
+from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
 from .bounded import hold_bound_steps
 from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
 from .component_removal import CollapsedComponents, Staying
@@ -105,6 +105,7 @@ class _Passes:
     def __init__(self, goal: Goal, budget: Budget) -> None:
         self.goal, self.budget, self.numbering = goal, budget, Numbering()
         self.batch_faces, self.last_faces = goal.sizes(budget)
+        self.most_at_once = goal.most_at_once(budget)
         self.large: list[Numbers] = []
         self.later_limit = LATER_SHARE * goal.largest_component
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
@@ -114,15 +115,16 @@ class _Passes:
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
         """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
         single: list[Batch] = []
-        reduced: list[Reduced] = []
+        left: list[Batch] = []
         fraction = 0.0
         for item in self._in_order_steps(self._works_steps(batches, single), self.batch_faces):
             if isinstance(item, Step):
                 fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
                 yield Step(BATCHES_SHARE * fraction, item.message)
             else:
-                reduced.append(item)
-        return single or [each.batch for each in reduced if each.batch.face_count]
+                self._count(item)
+                left.append(item.batch)
+        return single or [batch for batch in left if batch.face_count]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
         """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
@@ -134,7 +136,7 @@ class _Passes:
                 continue
             require_finite(item.mesh, item.numbers)
             if held is not None:
-                following = len(shared(held, item))
+                following = shared_count(held, item)
                 yield self._work(held, seam + following)
                 seam = following
             held = item
@@ -168,14 +170,15 @@ class _Passes:
         """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
         threads = self.budget.threads_for(2 * memory_needed(most, self.goal.max_error))
         for item in in_order_steps(works, threads):
-            if isinstance(item, Reduced):
-                self.handles_cut += item.handles_cut
-                self.collapsed += item.collapsed
-                if item.large is not None and len(item.large):
-                    self.large.append(item.large)
-                self.reduced_faces += item.face_count
-                item = replace(item, batch=self.numbering.completed(item.batch))
-            yield item
+            yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
+
+    def _count(self, reduced: Reduced) -> None:
+        """Add what went from a batch that is not simplified again in another way."""
+        self.handles_cut += reduced.handles_cut
+        self.collapsed += reduced.collapsed
+        if reduced.large is not None and len(reduced.large):
+            self.large.append(reduced.large)
+        self.reduced_faces += reduced.face_count
 
     def protected(self) -> Numbers:
         """Numbers of the vertices of components that were too large to go when they were first simplified."""
@@ -184,50 +187,70 @@ class _Passes:
         return self.large[0] if self.large else np.empty(0, np.int64)
 
     def last_pass_steps(self, batches: list[Batch], target: int) -> Steps[list[Batch]]:
-        """Simplify all to the goal: at once where it is small, or stretches bring too little; else in stretches."""
+        """Simplify all to the goal: at once where it is small, or regions bring too little; else region by region."""
         max_error = self.goal.max_error
         if max_error is not None and len(batches) > 1:
             max_error *= 1.0 - FIRST_SHARE
         faces, before = sum(batch.face_count for batch in batches), 0
         whole = stuck = False
+        axis = -1
         while faces > target and not (whole and faces == before):
-            stretches = [batches] if stuck else list(_stretches(batches, self.last_faces))
-            counts = [sum(batch.face_count for batch in stretch) for stretch in stretches]
-            self.budget.require(
-                memory_needed(max(counts), max_error),
-                f"simplifying {faces} triangles",
-                "ask for fewer triangles, or use a larger stride",
-            )
-            whole = len(stretches) == 1
-            # Borders of stretches stay, so they do not give all at once: the next stretches have other borders.
+            # Borders of regions stay, so they may not give all at once: the next regions follow along another axis.
+            parts, axis = regions(joined(batches), faces if stuck else self.last_faces, axis)
+            batches, whole = [], len(parts) == 1
             goal = target if whole else max(target, faces // 2)
-            wanted = [goal] if whole else _shares(goal, counts)
-            works = [
-                partial(
-                    _stretch_steps,
-                    stretch,
-                    share if max_error is None else 0,
-                    max_error,
-                    whole,
-                    self.later_limit,
-                    self.protected(),
-                )
-                for stretch, share in zip(stretches, wanted, strict=True)
-            ]
-            batches = []
-            del stretches
-            for item in self._in_order_steps(works, max(counts)):
-                if isinstance(item, Step):
-                    yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * len(batches) / len(works))
-                else:
-                    batches.append(item.batch)
-                    self.crossing_count = item.crossing_count if whole else None
+            reduced = yield from self._regions_steps(parts, goal, max_error)
+            batches = [each.batch for each in reduced]
+            for each in reduced:
+                self._count(each)
             before, faces = faces, sum(batch.face_count for batch in batches)
-            # Stretches that cannot be joined to longer ones have the same borders again.
             stuck = before - faces < LEAST_GAIN * (before - goal)
             if max_error is not None:
                 break
         return batches
+
+    def _regions_steps(self, parts: list[Batch], goal: int, max_error: float | None) -> Steps[list[Reduced]]:
+        """Simplify regions side by side to so many triangles in all; those that then cross each other, as one."""
+        wanted = _shares(goal, [part.face_count for part in parts])
+        results: list[Reduced | None] = [None] * len(parts)
+        while True:
+            numbers = [number for number, result in enumerate(results) if result is None]
+            most = max(parts[number].face_count for number in numbers)
+            self.budget.require(
+                memory_needed(most, max_error),
+                f"simplifying {sum(part.face_count for part in parts)} triangles",
+                "ask for fewer triangles, or use a larger stride",
+            )
+            works = [
+                partial(
+                    reduce_batch_steps,
+                    parts[number],
+                    wanted[number] if max_error is None else 0,
+                    max_error=max_error,
+                    whole=len(parts) == 1,
+                    largest_component=self.later_limit,
+                    by_box=True,
+                    protected=self.protected(),
+                )
+                for number in numbers
+            ]
+            done = 0
+            for item in self._in_order_steps(works, most):
+                if isinstance(item, Step):
+                    yield Step(BATCHES_SHARE + (1.0 - BATCHES_SHARE) * done / len(works))
+                else:
+                    results[numbers[done]] = item
+                    done += 1
+            reduced = [result for result in results if result is not None]
+            crossing = yield from _crossing_steps([each.batch for each in reduced])
+            known = [each.crossing_count for each in reduced]
+            self.crossing_count = None if None in known else sum(filter(None, known)) + len(crossing)
+            groups = _groups(crossing, [part.face_count for part in parts], self.most_at_once)
+            if len(groups) == len(parts):
+                return reduced
+            results = [results[group[0]] if len(group) == 1 else None for group in groups]
+            wanted = [sum(wanted[number] for number in group) for group in groups]
+            parts = [joined([parts[number] for number in group]) for group in groups]
 
 
 def reduce_batch_steps(
@@ -283,16 +306,30 @@ def reduce_batch_steps(
     return Reduced(left, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
-def _stretch_steps(
-    stretch: list[Batch],
-    wanted: int,
-    max_error: float | None,
-    whole: bool,
-    largest_component: float,
-    protected: Numbers,
-) -> Steps[Reduced]:
-    limits = largest_component, True, protected
-    return (yield from reduce_batch_steps(joined(stretch), wanted, 0, max_error, whole, *limits))
+def _crossing_steps(batches: list[Batch]) -> Steps[Numbers]:
+    """The numbers of the batches of two triangles that cross each other, of different ones, (n, 2)."""
+    if len(batches) == 1:
+        return np.empty((0, 2), np.int64)
+    near, owner = near_others(batches)
+    pairs = owner[(yield from self_intersections_steps(near.mesh.vertices, near.mesh.faces))]
+    return pairs[pairs[:, 0] != pairs[:, 1]]
+
+
+def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:
+    """Numbers in groups, so that those of a pair are in one where its counts do not come to more than `most`.
+
+    Examples
+    --------
+    >>> _groups(np.array([[1, 3], [0, 2]]), [5, 5, 9, 5], 12)
+    [[0], [1, 3], [2]]
+    """
+    groups = [[number] for number in range(len(counts))]
+    for pair in np.unique(pairs, axis=0).tolist():
+        first, second = ({tuple(group): group for group in groups if number in group} for number in pair)
+        both = sorted({number for group in (*first, *second) for number in group})
+        if sum(counts[number] for number in both) <= most:
+            groups = [group for group in groups if group[0] not in both] + [both]
+    return sorted(groups)
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:
@@ -309,19 +346,6 @@ def _shares(goal: int, counts: list[int]) -> list[int]:
         odd = (count - share) % 2 and number + 1 < len(counts)
         shares.append(share + bool(odd))
     return shares
-
-
-def _stretches(batches: list[Batch], most: int) -> Iterator[list[Batch]]:
-    """Batches that follow one another, together no more than so many triangles where that is possible."""
-    stretch: list[Batch] = []
-    count = 0
-    for batch in batches:
-        if stretch and count + batch.face_count > most:
-            yield stretch
-            stretch, count = [], 0
-        stretch.append(batch)
-        count += batch.face_count
-    yield stretch
 
 
 def _after_batches_steps(steps: Steps[Simplification]) -> Steps[Simplification]:

@@ -25,7 +25,7 @@ SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a su
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
 LAST = 0.01  # of the triangles are too many: handles are no longer looked for, unless edges get no further
-BATCHES = 4  # at least, without a maximum error, of a surface that is not simplified as a whole
+BATCHES, REGIONS = 4, 8  # of as many triangles in all as a surface may have that is simplified as a whole
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -67,10 +67,14 @@ class Goal:
         return 0
 
     def sizes(self, budget: Budget) -> tuple[int, int]:
-        """Return the triangles of a batch, and of what is simplified at once in the last pass, at most."""
+        """Return about how many triangles a batch has, and a region of the last pass."""
         if self.max_error is None:
-            return max(1, budget.whole_faces // BATCHES), budget.whole_faces * 3 // 2
-        return max(1, budget.whole_faces // 4), max(1, budget.whole_faces * 3 // 4)
+            return max(1, budget.whole_faces // BATCHES), max(1, budget.whole_faces // REGIONS)
+        return max(1, budget.whole_faces // BATCHES), self.most_at_once(budget)
+
+    def most_at_once(self, budget: Budget) -> int:
+        """Return up to how many triangles of a surface that goes in batches are simplified as one."""
+        return budget.whole_faces if self.max_error is None else max(1, budget.whole_faces * 3 // 4)
 
     def most_whole(self, budget: Budget) -> float:
         """Return up to how many triangles a surface is one mesh for: simplified as a whole, or left as it is."""
@@ -78,7 +82,7 @@ class Goal:
 
     def at_once(self, face_count: int, budget: Budget) -> int:
         """Return how many triangles of a surface of so many are simplified at once, at most."""
-        return face_count if face_count <= budget.whole_faces else min(face_count, self.sizes(budget)[1])
+        return face_count if face_count <= budget.whole_faces else self.most_at_once(budget)
 
 
 @dataclass(frozen=True, eq=False)

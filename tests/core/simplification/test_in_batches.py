@@ -13,6 +13,7 @@ from meshes import assert_sound, boundary_edges, icosphere, joined, layered, lay
 from ctmc_addon.core import Budget, Step, TriangleMesh, finish, marching_cubes, simplify
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh import surface_distance
+from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.simplification import in_batches
 from ctmc_addon.core.simplification.batches import Batch, batches_steps
@@ -67,7 +68,7 @@ def random_cuts(seed, layers):
 @pytest.mark.once
 @pytest.mark.parametrize(("goal", "noise"), [({"reduction": 0.9}, 0.25), ({"target_faces": 1501}, 0.0)])
 def test_a_mesh_and_its_pieces_give_the_same_bytes_with_any_cut_threads_and_memory(goal, noise):
-    mesh, small = foam(24, 12.0, noise, normals=True), Budget(whole_faces=1500)
+    mesh, small = foam(24, 12.0, noise, normals=True), Budget(whole_faces=6000)
     assert len(mesh.faces) > 5 * 1500
     held = [
         digest(reduced(mesh, replace(small, threads=threads, bytes=memory), **goal))
@@ -204,10 +205,55 @@ def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, whole_fac
 @pytest.mark.once
 @pytest.mark.parametrize("noise", [0.0, 0.25])
 def test_the_surface_is_as_near_as_that_of_a_whole_mesh(noise):
-    mesh = foam(24 if noise else 48, noise=noise)
-    budget = Budget(whole_faces=len(mesh.faces) // 7)
+    mesh = foam(32 if noise else 48, noise=noise)
+    budget = Budget(whole_faces=len(mesh.faces) * 4 // 7)
     whole, batched = simplify(mesh, reduction=0.9), reduced(mesh, budget, reduction=0.9).mesh
     assert surface_distance(batched, mesh).mean < 1.1 * surface_distance(whole, mesh).mean
+
+
+@pytest.mark.once
+def test_regions_that_cross_each_other_are_simplified_again_as_one(monkeypatch):
+    rounds, sizes = [], []
+    reduce_batch_steps = in_batches.reduce_batch_steps
+
+    def crossing_steps(batches):
+        rounds.append((list(sizes), [batch.face_count for batch in batches]))
+        sizes.clear()
+        return np.array([[0, 1]] if len(rounds) == 1 else np.empty((0, 2)), np.int64)
+        yield
+
+    def noted(batch, *rest, **more):
+        sizes.append(batch.face_count)
+        return reduce_batch_steps(batch, *rest, **more)
+
+    monkeypatch.setattr(in_batches, "_crossing_steps", crossing_steps)
+    monkeypatch.setattr(in_batches, "reduce_batch_steps", noted)
+    mesh = foam(28)
+    result = reduced(mesh, Budget(1, whole_faces=len(mesh.faces) // 2), reduction=0.9)
+    (before, left), (again, left_again) = rounds[:2]
+    first, second, *others = before[-len(left) :]
+    assert len(left) >= 3
+    assert again == [first + second]
+    assert left_again[1:] == left[2:]
+    assert len(others) == len(left_again) - 1
+    assert len(result.mesh.faces) in (round(0.1 * len(mesh.faces)), round(0.1 * len(mesh.faces)) - 1)
+    assert result.mesh.closed
+    assert result.mesh.euler == mesh.euler + 2 * result.handles_cut
+
+
+def test_triangles_of_two_batches_that_cross_are_found_and_those_of_one_are_not():
+    crossing = joined(icosphere(2, 5.0), icosphere(2, 5.0, (20, 0, 0)), icosphere(2, 5.0, (24, 0, 0)))
+    other = icosphere(2, 5.0, (6, 1, 0))
+    batches = [
+        Batch(mesh, np.arange(first, first + len(mesh.vertices)))
+        for first, mesh in ((0, crossing), (10_000, other), (20_000, icosphere(2, 5.0, (60, 0, 0))))
+    ]
+    pairs = finish(in_batches._crossing_steps(batches))
+    alone = [len(self_intersections(batch.mesh.vertices, batch.mesh.faces)) for batch in batches]
+    both = joined(crossing, other)
+    assert np.unique(pairs, axis=0).tolist() in ([[0, 1]], [[0, 1], [1, 0]])
+    assert alone[1:] == [0, 0]
+    assert len(pairs) == len(self_intersections(both.vertices, both.faces)) - alone[0] > 0
 
 
 @pytest.mark.once
