@@ -2,8 +2,8 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. They leave `SPARE` times as many triangles as are wanted. The last pass simplifies all of them, the
-seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
+quick clusters at first. They leave `SPARE` times as many triangles as are wanted. The last pass simplifies all of them,
+the seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
 
 What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
 surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
@@ -193,11 +193,11 @@ class _Passes:
             max_error *= 1.0 - FIRST_SHARE
         faces, before = sum(batch.face_count for batch in batches), 0
         whole = stuck = False
-        axis = -1
+        most, axis = self.last_faces, -1
         while faces > target and not (whole and faces == before):
-            # Borders of regions stay, so they may not give all at once: the next regions follow along another axis.
-            parts, axis = regions(joined(batches), faces if stuck else self.last_faces, axis)
-            batches, whole = [], len(parts) == 1
+            parts, axis = regions(joined(batches), faces if stuck else most, axis)
+            # Borders of regions stay, so these may not give all: the next are larger, and follow along another axis.
+            batches, whole, most = [], len(parts) == 1, self.most_at_once
             goal = target if whole else max(target, faces // 2)
             reduced = yield from self._regions_steps(parts, goal, max_error)
             batches = [each.batch for each in reduced]

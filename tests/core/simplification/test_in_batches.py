@@ -72,7 +72,7 @@ def test_a_mesh_and_its_pieces_give_the_same_bytes_with_any_cut_threads_and_memo
     assert len(mesh.faces) > 5 * 1500
     held = [
         digest(reduced(mesh, replace(small, threads=threads, bytes=memory), **goal))
-        for threads, memory in ((1, None), (3, 1 << 20))
+        for threads, memory in ((1, None), (3, 3 << 20))
     ]
     pieces = [
         digest(reduced_pieces(mesh, cuts, replace(small, threads=threads), **goal).simplification)
@@ -152,16 +152,16 @@ def test_where_nothing_shall_go_the_surface_stays_as_it_is(goal):
 
 @pytest.mark.once
 @pytest.mark.parametrize(
-    ("goal", "noise", "whole_faces"),  # the last pass at once, and in stretches
+    ("goal", "noise", "whole_faces"),
     [
-        ({"reduction": 0.9}, 0.0, 4000),
-        ({"reduction": 0.9}, 0.25, 2000),
-        ({"reduction": 0.3}, 0.0, 2500),
-        ({"target_faces": 3001}, 0.0, 2500),
+        ({"reduction": 0.9}, 0.0, 10_000),
+        ({"reduction": 0.9}, 0.25, 5000),
+        ({"reduction": 0.3}, 0.0, 10_000),
+        ({"target_faces": 3001}, 0.0, 10_000),
     ],
 )
 def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, whole_faces):
-    mesh = foam(24 if noise else 48, noise=noise)
+    mesh = foam(32 if noise else 48, noise=noise)
     assert len(mesh.faces) > 5 * whole_faces
     result = reduced(mesh, Budget(whole_faces=whole_faces), **goal)
     wanted = goal.get("target_faces") or round(len(mesh.faces) * (1 - goal["reduction"]))
@@ -176,7 +176,7 @@ def test_the_goal_is_met_exactly_and_every_seam_is_closed(goal, noise, whole_fac
 
 
 @pytest.mark.once
-@pytest.mark.parametrize(("goal", "whole_faces"), [({"reduction": 0.9}, 2000), ({"max_error": 0.3}, 4000)])
+@pytest.mark.parametrize(("goal", "whole_faces"), [({"reduction": 0.9}, 3000), ({"max_error": 0.3}, 4000)])
 def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, whole_faces, monkeypatch):
     sizes = []
     reduce_batch_steps = in_batches.reduce_batch_steps
@@ -189,7 +189,7 @@ def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, whole_fac
     mesh = foam(28 if "reduction" in goal else 20)
     mesh = TriangleMesh(mesh.vertices, mesh.faces[::-1].copy())  # as if it were one layer
     result = reduced(mesh, Budget(1, whole_faces=whole_faces), **goal)
-    batch = whole_faces if "reduction" in goal else whole_faces // 4
+    batch = whole_faces // 4
     assert len(mesh.faces) > 5 * batch
     assert max(sizes[:4]) < 1.1 * batch
     if "reduction" in goal:
