@@ -44,7 +44,7 @@ class Budget:
     work_bytes : int
         Bytes of working memory, at most, besides the values and the surface.
     whole_faces : int
-        Triangles up to which a surface is simplified as a whole, and of which larger ones are cut into batches.
+        Triangles up to which a surface is simplified as a whole; batches of larger ones have about a quarter as many.
 
     Examples
     --------
