@@ -21,7 +21,7 @@ from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .deflated import DEFLATED, unpacks_without_end
-from .frames import OWN_KEYWORDS, FrameGeometry, frame_geometries, moved_geometry
+from .frames import FrameGeometry, frame_geometries, moved_geometry
 from .labels.classes import label_class
 from .plain_header import (
     EXPLICIT_LITTLE,
@@ -211,7 +211,7 @@ class PlainSlices:
 
     def __init__(self) -> None:
         self.headers = PlainHeaders()
-        self.parsed: ImageFile | None = None  # with which `PlainHeader.changed` compares; None where it is broken
+        self.converted: ImageFile | Broken | None = None  # the last that was: a moved header shares the rest
 
     def read(self, path: Path) -> ImageFile | Broken | None:
         """Return what `read_plain` does."""
@@ -221,24 +221,10 @@ class PlainSlices:
             plain = self.headers.read(file)
         if plain is None:
             return None
-        if plain.changed is not None and plain.changed <= OWN_KEYWORDS and self.parsed is not None:
-            image, elements = self.parsed, plain.elements
-            damage = missing_pixels(image.pixels, plain.pixels.length, plain.file_bytes)
-            return (
-                Broken(path, image.series, damage)
-                if damage
-                else replace(
-                    image,
-                    path=path,
-                    uid=str(elements.get("SOPInstanceUID", None) or ""),
-                    instance=int(elements.get("InstanceNumber", None) or 0),
-                    frames=(moved_geometry(image.frames[0], elements),),
-                )
-            )
-        header = plain_image(path, plain)
-        if plain.changed is None:
-            self.parsed = header if isinstance(header, ImageFile) else None
-        return header
+        if plain.moved and isinstance(self.converted, ImageFile):
+            return moved_image(path, plain, self.converted)
+        self.converted = plain_image(path, plain)
+        return self.converted
 
 
 def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
@@ -249,8 +235,20 @@ def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
     options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
     padding = padding_ends(elements, options)
     pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options)
-    damage = missing_pixels(pixels, plain.pixels.length, plain.file_bytes)
+    damage = missing_pixels(pixels, plain.pixels.length, plain.pixels.start + plain.pixels.length)
     return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
+
+
+def moved_image(path: Path, plain: PlainHeader, other: ImageFile) -> ImageFile:
+    """Return what `plain_image` does, where `OWN_KEYWORDS` alone differ from those of another image."""
+    elements = plain.elements
+    return replace(
+        other,
+        path=path,
+        uid=str(elements.get("SOPInstanceUID", None) or ""),
+        instance=int(elements.get("InstanceNumber", None) or 0),
+        frames=(moved_geometry(other.frames[0], elements),),
+    )
 
 
 def read_other(path: Path) -> ImageFile | Broken | None:

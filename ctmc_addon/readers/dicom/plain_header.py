@@ -110,8 +110,7 @@ class PlainHeader(NamedTuple):
     syntax: str  # transfer syntax UID
     compressed: bool
     pixels: Element
-    file_bytes: int
-    changed: frozenset[str] | None = None  # keywords that differ from the header parsed last; None where it is that
+    moved: bool = False  # whether `OWN_KEYWORDS` alone differ from those of the header before
 
 
 class NotPlainError(Exception):
@@ -132,25 +131,24 @@ class PlainHeaders:
     """
 
     def __init__(self) -> None:
-        self.layout: Layout | None = None  # of the last header that was parsed
+        self.layout: Layout | None = None  # of the header before
 
     def read(self, file: IO[bytes]) -> PlainHeader | None:
         """Return the header of a plain slice, None where pydicom has to look; leaves `file` at its start."""
         try:
             content = file.read(LONGEST_HEADER if self.layout is None else self.layout.content.size)
-            header = None if self.layout is None else _laid_out_as(self.layout, content, file)
-            if header is None:
+            layout = None if self.layout is None else _laid_out_as(self.layout, content, file)
+            if layout is None:
                 content += file.read(LONGEST_HEADER - len(content))
-                header, layout = _parsed(content, file)
-                check(header)
-                self.layout = layout
-            elif not (header.changed or frozenset()) <= OWN_KEYWORDS:  # of which nothing is checked
-                check(header)
+                layout = _parsed(content, file)
+            if not layout.header.moved:  # of `OWN_KEYWORDS` nothing is checked
+                check(layout.header)
+            self.layout = layout
         except (NotPlainError, struct.error):  # struct's where the file ends
             return None
         finally:
             file.seek(0)
-        return header
+        return layout.header
 
 
 class Layout(NamedTuple):
@@ -163,11 +161,12 @@ class Layout(NamedTuple):
     elements: list[Element | None]  # of each value; None where none is taken, as within sequences
 
 
-def _laid_out_as(layout: Layout, content: bytes, file: IO[bytes]) -> PlainHeader | None:
-    """Return the header of a file that begins with `content`, None where its elements lie elsewhere."""
+def _laid_out_as(layout: Layout, content: bytes, file: IO[bytes]) -> Layout | None:
+    """Return the layout with the values of a file that begins with `content`, None where its elements lie elsewhere."""
     if len(content) < layout.content.size:
         return None
-    differing = np.flatnonzero(np.frombuffer(content, np.uint8, layout.content.size) != layout.content)
+    own = np.frombuffer(content, np.uint8, layout.content.size)
+    differing = np.flatnonzero(own != layout.content)
     values = np.searchsorted(layout.starts, differing, "right") - 1
     if (differing >= layout.stops[values]).any():  # behind a value
         return None
@@ -180,12 +179,12 @@ def _laid_out_as(layout: Layout, content: bytes, file: IO[bytes]) -> PlainHeader
             changed.add(PLAIN[element.tag][0])
     if elements["TransferSyntaxUID"] != header.syntax:
         return None
-    file_bytes = _file_bytes(file, header.pixels, header.compressed)
-    return header._replace(elements=elements, file_bytes=file_bytes, changed=frozenset(changed))
+    _check_end(file, header.pixels, header.compressed)
+    return layout._replace(header=header._replace(elements=elements, moved=changed <= OWN_KEYWORDS), content=own)
 
 
-def _parsed(content: bytes, file: IO[bytes]) -> tuple[PlainHeader, Layout]:
-    """Return the header of a file that begins with `content`, and how it is laid out."""
+def _parsed(content: bytes, file: IO[bytes]) -> Layout:
+    """Return how the header of a file that begins with `content` is laid out."""
     need(content[128:132] == b"DICM")
     elements: dict[str, Any] = {}
     at = 132
@@ -203,21 +202,20 @@ def _parsed(content: bytes, file: IO[bytes]) -> tuple[PlainHeader, Layout]:
             break
         _take(element, content, elements)
     need(element.tag == PIXEL_DATA)
-    header = PlainHeader(elements, syntax, compressed, element, _file_bytes(file, element, compressed))
+    _check_end(file, element, compressed)
     starts, stops, passed = zip(*values, strict=True)
     taken = [element if element is not None and element.tag in PLAIN else None for element in passed]
-    before = np.frombuffer(content, np.uint8, header.pixels.start)
-    return header, Layout(header, before, np.array(starts), np.array(stops), taken)
+    header = PlainHeader(elements, syntax, compressed, pixels=element)
+    before = np.frombuffer(content, np.uint8, element.start)
+    return Layout(header, before, np.array(starts), np.array(stops), taken)
 
 
-def _file_bytes(file: IO[bytes], pixels: Element, compressed: bool) -> int:
-    """Return the bytes of a file that ends with its pixels, or with padding behind them."""
-    file_bytes = file.seek(0, 2)
+def _check_end(file: IO[bytes], pixels: Element, compressed: bool) -> None:
+    """Leave a file to pydicom unless it ends with its pixels, or with padding behind them."""
     end = fragments_end(file, pixels.start) if compressed else pixels.start + pixels.length
-    if end != file_bytes:
+    if end != file.seek(0, 2):
         file.seek(end)
         need(struct.unpack("<HH", file.read(4)) == TRAILING_PADDING)
-    return file_bytes
 
 
 def elements_of(

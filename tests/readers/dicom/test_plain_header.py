@@ -122,6 +122,50 @@ def test_a_value_that_differs_from_the_slice_before_is_taken(tmp_path, keyword, 
     assert said(second) == said(both(path)[1])
 
 
+def nested_slices(folder, syntax):
+    """Write two slices of each of two series, laid out alike, with sequences of all lengths; return their bytes."""
+    dicom(syntax)(folder)
+    contents = []
+    for number in range(4):
+        dataset = pydicom.dcmread(folder / f"{number}.dcm")
+        dataset.ImageType, dataset.ContentTime, dataset.TriggerTime = ["ORIGINAL", "AXIAL"], f"12000{number}", number
+        dataset.NumberOfFrames, dataset.BitsStored, dataset.SeriesInstanceUID = 1, 12, f"1.2.3.4{number // 2}"
+        dataset.add_new("PixelPaddingValue", "US", 60 + number)
+        dataset.private_block(0x0009, "MAKER", create=True).add_new(1, "UN", b"\x28\0\x10\0US\x02\0\x09\0")
+        inner, outer = pydicom.Dataset(), pydicom.Dataset()
+        inner.Rows, outer.ReferencedImageSequence = 7, [inner, inner]
+        dataset.SourceImageSequence, dataset.ReferencedStudySequence = [outer, outer], [outer]
+        dataset["ReferencedStudySequence"].is_undefined_length = outer.is_undefined_length_sequence_item = True
+        dataset.save_as(folder / f"{number}.dcm")
+        contents.append((folder / f"{number}.dcm").read_bytes())
+    return contents
+
+
+@pytest.mark.parametrize("syntax", [EXPLICIT, IMPLICIT])
+def test_slices_in_any_order_are_read_as_each_alone(tmp_path, syntax):
+    """Among the slices of two series are some with another byte anywhere before the pixels, and some that are cut."""
+    chance = random.Random(0)
+    whole = nested_slices(tmp_path, syntax)
+    paths = [tmp_path / f"{number}.dcm" for number in range(4)]
+    alone = [said(read_plain(path)) for path in paths]
+    end = alone[0]["pixels"].start
+    changed = tmp_path / "changed.dcm"
+    slices, compared, plain = PlainSlices(), 0, 0
+    for at in range(0, end, 2):
+        number = chance.randrange(4)
+        assert said(slices.read(paths[number])) == alone[number]
+        layout = slices.headers.layout
+        content = bytearray(chance.choice(whole))
+        content[at] = chance.choice((content[at] ^ 1, (content[at] + 2) % 256, 0, *b" 019."))
+        changed.write_bytes(content[: chance.randrange(len(content))] if at % 16 == 0 else content)
+        expected = said(read_plain(changed))
+        assert said(slices.read(changed)) == expected, at
+        plain += expected is not None
+        compared += expected is not None and slices.headers.layout.starts is layout.starts
+    assert plain > 0.3 * end / 2
+    assert compared > 0.8 * plain
+
+
 @pytest.mark.parametrize("representation", [0, 1])
 @pytest.mark.parametrize(
     ("bits", "keyword", "value"), [(32, "PixelPaddingValue", -2000), (0, "PixelPaddingValue", -2000), (16, "Rows", 0)]
