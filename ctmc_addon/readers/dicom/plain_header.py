@@ -215,7 +215,7 @@ def _check_end(file: IO[bytes], pixels: Element, compressed: bool) -> None:
     end = fragments_end(file, pixels.start) if compressed else pixels.start + pixels.length
     if end != file.seek(0, 2):
         file.seek(end)
-        need(struct.unpack("<HH", file.read(4)) == TRAILING_PADDING)
+        need(struct.unpack("<HHQ", file.read(12))[:2] == TRAILING_PADDING)  # its own header whole
 
 
 def elements_of(

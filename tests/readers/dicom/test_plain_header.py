@@ -122,6 +122,20 @@ def test_a_value_that_differs_from_the_slice_before_is_taken(tmp_path, keyword, 
     assert said(second) == said(both(path)[1])
 
 
+@pytest.mark.parametrize("seed", [dicom(), dicom(IMPLICIT), dicom(compress=RLE)])
+def test_padding_behind_the_pixels_may_be_cut_off(tmp_path, seed):
+    whole = slice_path(tmp_path, seed).read_bytes()
+    padding = b"\xfc\xff\xfc\xffOB\0\0\6\0\0\0" + bytes(6)
+    changed = tmp_path / "changed.dcm"
+    plain = 0
+    for count in range(len(padding) + 1):
+        changed.write_bytes(whole + padding[:count])
+        ours, pydicoms = both(changed)
+        plain += ours is not None
+        assert ours is None or said(ours) == said(pydicoms), count
+    assert plain == 1 + 7  # none of it, and from its 12th byte on
+
+
 def nested_slices(folder, syntax):
     """Write two slices of each of two series, laid out alike, with sequences of all lengths; return their bytes."""
     dicom(syntax)(folder)
