@@ -81,7 +81,7 @@ NEEDED = ("Rows", "Columns", "BitsAllocated", "BitsStored", "PixelRepresentation
 META_GROUPS, GROUPS, ITEM_GROUP = range(0x0002, 0x0003), range(0x0004, 0x7FE1), 0xFFFE
 PIXEL_DATA = 0x7FE00010
 ITEM, ITEM_END, SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
-TRAILING_PADDING = (0xFFFC, 0xFFFC)
+TRAILING_PADDING = 0xFFFCFFFC
 CHARACTERS = re.compile(r"ISO(?:_IR| 2022 IR) (?:6|100|101|109|110|126|127|138|144|148|166|192)")  # ASCII in all
 BYTES = {"US": 2, "UL": 4}
 VALUES = {
@@ -211,11 +211,17 @@ def _parsed(content: bytes, file: IO[bytes]) -> Layout:
 
 
 def _check_end(file: IO[bytes], pixels: Element, compressed: bool) -> None:
-    """Leave a file to pydicom unless it ends with its pixels, or with padding behind them."""
+    """Leave a file to pydicom unless it ends with its pixels, or with whole padding behind them."""
+    file_bytes = file.seek(0, 2)
     end = fragments_end(file, pixels.start) if compressed else pixels.start + pixels.length
-    if end != file.seek(0, 2):
+    if end != file_bytes:
         file.seek(end)
-        need(struct.unpack("<HHQ", file.read(12))[:2] == TRAILING_PADDING)  # its own header whole
+        if pixels.representation:
+            tag, kind, length = struct.unpack("<I4sI", file.read(12))
+            need(kind == b"OB\0\0")
+        else:
+            tag, length = struct.unpack("<II", file.read(8))
+        need(tag == TRAILING_PADDING and file.tell() + length == file_bytes)
 
 
 def elements_of(
