@@ -108,6 +108,34 @@ def halfway_mm(spacing_mm: tuple[float, float, float]) -> float:
     return ((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2
 
 
+def between_slices(
+    label: Bricks, values: Floats, refined: Bricks, start: Start, slice_steps: int, pool: Threads | None
+) -> None:
+    """Carry values at the label's slices to the active bricks of the refined grid, and back into their bounds.
+
+    Between two slices stands the cubic through their values and those of the slices beyond.
+    """
+
+    def carry(part: slice) -> None:
+        z, y, x = refined.coordinates(part)
+        below, step = np.divmod(z, slice_steps)
+        t = (step / np.float32(slice_steps)).astype(np.float32)[:, None]
+        weights = (
+            -t * (1 - t) * (2 - t) / 6,
+            (1 + t) * (1 - t) * (2 - t) / 2,
+            (1 + t) * t * (2 - t) / 2,
+            -(1 + t) * t * (1 - t) / 6,
+        )
+        moved = np.zeros((len(z), WIDTH), np.float32)
+        for beside, weight in zip((-1, 0, 1, 2), weights, strict=True):
+            moved += weight * values.take(label.at(below + beside, y, x), axis=0)
+        np.maximum(moved, start.low[part], out=moved)
+        np.minimum(moved, start.high[part], out=moved)
+        start.field[part] = moved
+
+    over_rows(pool, carry, refined.active)
+
+
 def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Threads | None) -> None:
     """Carry coarse values to the bricks of the fine grid, by cubics, and back into their bounds.
 

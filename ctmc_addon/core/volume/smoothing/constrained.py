@@ -18,7 +18,7 @@ from ...budget import Budget
 from ...errors import LabelError, SettingsError
 from ...progress import PAUSE, Stages, Steps
 from ..volume import Box
-from .bounds import Inside, Start, doubled, halfway_mm, refined_start
+from .bounds import Inside, Start, between_slices, doubled, halfway_mm, refined_start
 from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, pieces, threads, widened
 from .islands import keep_islands_steps
 from .relaxation import relax_steps
@@ -30,7 +30,8 @@ BAND_PIXELS = 5  # to either side of the surface that are smoothed
 BAND_GAPS = 1.6  # and so many slice gaps
 COARSE = 2  # every so many pixels are smoothed first
 NARROW_PIXELS = 2  # to either side that are smoothed at full resolution, after every other pixel
-COARSE_ROUNDS = (25, 72)  # on every other pixel, where slices are refined at most twice, and where more
+COARSE_ROUNDS = 25  # on every other pixel
+SLICE_ROUNDS, BETWEEN_ROUNDS = 38, 12  # and with over two steps between slices at these alone, then with the steps
 COARSE_INERTIA = 4.5  # as after some six rounds: the distances that the field starts with are smooth but for steps
 FINE_ROUNDS = 18
 FINE_INERTIA = 8.0  # the coarse field is nearly smooth
@@ -192,9 +193,12 @@ class _Level(NamedTuple):
 class _Smoother:
     """The smoothest field near a label's surface, before the constant: on every other pixel, then on all.
 
-    Farther than `NARROW_PIXELS` from the surface the field of every other pixel is smooth enough.
+    Farther than `NARROW_PIXELS` from the surface the field of every other pixel is smooth enough. Where there are
+    several steps between slices that field is smoothed at the slices first: what is to go are folds from slice to
+    slice, for which many rounds are needed where steps are short.
     """
 
+    at_slices: _Level | None = None
     coarse: _Level
     fine: _Level
 
@@ -224,9 +228,14 @@ class _Smoother:
         # The reach is a box: its corners are farther than the band.
         near = np.zeros(deep.shape, bool)
         near.ravel()[label.place] = np.abs(distance[: len(label.place)]).min(axis=1) <= band
-        bricks = number_bricks(*self._refined(near, deep))
-        start = refined_start(label, distance, bricks, spacing, self.steps, self.inside, self.pool, COARSE)
-        return _Level(bricks, start)
+
+        def level(bricks: Bricks, steps: int) -> _Level:
+            start = refined_start(label, distance, bricks, spacing, steps, self.inside, self.pool, COARSE)
+            return _Level(bricks, start)
+
+        if self.steps > 2:
+            self.at_slices = level(number_bricks(near, deep), 1)
+        return level(number_bricks(*self._refined(near, deep)), self.steps)
 
     def _fine_steps(self) -> Steps[_Level]:
         spacing = self.spacing_mm
@@ -258,11 +267,18 @@ class _Smoother:
 
     def smooth_steps(self) -> Steps[None]:
         """Smooth both levels in place."""
-        stages = Stages({"Smoothing every other pixel": 1, "Smoothing": 1})
+        stages = Stages({"Smoothing at the slices": 1, "Smoothing every other pixel": 1, "Smoothing": 2})
         x, y, z = self.sides
         coarse, start = self.coarse
-        rounds, sides = COARSE_ROUNDS[self.steps > 2], (COARSE * x, COARSE * y, z)
-        relaxing = relax_steps(coarse, start.field, start.low, start.high, sides, rounds, self.pool, COARSE_INERTIA)
+        rounds = COARSE_ROUNDS
+        if self.at_slices is not None:
+            rounds, (bricks, first) = BETWEEN_ROUNDS, self.at_slices
+            self.at_slices = None
+            sides = (COARSE * x, COARSE * y, z * self.steps)
+            relaxing = _relaxed_steps(bricks, first, sides, SLICE_ROUNDS, self.pool)
+            yield from stages.run("Smoothing at the slices", relaxing)
+            between_slices(bricks, first.field, coarse, start, self.steps, self.pool)
+        relaxing = _relaxed_steps(coarse, start, (COARSE * x, COARSE * y, z), rounds, self.pool)
         yield from stages.run("Smoothing every other pixel", relaxing)
         doubled(coarse, start.field, *self.fine, self.pool)
         yield from stages.run("Smoothing", self._narrow_steps())
@@ -300,6 +316,13 @@ class _Smoother:
                 into[...] = along[:, : into.shape[1]]
             yield PAUSE
         return whole
+
+
+def _relaxed_steps(
+    bricks: Bricks, start: Start, sides: tuple[float, float, float], rounds: int, pool: Threads | None
+) -> Steps[None]:
+    """Smooth in place a field that begins with distances."""
+    return relax_steps(bricks, start.field, start.low, start.high, sides, rounds, pool, COARSE_INERTIA)
 
 
 def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArray[np.bool_], Inside, Inside]:

@@ -18,6 +18,7 @@ from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.volume.field import field_steps
+from ctmc_addon.core.volume.smoothing.bounds import Start, between_slices
 from ctmc_addon.core.volume.smoothing.bricks import (
     FEWEST_ROWS,
     ROWS_AT_ONCE,
@@ -340,3 +341,23 @@ def test_threads_share_rows_that_each_go_by_once(count, thread_count):
     assert max(lengths, default=0) <= ROWS_AT_ONCE
     if count >= 2 * thread_count * FEWEST_ROWS:
         assert thread_count == 1 or len(lengths) >= 2 * thread_count
+
+
+@pytest.mark.parametrize("steps", [3, 4, 8])
+def test_between_slices_stands_the_cubic_through_four_of_them_within_the_bounds(steps):
+    slices, rows, wide = 7, 3, 2
+    label = number_bricks(*np.ones((2, slices, rows, wide), bool))
+    refined = number_bricks(*np.ones((2, (slices - 1) * steps + 1, rows, wide), bool))
+
+    def cubic(bricks: Any, spacing: float) -> np.ndarray:
+        z, y, x = (at[:, None].astype(float) for at in bricks.coordinates())
+        return 0.25 * (z * spacing - 3) ** 3 + y - x + np.arange(8) / 8
+
+    values = np.append(cubic(label, 1.0), np.zeros((2, 8)), axis=0).astype(np.float32)
+    field, low, high = np.repeat(np.float32([[0], [-np.inf], [5]]), len(refined) * 8, axis=1).reshape(3, -1, 8)
+    between_slices(label, values, refined, Start(field, low, high), steps, None)
+    expected = np.minimum(cubic(refined, 1 / steps), 5)
+    z = refined.coordinates()[0]
+    inner = (z >= steps) & (z <= (slices - 2) * steps) | (z % steps == 0)  # beyond the border slices are repeated
+    np.testing.assert_allclose(field[:-2][inner], expected[inner], atol=1e-5)
+    assert (field[:-2] <= 5).all()
