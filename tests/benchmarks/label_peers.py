@@ -94,7 +94,7 @@ def surface_nets(mask: NDArray[np.bool_], affine: NDArray[np.float64]) -> Mesh:
 def pymcubes(mask: NDArray[np.bool_], affine: NDArray[np.float64]) -> Mesh:
     field = mcubes.smooth_constrained(np.pad(mask, 3))
     vertices, faces = mcubes.marching_cubes(field, 0)
-    return moved((vertices[:, ::-1] - 3, faces[:, ::-1]), affine)
+    return moved((vertices[:, ::-1] - 3, faces[:, ::-1].astype(np.int64)), affine)
 
 
 def taubin(mask: NDArray[np.bool_], affine: NDArray[np.float64], rounds: int = 30) -> Mesh:
