@@ -237,13 +237,14 @@ def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mappi
 
 
 def is_refused_now(record: Mapping[str, Any], task: Mapping[str, Any], source: Path) -> bool:
-    """Return whether strict reading is asked for now, was not when a JSON was made, and refuses the input.
-
-    Its values are left where they are: what is refused stands in the headers.
-    """
+    """Return whether strict reading is asked for now, was not when a JSON was made, and refuses the input."""
     options = options_of(task)
-    if not options.strict or record["reading"]["strict"]:
-        return False
+    return options.strict and not record["reading"]["strict"] and _is_refused(source, options)
+
+
+@lru_cache(maxsize=1)  # the outputs of a case mostly have one source
+def _is_refused(source: Path, options: ReadingOptions) -> bool:
+    """Whether an input cannot be read; it is read as far as the type of its values must be known."""
     try:
         finish(finish(open_volume_steps(source, options.allow_outside)).slabs_steps(options))
     except (CtmcError, OSError):

@@ -118,7 +118,7 @@ class FieldSlabs:
     def pieces_steps(self, low: int = 0, high: int | None = None) -> Pieces:
         """Yield the pieces of the slabs in index space, and steps between."""
         made = self.field.surface
-        if made is not None and not self.normals:
+        if made is not None and not self.normals and (low, high) == (0, None):
             yield PAUSE
             yield Surface(made.midpoints.copy(), made.linear.copy(), made.faces)
             return self.field.wrong_side

@@ -113,7 +113,7 @@ class _Passes:
         self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
-        """Simplify the batches, then the strips along their seams; a batch that comes alone stays as it is."""
+        """Simplify the batches; one that comes alone stays as it is."""
         single: list[Batch] = []
         left: list[Batch] = []
         fraction = 0.0
@@ -270,7 +270,7 @@ def reduce_batch_steps(
     batch : Batch
     wanted : float
         Triangles to leave, with a maximum error 0: of a batch `SPARE` times as many as shall be left in the end, of a
-        stretch of the last pass its share of that pass's goal.
+        region of the last pass its share of that pass's goal.
     at_border : int
         Triangles to leave besides, because the border stays.
     max_error : float, optional

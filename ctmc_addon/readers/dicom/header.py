@@ -235,7 +235,7 @@ def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
     options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
     padding = padding_ends(elements, options)
     pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options)
-    end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, or it were not plain
+    end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, else it would not be plain
     damage = missing_pixels(pixels, plain.pixels.length, end)
     return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
 

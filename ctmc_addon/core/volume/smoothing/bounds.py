@@ -57,7 +57,8 @@ def refined_start(
     inside : Inside
         Samples of the label's grid outside it have no bounds.
     every : int
-        2 where bricks have every other sample along x and y; else 1, and then neighbors of active bricks have neither.
+        2 where bricks have every other sample along x and y; else 1, and then neighbors of active bricks have no
+        bounds, and a field of 0.
     """
     count = len(refined)
     field, low, high = (np.empty((count, WIDTH), np.float32) for _ in range(3))
@@ -92,9 +93,9 @@ def refined_start(
         lower[between] = lower[between] * (1 - share) + upper * share
         field[part] = lower
 
-    count = len(refined.place) if every > 1 else refined.active
-    field[count:-2], low[count:], high[count:] = 0.0, -infinite, infinite
-    over_rows(pool, fill, count)
+    filled = len(refined.place) if every > 1 else refined.active
+    field[filled:-2], low[filled:], high[filled:] = 0.0, -infinite, infinite
+    over_rows(pool, fill, filled)
     for row, sign in ((-2, 1), (-1, -1)):
         away = abs(distance[row, 0]) - centered
         field[row] = sign * away

@@ -242,7 +242,8 @@ class _Smoother:
         # A sample that is farther cannot come as near to the surface as is smoothed.
         farthest = NARROW_PIXELS * max(spacing[:2]) + halfway_mm(spacing)
         x, y, z = (max(1, math.ceil(farthest / side - 1e-6) - 1) for side in spacing)
-        # And these bricks hold all others; normals read the neighbors of what is beside the surface.
+        x = min(WIDTH, x)
+        # All that come as near lie in these bricks, with the neighbors that normals read.
         near_y, near_z = (math.floor(farthest / side) - 1 for side in spacing[1:])
         near = near_surface(self.code, (x, max(1, near_y), max(int(self.steps == 1), near_z)))
         deep = self.code != 0

@@ -136,7 +136,7 @@ def _samples_steps(
     yield PAUSE
 
     def flat(z: Numbers, y: Numbers, x: Numbers) -> Indices:
-        return (z * np.int64(rows) + y) * columns + x
+        return (z.astype(np.int64) * rows + y) * columns + x
 
     def labeled(z: Numbers, y: Numbers, x: Numbers) -> Flags:
         """Whether samples of the label's grid are inside; none is beyond its border."""
@@ -322,8 +322,8 @@ class _Solving:
         chosen = first > np.iinfo(np.int64).min
         stack = np.full(int(layers.sum()) * layer, -self.nearest, np.float32)
         places = samples.core.shape[1]
-        position = first[samples.component] + samples.y * np.int64(length) + samples.x
-        position += (samples.z * np.int64(self.steps) + (1 - self.steps)) * layer  # of a voxel's first place
+        position = first[samples.component] + samples.y.astype(np.int64) * length + samples.x
+        position += (samples.z.astype(np.int64) * self.steps + (1 - self.steps)) * layer  # of a voxel's first place
 
         rim = np.flatnonzero(chosen[samples.component[samples.rim_place // places]])
         voxel, step = np.divmod(samples.rim_place[rim], places)

@@ -58,8 +58,6 @@ def keep_volume_steps(
         The part of the values whose surface is wanted, with both ends of alpha; the whole surface lies in it.
     """
     flat = whole.reshape(-1, WIDTH)
-    yield PAUSE
-
     (x0, x1), (y0, y1), (z0, z1) = inside.x, inside.y, inside.z
     values = whole[z0 * slice_steps : (z1 - 1) * slice_steps + 1, y0:y1, x0:x1]
     sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / slice_steps)

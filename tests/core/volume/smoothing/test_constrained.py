@@ -80,7 +80,7 @@ def test_the_slices_are_refined_until_no_side_is_twice_another(gap):
 
 
 @pytest.mark.parametrize("density", [0.03, 0.3, 0.5])
-@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.75, 0.75, 1.6), THICK])
+@pytest.mark.parametrize("spacing", [(1.0, 1.0, 1.0), (0.75, 0.75, 1.6), THICK, (0.5, 0.5, 7.5)])
 def test_noise_keeps_the_sign_of_every_sample_and_the_surface_closed(density, spacing):
     mask = np.random.default_rng(1).random((9, 21, 27)) < density
     field = smooth(mask, spacing)
