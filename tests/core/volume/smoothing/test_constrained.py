@@ -16,6 +16,7 @@ from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
+from ctmc_addon.core.reconstruct import reconstruct
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.volume.field import field_steps
 from ctmc_addon.core.volume.smoothing.bounds import Start, between_slices
@@ -311,6 +312,28 @@ def test_the_surface_that_was_measured_is_the_one_that_is_extracted(spacing, cut
     assert len(again) == 1
     for name in ("midpoints", "linear", "faces"):
         assert getattr(taken[0], name).tobytes() == getattr(again[0], name).tobytes()
+
+
+@pytest.mark.parametrize(
+    ("settings", "taken"),
+    [
+        ({}, True),
+        ({"alpha": 0.4}, True),
+        ({"slice_steps": 3}, True),
+        ({"stride": (2, 2, 1)}, False),
+        ({"topology": "trilinear"}, False),
+        ({"close_border": True}, False),
+        ({"region": (6, 6, 4, 24, 26, 14)}, False),
+    ],
+)
+def test_with_any_settings_a_surface_has_the_same_vertices_with_normals_and_without(settings, taken):
+    mask = np.pad(ball(8.0, (1.0, 1.0, 1.6)), 2)
+    volume = Volume(mask.astype(np.uint8), np.diag([-1.0, -1.0, 1.6, 1.0]), kind="label")
+    chosen = [ReconstructionSettings(label=1, normals=normals, **settings) for normals in ("mesh", "gradient")]
+    assert (finish(field_steps(volume, chosen[0], with_surface=True)).surface is not None) == taken
+    bare, full = (reconstruct(volume, each, Budget(1)).mesh for each in chosen)
+    assert bare.vertices.tobytes() == full.vertices.tobytes()
+    assert bare.faces.tobytes() == full.faces.tobytes()
 
 
 @pytest.mark.parametrize("spacing", [(1.0, 1.0, 2.5), THICK])
