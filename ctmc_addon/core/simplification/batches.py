@@ -269,7 +269,11 @@ def near_others(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
 
     Triangles of different batches that cross each other are among them.
     """
-    boxes = [(batch.mesh.vertices.min(axis=0), batch.mesh.vertices.max(axis=0)) for batch in batches]
+    limit = np.float32(np.inf)  # nothing meets the box of a batch that has lost all of its triangles
+    boxes = [
+        (batch.mesh.vertices.min(axis=0, initial=limit), batch.mesh.vertices.max(axis=0, initial=-limit))
+        for batch in batches
+    ]
     near = []
     for number, (batch, (low, high)) in enumerate(zip(batches, boxes, strict=True)):
         selected = np.zeros(batch.face_count, bool)

@@ -25,7 +25,7 @@ SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a su
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
 LAST = 0.01  # of the triangles are too many: handles are no longer looked for, unless edges get no further
-BATCHES, REGIONS = 4, 8  # of as many triangles in all as a surface may have that is simplified as a whole
+BATCHES, REGIONS = 4, 8  # into which `whole_faces` triangles would be cut
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 

@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from surface_objects import alpha_key, worst_mm
+
 from ctmc_addon.blender.surface import (
     add_reconstruction,
     call,
@@ -15,16 +17,6 @@ from ctmc_addon.blender.surface import (
 )
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-
-
-def alpha_key(obj):
-    return obj.data.shape_keys.key_blocks["alpha"]
-
-
-def worst_mm(obj, mesh):
-    seen = evaluated_triangles(obj)
-    assert (seen.faces == mesh.faces).all()
-    return np.abs(seen.vertices.astype(np.float64) - mesh.vertices).max()
 
 
 @pytest.mark.parametrize("alpha", [0.0, 0.3, 1.0])

@@ -8,6 +8,8 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from surface_objects import alpha_key, worst_mm
+
 from ctmc_addon.blender.surface import (
     add_reconstruction,
     apply_shape_and_modifiers,
@@ -19,16 +21,6 @@ from ctmc_addon.blender.surface import (
     update_reconstruction,
 )
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct_labels
-
-
-def alpha_key(obj):
-    return obj.data.shape_keys.key_blocks["alpha"]
-
-
-def worst_mm(obj, mesh):
-    seen = evaluated_triangles(obj)
-    assert (seen.faces == mesh.faces).all()
-    return np.abs(seen.vertices.astype(np.float64) - mesh.vertices).max()
 
 
 def apply_transforms(obj, **kinds):

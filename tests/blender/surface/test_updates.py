@@ -8,22 +8,14 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
+from surface_objects import alpha_key, worst_mm
+
 from ctmc_addon.blender.surface import (
     add_reconstruction,
     evaluated_triangles,
     update_reconstruction,
 )
 from ctmc_addon.core.errors import MeshError
-
-
-def alpha_key(obj):
-    return obj.data.shape_keys.key_blocks["alpha"]
-
-
-def worst_mm(obj, mesh):
-    seen = evaluated_triangles(obj)
-    assert (seen.faces == mesh.faces).all()
-    return np.abs(seen.vertices.astype(np.float64) - mesh.vertices).max()
 
 
 def test_an_update_keeps_place_transform_materials_and_modifiers(scene, torus):
