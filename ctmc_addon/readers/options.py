@@ -175,10 +175,21 @@ class ReadingOptions(Described):
     )
     anatomy_colors: bool = setting(
         False,
-        "Color labels whose names are anatomical by these, whatever colors their file gives them",
+        "Color labels with anatomical names by these, whatever colors their file gives them",
         label="Anatomy Colors",
         type=bool,
     )
+    file_colors: bool = setting(
+        False,
+        "Keep the colors of the file also where a program chose them by number, as TotalSegmentator does",
+        label="File Colors",
+        type=bool,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.anatomy_colors and self.file_colors:
+            raise SettingsError("anatomy_colors and file_colors exclude each other; choose one")
 
 
 def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:

@@ -134,6 +134,8 @@ class RawValues:
         Where the file has them.
     label_colors : mapping of int to (red, green, blue) int
         sRGB, 0 to 255, where the file has them.
+    has_palette : bool
+        Whether a program chose these colors by the labels' numbers, so that anatomy's colors are better.
     own_spacing : str
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
@@ -148,6 +150,7 @@ class RawValues:
     kind: ValueKind | None = None
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
+    has_palette: bool = False
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
     layers: tuple[NDArray[Any], ...] = ()
@@ -361,8 +364,13 @@ class VolumeSource(ABC):
             names, colors, found = table_for(self.path, self.name)
             notes += found
         names = {value: one_line(name) for value, name in names.items()}
-        if request.anatomy_colors:
-            colors = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
+        if request.anatomy_colors or (raw.has_palette and not request.file_colors):
+            kept = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
+            if len(kept) < len(colors) and not request.anatomy_colors:
+                notes.append(
+                    "colors follow the anatomical names, since the file's repeat by number; file_colors keeps those"
+                )
+            colors = kept
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
-from ..labels.colors import RGB, rgb_of_shares
+from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..optional_imports import reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
@@ -54,7 +54,8 @@ class NiftiFile(VolumeSource):
         start = int(self.header.start)
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
-        return RawValues(values, affine, notes, None, *label_table(self.extensions))
+        names, colors = label_table(self.extensions)
+        return RawValues(values, affine, notes, None, names, colors, is_palette(colors))
 
 
 def open_steps(path: Path) -> Steps[NiftiFile]:
