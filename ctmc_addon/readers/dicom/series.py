@@ -290,7 +290,7 @@ def check_whole(content: FolderContent, uid: str) -> None:
 def truncated(broken: Broken) -> ReadError:
     """Return the error for a DICOM file that cannot be read to its end."""
     damage = broken.damage or f"{broken.path.stat().st_size} bytes"
-    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); copy it again")
+    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); {broken.remedy}")
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from ....core import ReadError, Steps
 from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
-from ..header import UNCOMPRESSED, Called, ImageFile, Pixels, missing_pixels
+from ..header import UNCOMPRESSED, Called, ImageFile
+from ..pixel_format import Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Found
 from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
