@@ -33,7 +33,7 @@ from .header import (
     read_header,
     read_other,
 )
-from .listing import is_placed, is_scout, largest_group, listed
+from .listing import is_placed, is_scout, largest_group, listed, turning
 from .pixels import check_codec
 from .slices import values_steps
 from .stack_geometry import Stack, stack_up
@@ -320,6 +320,9 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
         raise ReadError(
             f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
+    turn = turning([ct_slice for ct_slice in placed if not is_scout(ct_slice)], best)
+    if turn:
+        raise ReadError(f"{turn}; resample the series to parallel slices (MPR) and export these")
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
@@ -335,7 +338,7 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
         if not (0 < abs(slope) <= STEEPEST and abs(intercept) <= STEEPEST):  # nor NaN
             raise ReadError(
                 f"the series has a RescaleSlope of {slope:g} and a RescaleIntercept of {intercept:g}, which give no "
-                "usable values; export it again"
+                f"usable values: the slope must not be 0, and both at most {STEEPEST:g}; export it again"
             )
     return best, notes
 
