@@ -28,13 +28,25 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
+from ..core.volume import (
+    SPACING_LIMITS,
+    SliceReader,
+    ValueKind,
+    ValuesInMemory,
+    Volume,
+    anatomy_of,
+    box_of,
+    is_spacing,
+    spacing_of,
+)
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
+AXIAL = np.diag([-1.0, -1.0, 1.0])
+"""Directions of x, y and z in RAS+ where a format has no orientation."""
 
 
 @dataclass(frozen=True)
@@ -336,7 +348,8 @@ class VolumeSource(ABC):
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
-            affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
+            affine = np.eye(4)
+            affine[:3, :3] = AXIAL * lengths
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
@@ -349,6 +362,7 @@ class VolumeSource(ABC):
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
             notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
+        require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
             notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
@@ -427,12 +441,47 @@ def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDAr
 
 
 def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Return the affine with columns of the lengths `spacing`, and words about those it had."""
+    """Return the affine with columns of the lengths `spacing`, and words about those it had.
+
+    A file whose axes have no length does not say where they run: one is taken at right angles to the others, more
+    leave no orientation.
+    """
     lengths = spacing_of(affine)
+    words = f"in place of the file's own {lengths_text(lengths)} mm"
     scaled = affine.copy()
-    # An axis without length is left alone: Volume refuses it as singular.
-    scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm"
+    missing = np.flatnonzero(lengths == 0).tolist()
+    if len(missing) == 1:
+        (at,) = missing
+        one, other = (affine[:3, axis] / lengths[axis] for axis in ((at + 1) % 3, (at + 2) % 3))
+        scaled[:3, at], lengths[at] = np.cross(one, other), 1.0
+        words += f"; {'xyz'[at]}, whose direction the file does not say, is taken at right angles to the other axes"
+    elif missing:
+        scaled[:3, :3], lengths = AXIAL, np.ones(3)
+        words += f"; {taken_as_axial('the file')}"
+    scaled[:3, :3] *= np.asarray(spacing) / lengths
+    return scaled, words
+
+
+def require_spacing(affine: NDArray[np.float64], name: str) -> None:
+    """Refuse a spacing that no CT has; an affine that is broken in another way is refused by `Volume`.
+
+    Parameters
+    ----------
+    affine : (4, 4) float64
+    name : str
+        Of the file or folder.
+
+    Raises
+    ------
+    ReadError
+        With the limits and the way out.
+    """
+    lengths = spacing_of(affine)
+    if np.isfinite(lengths).all() and not is_spacing(lengths):
+        raise ReadError(
+            f"{name} has a spacing of {lengths_text(lengths)} mm, and it must be {SPACING_LIMITS}; "
+            "give the spacing x, y, z in mm"
+        )
 
 
 def lengths_text(lengths: Iterable[float]) -> str:

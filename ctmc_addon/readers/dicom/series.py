@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import ReadError, Stages, Steps
-from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ...core.volume import SPACING_LIMITS, SliceReader, ValueKind, ValuesInMemory, is_spacing
 from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..options import ReadingOptions
@@ -150,10 +150,15 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
     """Return how the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
-    if pixel_spacing is None or min(pixel_spacing) <= 0:
-        unusable = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
+    if pixel_spacing is None or not is_spacing(pixel_spacing):
+        unusable = "no PixelSpacing"
+        if pixel_spacing is not None:
+            wrong = next(length for length in pixel_spacing if not is_spacing([length]))
+            unusable = f"a PixelSpacing of {wrong:g} mm"
         if request.spacing is None:
-            raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
+            raise ReadError(
+                f"the series has {unusable}, and it must be {SPACING_LIMITS}; give the spacing x, y, z in mm"
+            )
         pixel_spacing = (request.spacing[1], request.spacing[0])
     positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
