@@ -8,7 +8,7 @@ every format, so they are answered here. Affines map (x, y, z) = (column, row, s
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,24 +29,20 @@ from ..core import (
 )
 from ..core.files.input_files import add_inputs
 from ..core.volume import (
-    SPACING_LIMITS,
     SliceReader,
     ValueKind,
     ValuesInMemory,
     Volume,
     anatomy_of,
     box_of,
-    is_spacing,
-    spacing_of,
 )
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
+from .placing import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
-AXIAL = np.diag([-1.0, -1.0, 1.0])
-"""Directions of x, y and z in RAS+ where a format has no orientation."""
 
 
 @dataclass(frozen=True)
@@ -388,14 +384,6 @@ class VolumeSource(ABC):
         return volume
 
 
-def taken_as_axial(what: str) -> str:
-    """Return the note for a format without orientation."""
-    return (
-        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
-        "rows towards the back, slices towards the head; flip x, y or z changes it"
-    )
-
-
 def unreadable(path: Path, error: OSError) -> ReadError:
     """Return the error for a file that the system does not open."""
     name = Path(error.filename).name if isinstance(error.filename, str) else path.name
@@ -429,61 +417,3 @@ def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
     return (int(sides[0]), int(sides[1]), int(sides[2]))
-
-
-def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
-    """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
-    mirrored = affine.copy()
-    for axis in ("xyz".index(letter) for letter in axes):
-        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
-        mirrored[:3, axis] *= -1.0
-    return mirrored
-
-
-def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Return the affine with columns of the lengths `spacing`, and words about those it had.
-
-    A file whose axes have no length does not say where they run: one is taken at right angles to the others, more
-    leave no orientation.
-    """
-    lengths = spacing_of(affine)
-    words = f"in place of the file's own {lengths_text(lengths)} mm"
-    scaled = affine.copy()
-    missing = np.flatnonzero(lengths == 0).tolist()
-    if len(missing) == 1:
-        (at,) = missing
-        one, other = (affine[:3, axis] / lengths[axis] for axis in ((at + 1) % 3, (at + 2) % 3))
-        scaled[:3, at], lengths[at] = np.cross(one, other), 1.0
-        words += f"; {'xyz'[at]}, whose direction the file does not say, is taken at right angles to the other axes"
-    elif missing:
-        scaled[:3, :3], lengths = AXIAL, np.ones(3)
-        words += f"; {taken_as_axial('the file')}"
-    scaled[:3, :3] *= np.asarray(spacing) / lengths
-    return scaled, words
-
-
-def require_spacing(affine: NDArray[np.float64], name: str) -> None:
-    """Refuse a spacing that no CT has; an affine that is broken in another way is refused by `Volume`.
-
-    Parameters
-    ----------
-    affine : (4, 4) float64
-    name : str
-        Of the file or folder.
-
-    Raises
-    ------
-    ReadError
-        With the limits and the way out.
-    """
-    lengths = spacing_of(affine)
-    if np.isfinite(lengths).all() and not is_spacing(lengths):
-        raise ReadError(
-            f"{name} has a spacing of {lengths_text(lengths)} mm, and it must be {SPACING_LIMITS}; "
-            "give the spacing x, y, z in mm"
-        )
-
-
-def lengths_text(lengths: Iterable[float]) -> str:
-    """Three lengths in words: '0.5 x 0.5 x 2'."""
-    return " x ".join(f"{length:.4g}" for length in lengths)

@@ -17,6 +17,10 @@ OWN_KEYWORDS = frozenset(  # in which a slice differs from the others of its ser
 )
 
 
+class WrongGroups(ValueError):
+    """A file has more or fewer functional groups than frames; the text has both numbers."""
+
+
 class Moment(NamedTuple):
     """What tells a frame from others at its place: empty or None where the file does not say."""
 
@@ -61,7 +65,7 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
         # A multi-frame file without groups has one position for all of its frames: no place for any.
         return (_geometry(dataset, (), count == 1),) * count
     if groups is not None and len(groups) != count:
-        raise ValueError(f"{len(groups)} functional groups for {count} frames")
+        raise WrongGroups(f"{len(groups)} functional groups for {count} frames")
     frames = [(group, shared) for group in groups] if groups is not None else [(shared,)] * count
     return tuple(_geometry(dataset, frame, count == 1) for frame in frames)
 

@@ -21,7 +21,7 @@ from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .deflated import DEFLATED, unpacks_without_end
-from .frames import FrameGeometry, frame_geometries, moved_geometry
+from .frames import FrameGeometry, WrongGroups, frame_geometries, moved_geometry
 from .labels.classes import label_class
 from .pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
 from .plain_header import (
@@ -299,6 +299,8 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         pixels = pixels_of(dataset, syntax, options)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
         return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
+    except WrongGroups as error:
+        return Broken(path, series, str(error), EXPORT)
     except unreadable:
         return Broken(path, series, stray=not (preamble or is_image))
 
@@ -370,8 +372,6 @@ def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
     vr = dataset.get_item(keyword, keep_deferred=True).VR
     options: dict[str, Any] = as_options(dataset, pixel_keyword=keyword, pixel_vr=vr)
     sizes = {option: int(options[option]) for option in ("number_of_frames", "rows", "columns", "bits_allocated")}
-    if sizes["number_of_frames"] < 1:
-        raise ValueError(f"{sizes['number_of_frames']} frames")
     return options | sizes
 
 

@@ -16,7 +16,7 @@ from .deflated import DEFLATED
 from .plain_header import UNDEFINED_LENGTH
 
 SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
-WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": (32,), "DoubleFloatPixelData": (64,)}
+WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloatPixelData": 64}
 # JPEG, JPEG-LS near-lossless, JPEG 2000 and HTJ2K, whose values may be a little beyond those that were compressed.
 LOSSY = {f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 203)}
 OVERSHOOT = 1 / 16  # of the range of values
@@ -48,25 +48,28 @@ def unusable_number(options: Mapping[str, Any], high_bit: Any) -> str:
 
     Examples
     --------
-    >>> gray = {"rows": 5, "columns": 7, "samples_per_pixel": 1, "pixel_keyword": "PixelData"}
+    >>> gray = {"rows": 5, "columns": 7, "number_of_frames": 1, "samples_per_pixel": 1, "pixel_keyword": "PixelData"}
     >>> unusable_number(gray | {"bits_allocated": 4096, "bits_stored": 12, "pixel_representation": 0}, 11)
     'BitsAllocated is 4096, and it must be 1, 8, 16, 32 or 64'
     """
     for keyword, side in (("Rows", options["rows"]), ("Columns", options["columns"])):
         if not 1 <= side <= 0xFFFF:
             return f"{keyword} is {side}, and it must be from 1 to 65535"
+    frames = options["number_of_frames"]
+    if frames < 1:
+        return f"NumberOfFrames is {frames}, and it must be 1 or more"
     samples = options.get("samples_per_pixel", 1)
     if samples not in (1, 3, 4):
         return f"SamplesPerPixel is {shown(samples)}, and it must be 1"
     if samples != 1:
         return ""
-    bits, stored, sign = (options.get(name) for name in ("bits_allocated", "bits_stored", "pixel_representation"))
-    allowed = FLOAT_BITS.get(options["pixel_keyword"], WHOLE_BITS)
-    if bits not in allowed:
-        *others, last = map(str, allowed)
-        return f"BitsAllocated is {bits}, and it must be {' or '.join([', '.join(others), last] if others else [last])}"
-    if allowed is not WHOLE_BITS:
-        return ""
+    bits: int = options["bits_allocated"]
+    stored, sign = options.get("bits_stored"), options.get("pixel_representation")
+    floating = FLOAT_BITS.get(options["pixel_keyword"])
+    if floating is not None:
+        return "" if bits == floating else f"BitsAllocated is {bits}, and it must be {floating}"
+    if bits not in WHOLE_BITS:
+        return f"BitsAllocated is {bits}, and it must be 1, 8, 16, 32 or 64"
     if not isinstance(stored, int) or not 1 <= stored <= bits:
         return f"BitsStored is {shown(stored)}, and with BitsAllocated {bits} it must be from 1 to {bits}"
     if high_bit not in (None, stored - 1):  # 8.1.1; older files may have others, which readers take in two ways

@@ -141,6 +141,7 @@ NUMBERS = [
     ({"PixelRepresentation": 7}, "PixelRepresentation is 7, and it must be 0 or 1"),
     ({"SamplesPerPixel": 0}, "SamplesPerPixel is 0, and it must be 1"),
     ({"SamplesPerPixel": 40000}, "SamplesPerPixel is 40000, and it must be 1"),
+    ({"NumberOfFrames": -1}, "NumberOfFrames is -1, and it must be 1 or more"),
     ({"Rows": 0}, "Rows is 0, and it must be from 1 to 65535"),
     ({"Columns": 0}, "Columns is 0, and it must be from 1 to 65535"),
 ]
@@ -184,3 +185,42 @@ def test_a_file_without_high_bit_is_read(tmp_path, save_stack):
         del dataset.HighBit
         dataset.save_as(path)
     np.testing.assert_array_equal(read_volume(tmp_path).values, hu)
+
+
+@pytest.mark.parametrize(
+    ("slope", "intercept"), [("0", "0"), ("nan", "0"), ("inf", "0"), ("1", "-1e10"), ("2e9", "0"), ("1", "nan")]
+)
+@pytest.mark.parametrize("kind", ["plain", "rle", "j2k", "frames"])
+def test_a_scale_that_gives_no_values_is_said_with_its_limit(tmp_path, save_slice, save_frames, kind, slope, intercept):
+    scale = {"RescaleSlope": slope, "RescaleIntercept": intercept}
+    compress = {"rle": uid.RLELossless, "j2k": uid.JPEG2000Lossless}.get(kind)
+    path = tmp_path / "ct.dcm"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # pydicom's, of what it is asked to write
+        if kind == "frames":
+            places = [(0, 0, z) for z in range(3)]
+            save_frames(path, np.zeros((3, 5, 7), np.uint16), places, slopes=[slope] * 3, intercepts=[intercept] * 3)
+        else:
+            for z in range(3):
+                name = tmp_path / f"{z}.dcm"
+                save_slice(name, np.ones((40, 40), np.uint16), (0, 0, z), compress=compress, **scale)
+    text = refused(path if kind == "frames" else tmp_path)
+    assert text == (
+        f"the series has a RescaleSlope of {float(slope):g} and a RescaleIntercept of {float(intercept):g}, which give "
+        "no usable values: the slope must not be 0, and both at most 1e+09; export it again"
+    )
+
+
+def test_frames_and_functional_groups_that_differ_in_number_are_said(tmp_path, save_frames):
+    dataset = save_frames(tmp_path / "ct.dcm", np.zeros((4, 5, 7), np.uint16), [(0, 0, z) for z in range(4)])
+    dataset.NumberOfFrames = 3
+    dataset.save_as(tmp_path / "ct.dcm")
+    expected = "ct.dcm is a truncated or damaged DICOM file (4 functional groups for 3 frames); export it again"
+    assert refused(tmp_path / "ct.dcm") == expected
+
+
+def test_a_direction_that_is_no_number_is_not_called_a_position(tmp_path, save_stack):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        save_stack(tmp_path, range(3), ImageOrientationPatient=["nan"] * 6)
+    refused(tmp_path, "none of the 3 slices or frames in", "has a direction (ImageOrientationPatient)")
