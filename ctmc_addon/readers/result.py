@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
-Spacing given by the user, mirrored axes and the meaning of the values are the same question in
-every format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
+Spacing given by the user, mirrored axes (placing.py) and the meaning of the values are the same question in every
+format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
 """
 
 from __future__ import annotations
@@ -28,14 +28,7 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import (
-    SliceReader,
-    ValueKind,
-    ValuesInMemory,
-    Volume,
-    anatomy_of,
-    box_of,
-)
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
