@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
-Spacing given by the user, mirrored axes and the meaning of the values are the same question in
-every format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
+Spacing given by the user, mirrored axes (placing.py) and the meaning of the values are the same question in every
+format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -28,10 +28,11 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
+from .placing import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
@@ -339,7 +340,8 @@ class VolumeSource(ABC):
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
-            affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
+            affine = np.eye(4)
+            affine[:3, :3] = AXIAL * lengths
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
@@ -352,6 +354,7 @@ class VolumeSource(ABC):
         elif spacing is not None:
             affine, own_spacing = respaced(affine, spacing)
             notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
+        require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
             notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
@@ -380,14 +383,6 @@ class VolumeSource(ABC):
 
             return (yield from without_table_steps(volume))
         return volume
-
-
-def taken_as_axial(what: str) -> str:
-    """Return the note for a format without orientation."""
-    return (
-        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
-        "rows towards the back, slices towards the head; flip x, y or z changes it"
-    )
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
@@ -423,26 +418,3 @@ def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
     return (int(sides[0]), int(sides[1]), int(sides[2]))
-
-
-def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
-    """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
-    mirrored = affine.copy()
-    for axis in ("xyz".index(letter) for letter in axes):
-        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
-        mirrored[:3, axis] *= -1.0
-    return mirrored
-
-
-def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Return the affine with columns of the lengths `spacing`, and words about those it had."""
-    lengths = spacing_of(affine)
-    scaled = affine.copy()
-    # An axis without length is left alone: Volume refuses it as singular.
-    scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm"
-
-
-def lengths_text(lengths: Iterable[float]) -> str:
-    """Three lengths in words: '0.5 x 0.5 x 2'."""
-    return " x ".join(f"{length:.4g}" for length in lengths)

@@ -16,7 +16,7 @@ from ctmc_addon.readers import ReadingOptions, open_volume, read_volume, read_vo
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"spacing": (1, 0, 1)}, "spacing along y must be above 0 mm, not 0; measure it or leave it out"),
+        ({"spacing": (1, 0, 1)}, "spacing along y must be from 1e-06 to 10000 mm, not 0; measure it or leave it out"),
         ({"spacing": (1, 1)}, "spacing is three numbers x, y, z in mm, not 2: (1, 1)"),
         ({"flip": "xx"}, "flip takes the axes x, y and z, each at most once, such as 'xz', not 'xx'"),
         ({"time": 0}, "time must be 1 or more, not 0"),

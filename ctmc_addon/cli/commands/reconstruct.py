@@ -261,14 +261,15 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
     LabelError
         If the volume cannot have a label.
     """
+    is_sibling = source.path == readers.segmentation_sibling(path)
     if label is not None:  # raises before the surface is made
-        names = readers.segmentation_names(path) if source.path == path else ()
+        names = () if is_sibling else readers.segmentation_names(path)
         if names and volume.kind == ValueKind.HU:
             raise LabelError(
                 f"{path.name} holds HU, and {names[0]} is not beside it; put it there, or give a threshold"
             )
         require_labels(volume)
-    if source.path != path:
+    if is_sibling:
         note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume

@@ -1,7 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
+from .affine import (
+    LEAST_SPACING_MM,
+    MOST_SPACING_MM,
+    SPACING_LIMITS,
+    is_spacing,
+    spacing_of,
+    to_index,
+    transform_faces,
+    transform_normals,
+    transform_points,
+)
 from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
@@ -82,7 +92,10 @@ __all__ = [
     "AIR",
     "ALL",
     "EDGES",
+    "LEAST_SPACING_MM",
+    "MOST_SPACING_MM",
     "PLANES",
+    "SPACING_LIMITS",
     "TINT_SHARE",
     "TISSUES",
     "Anatomy",
@@ -118,6 +131,7 @@ __all__ = [
     "in_label_colors",
     "inside_values_steps",
     "is_lesion",
+    "is_spacing",
     "label_extents_steps",
     "label_rgb",
     "label_slices",

@@ -6,6 +6,7 @@ An affine is a (4, 4) float64 matrix from the index (x, y, z) = (column, row, sl
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from ..errors import VolumeError
 
 MOST_MM = 1e9
+LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
+ROUNDED = 1e-6  # of a spacing: the limits are in them as float32 too
+SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
@@ -31,7 +35,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise VolumeError(f"the last row of an affine is 0 0 0 1, not {matrix[3]}")
     lengths = spacing_of(matrix)
-    if (lengths == 0).any() or abs(determinant(matrix)) < 1e-6 * lengths.prod():
+    if (lengths < 1.0 / MOST_MM).any() or abs(determinant(matrix)) < 1e-6 * lengths.prod():
         raise VolumeError(
             "the affine is singular: its axes lie in one plane or have no length; "
             "set the spacing, or repair the file's geometry"
@@ -48,7 +52,21 @@ def spacing_of(affine: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> spacing_of(np.diag([-0.5, 0.5, 2.0, 1.0])).tolist()
     [0.5, 0.5, 2.0]
     """
-    return np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    axes = affine[:3, :3]
+    exponents = np.frexp(np.abs(axes).max(axis=0))[1]  # powers of two keep the bits, and the squares from underflow
+    return np.ldexp(np.sqrt((np.ldexp(axes, -exponents) ** 2).sum(axis=0)), exponents)
+
+
+def is_spacing(lengths_mm: Iterable[float]) -> bool:
+    """Return whether distances between samples are in the limits of a CT, `SPACING_LIMITS`; NaN is not.
+
+    Examples
+    --------
+    >>> is_spacing((0.5, 0.5, 2.0)), is_spacing((0.5, 0.5, 3e-150))
+    (True, False)
+    """
+    low, high = LEAST_SPACING_MM * (1 - ROUNDED), MOST_SPACING_MM * (1 + ROUNDED)
+    return all(low <= length <= high for length in lengths_mm)
 
 
 def determinant(affine: NDArray[np.float64]) -> float:

@@ -19,6 +19,7 @@ from ...core import Budget, ReadError, Step, Steps, finish
 from ...core.volume import SliceReader, as_slice
 from ..value_kind import require_volume_memory
 from .header import Slice
+from .pixel_format import value_range
 from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mark, plain_type, real_ends
 from .stack_geometry import Stack
 from .stored import StoredPixels
@@ -157,19 +158,11 @@ def fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
     """Return whether the headers say that all values fit into a type, and that none of them is padding."""
     if any(one.image.pixels.padding is not None for one in slices):
         return False
-    scales = {(limits(one), one.geometry.slope, one.geometry.intercept) for one in slices}
+    if any(one.image.pixels.floating for one in slices):
+        return np.dtype(dtype).kind == "f"
+    scales = {(value_range(one.image.pixels), one.geometry.slope, one.geometry.intercept) for one in slices}
     ends = [end * slope + intercept for both, slope, intercept in scales for end in both]
     return fits(min(ends), max(ends), dtype)
-
-
-def limits(ct_slice: Slice) -> tuple[float, float]:
-    """Lowest and highest value that a stored pixel can have, as wide as its bits allow."""
-    options = ct_slice.image.pixels.options
-    bits, stored, signed = (options.get(name) for name in ("bits_allocated", "bits_stored", "pixel_representation"))
-    if not (isinstance(bits, int) and isinstance(stored, int | None) and isinstance(signed, int | None)):
-        return -math.inf, math.inf  # a damaged header has texts or lists there
-    bits = min(bits, stored or bits)
-    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
 
 
 def fits(low: float, high: float, dtype: Any) -> bool:

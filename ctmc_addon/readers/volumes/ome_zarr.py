@@ -22,7 +22,8 @@ from ..file_formats import natural_key
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..optional_imports import imported_steps
-from ..result import RawValues, ReadRequest, Series, VolumeSource, taken_as_axial
+from ..placing import taken_as_axial
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"

@@ -149,7 +149,7 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ),
         ("input,close_border\na.nii,perhaps\n", ["line 2", "write true or false"]),
         ("input,stride\na.nii,1 2\n", ["line 2", "write 3 numbers"]),
-        ("input,spacing\na.nii,0\n", ["line 2", "above 0 mm"]),
+        ("input,spacing\na.nii,0\n", ["line 2", "from 1e-06 to 10000 mm"]),
         ("input,label,threshold\na.nii,1,5\n", ["line 2", "choose one"]),
         ("input\na.nii,5\n", ["line 2", "2 cells", "1 column"]),
         ("input,spacing\na.nii,0.7 a 2\n", ["m.csv, line 2", "spacing cannot be '0.7 a 2'; write a number, not 'a'"]),

@@ -204,7 +204,7 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
         (["--jobs", "0"], "--jobs: must be 1 or more, not 0"),
         (["--threads", "0"], "--threads: must be 1 or more"),
         (["--alpha", "2"], "--alpha: must be from 0 to 1"),
-        (["--spacing", "0"], "above 0 mm"),
+        (["--spacing", "0"], "from 1e-06 to 10000 mm"),
     ],
 )
 def test_flags_outside_their_limits_are_wrong_usage(misused, cases, tmp_path, flags, words):

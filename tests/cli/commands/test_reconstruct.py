@@ -127,6 +127,19 @@ def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_pa
     assert "labels are taken from segmentation-4.nii.gz beside it" in outcome.out
 
 
+def test_one_slice_of_a_folder_takes_no_labels_from_it(ctmc, tmp_path):
+    from PIL import Image
+
+    for number in range(4):
+        plane = np.zeros((6, 7), np.uint8)
+        plane[2:4, 2:5] = 200 * (number in (1, 2))
+        Image.fromarray(plane).save(tmp_path / f"s{number}.png")
+    outcome = ctmc("reconstruct", tmp_path / "s2.png", "--threshold", "100", "-o", tmp_path / "s.stl")
+    assert outcome.code == 0, outcome.errors
+    assert "s2.png is one slice: its folder was read, 4 slices" in outcome.out
+    assert "labels" not in outcome.out
+
+
 def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path):
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.obj", "--label", "2")
     for word in ("seconds", "Reading", "Writing .obj", "triangles", " ml (", "cm2", "Euler", "visited", "t.obj"):

@@ -160,7 +160,7 @@ def test_a_singular_affine_is_refused(tmp_path):
     image.header["srow_y"] = 0
     nibabel.save(image, tmp_path / "ct.nii")
     content = bytearray((tmp_path / "ct.nii").read_bytes())
-    content[296:312] = bytes(16)
+    content[280:312] = np.array([1, 1, 0, 0, 0, 0, 0, 0], "<f4").tobytes()  # x and y run the same way
     (tmp_path / "ct.nii").write_bytes(content)
     with pytest.raises(CtmcError, match="affine is singular"):
         read_volume(tmp_path / "ct.nii")
