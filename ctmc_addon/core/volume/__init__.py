@@ -25,6 +25,7 @@ from .labels import (
     existing_labels_steps,
     label_extents_steps,
     labels_region,
+    not_a_label_steps,
     require_labels,
 )
 from .outside import AIR, ends_of_body, outside_air
@@ -77,6 +78,7 @@ from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
 from .volume import Box, Placed, Volume
+from .whole_labels import NotWholeError, WholeLabels, WholeNumbers
 
 __all__ = [
     "AIR",
@@ -92,6 +94,7 @@ __all__ = [
     "InsideValues",
     "LabelExtent",
     "Limits",
+    "NotWholeError",
     "Placed",
     "SliceIndex",
     "SliceReader",
@@ -100,6 +103,8 @@ __all__ = [
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "WholeLabels",
+    "WholeNumbers",
     "anatomy_of",
     "as_slice",
     "box_of",
@@ -126,6 +131,7 @@ __all__ = [
     "linear",
     "moved_limit",
     "moved_region",
+    "not_a_label_steps",
     "otsu",
     "outside_air",
     "placed_labels_steps",
