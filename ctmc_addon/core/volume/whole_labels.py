@@ -71,7 +71,9 @@ class WholeNumbers:
     def notes(self) -> tuple[str, ...]:
         """What was changed of the values so far; the same in any order of these."""
         distance, negative, label = self._farthest
-        rounded = f"Values that are not whole were read as the nearest label, such as {-negative:.7g} as {label}."
+        texts = (f"{-negative:.{digits}g}" for digits in (7, 9, 17))
+        text = next((text for text in texts if text != str(label)), "")
+        rounded = f"Values that are not whole were read as the nearest label, such as {text} as {label}."
         missing = "Voxels whose value is NaN were read as having no label."
         return (*([rounded] if distance else []), *([missing] if self._has_nan else []))
 

@@ -152,7 +152,8 @@ def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
     if labels.kind != ValueKind.LABEL:
         value = yield from not_a_label_steps(labels)
         if value:
-            raise LabelError(f"{labels.name} holds {labels.kind}s, such as {value}, and not labels; load it as a CT")
+            what = labels.kind.plural
+            raise LabelError(f"{labels.name} holds {what}, such as {value}, and not labels; load it as a CT")
         raise LabelError(f"{labels.name} holds {labels.kind} and not labels; load it as a CT")
     if not source.has_geometry and labels.shape == ct.shape:  # such as slices painted over those of the CT
         labels = replace(labels, affine=ct.affine)
