@@ -28,7 +28,17 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, WholeLabels, anatomy_of, box_of, spacing_of
+from ..core.volume import (
+    SliceReader,
+    ValueKind,
+    ValuesInMemory,
+    Volume,
+    WholeLabels,
+    WholeNumbers,
+    anatomy_of,
+    box_of,
+    spacing_of,
+)
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
@@ -355,11 +365,12 @@ class VolumeSource(ABC):
         kind = raw.kind
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
-            looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
+            numbers = WholeNumbers(reader.value_step, self.name)
+            looking = kind_steps(reader, numbers, self.name, is_label, raw.affine is not None)
             kind, found = yield from stages.run("Looking at the values", looking)
             notes += found
             if kind == ValueKind.LABEL and not reader.is_whole:
-                labels = WholeLabels(reader, self.name)
+                labels = WholeLabels(reader, numbers)  # whose notes are those that were found
                 if request.whole:
                     making = labels.in_place_steps() if found else reader.values_steps(*reader.everything)
                     values = yield from stages.run("Looking at the values", making)

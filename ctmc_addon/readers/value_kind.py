@@ -215,12 +215,14 @@ class Meaning(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) -> Steps[Meaning]:
+def kind_steps(
+    reader: SliceReader, numbers: WholeNumbers, name: str, is_label: bool, may_be_hu: bool
+) -> Steps[Meaning]:
     """Return what the values mean, where the file does not say it, or says that they are labels and has floats.
 
     Labels: the file says so (`is_label`); or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different. Floats that stand for
-    whole numbers (`WholeNumbers`) are whole numbers; if any does not, none is a label.
+    whole numbers, as `numbers` says, are whole numbers; if any does not, none is a label.
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
     No more is read than settles it: of HU mostly a few slices, of labels all.
     """
@@ -229,7 +231,7 @@ def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) 
         return Meaning(ValueKind.LABEL)
     if not (may_be_label or may_be_hu):
         return Meaning(ValueKind.GRAY)
-    seen, numbers = Seen(reader.dtype), WholeNumbers(reader.value_step, name)
+    seen = Seen(reader.dtype)
     may_be_negative = reader.dtype.kind in "if"
     notes: tuple[str, ...] = ()
 

@@ -7,7 +7,7 @@ import pytest
 from volumes import label_mask
 from zarr_stores import save_store
 
-from ctmc_addon.core import LabelError, finish
+from ctmc_addon.core import LabelError, ReconstructionSettings, finish, reconstruct
 from ctmc_addon.core.volume import label_extents_steps
 from ctmc_addon.readers import open_volume, read_volume
 
@@ -54,6 +54,14 @@ def test_labels_that_nibabel_scales_are_those_that_were_saved(tmp_path, read, na
     np.testing.assert_array_equal(volume.values.T, organs())
     assert [text for text in volume.notes if "whole" in text] == [note]
     assert list(finish(label_extents_steps(volume))) == [1, 6, 117]
+
+
+@pytest.mark.parametrize("read", [read_volume, slabs_of])
+def test_a_surface_in_a_region_has_the_note_once(tmp_path, read):
+    volume = read(saved(tmp_path / "organs.nii", organs(), np.uint8))
+    settings = ReconstructionSettings(label=6, region=(5, 0, 0, 11, 6, 6))  # the farthest value, 0.918, is not in it
+    notes = reconstruct(volume, settings).notes
+    assert [note for note in notes if "whole" in note] == [NEARLY.format("0.9176471", 1)]
 
 
 @pytest.mark.parametrize("read", [read_volume, slabs_of])

@@ -22,7 +22,7 @@ from ..progress import Steps
 from .affine import axis_codes, checked_affine, spacing_of, with_origin
 from .slice_reader import SliceReader, ValuesInMemory
 from .value_kind import ValueKind
-from .whole_labels import WholeLabels
+from .whole_labels import WholeLabels, WholeNumbers
 
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Start and stop along x, y, z."""
@@ -173,7 +173,10 @@ class Volume(Placed):
         readers = (self.reader, *self.layers)
         if all(reader.is_whole for reader in readers):
             return self
-        whole = [reader if reader.is_whole else WholeLabels(reader, self.name) for reader in readers]
+        whole = [
+            reader if reader.is_whole else WholeLabels(reader, WholeNumbers(reader.value_step, self.name))
+            for reader in readers
+        ]
         return replace(self, reader=whole[0], layers=tuple(whole[1:]))
 
     @property

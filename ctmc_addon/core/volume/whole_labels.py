@@ -124,14 +124,14 @@ class WholeLabels(SliceReader):
     Parameters
     ----------
     reader : SliceReader
-    name : str
-        Of the volume, for errors.
+    numbers : WholeNumbers
+        Turns its values into labels.
     """
 
     is_whole = True
 
-    def __init__(self, reader: SliceReader, name: str) -> None:
-        self.reader, self.numbers = reader, WholeNumbers(reader.value_step, name)
+    def __init__(self, reader: SliceReader, numbers: WholeNumbers) -> None:
+        self.reader, self.numbers = reader, numbers
         self.shape, self.dtype = reader.shape, reader.dtype
         self.chunk_slices, self.thread_safe = reader.chunk_slices, reader.thread_safe
 
