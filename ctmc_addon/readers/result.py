@@ -28,17 +28,7 @@ from ..core import (
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import (
-    SliceReader,
-    ValueKind,
-    ValuesInMemory,
-    Volume,
-    WholeLabels,
-    WholeNumbers,
-    anatomy_of,
-    box_of,
-    spacing_of,
-)
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
 from .file_formats import stem
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
@@ -365,18 +355,9 @@ class VolumeSource(ABC):
         kind = raw.kind
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
-            numbers = WholeNumbers(reader.value_step, self.name)
-            looking = kind_steps(reader, numbers, self.name, is_label, raw.affine is not None)
-            kind, found = yield from stages.run("Looking at the values", looking)
+            looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
+            kind, reader, found = yield from stages.run("Looking at the values", looking)
             notes += found
-            if kind == ValueKind.LABEL and not reader.is_whole:
-                labels = WholeLabels(reader, numbers)  # whose notes are those that were found
-                if request.whole:
-                    making = labels.in_place_steps() if found else reader.values_steps(*reader.everything)
-                    values = yield from stages.run("Looking at the values", making)
-                    reader = ValuesInMemory(values, is_whole=True)
-                else:
-                    reader = labels
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
             names, colors, table_notes = table_for(self.path, self.name)

@@ -12,7 +12,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Budget, Step, Steps, amount, require_memory
-from ..core.volume import NotWholeError, SliceReader, ValueKind, ValuesInMemory, WholeNumbers, fitting_stride
+from ..core.volume import (
+    NotWholeError,
+    SliceReader,
+    ValueKind,
+    ValuesInMemory,
+    WholeLabels,
+    WholeNumbers,
+    fitting_stride,
+)
 
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MASK_VALUES = (1, 255)  # inside, where outside is 0
@@ -209,29 +217,28 @@ def is_label_name(name: str) -> bool:
 
 
 class Meaning(NamedTuple):
-    """What values mean, and what a user must know of how that was found."""
+    """What values mean; where they are, labels as whole numbers; and what a user must know of it."""
 
     kind: ValueKind
+    reader: SliceReader
     notes: tuple[str, ...] = ()
 
 
-def kind_steps(
-    reader: SliceReader, numbers: WholeNumbers, name: str, is_label: bool, may_be_hu: bool
-) -> Steps[Meaning]:
+def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) -> Steps[Meaning]:
     """Return what the values mean, where the file does not say it, or says that they are labels and has floats.
 
     Labels: the file says so (`is_label`); or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different. Floats that stand for
-    whole numbers, as `numbers` says, are whole numbers; if any does not, none is a label.
+    whole numbers are whole numbers; if any does not, none is a label. They are rounded in place if they are in memory.
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
     No more is read than settles it: of HU mostly a few slices, of labels all.
     """
     may_be_label = is_label or is_label_name(name)
     if may_be_label and reader.is_whole:
-        return Meaning(ValueKind.LABEL)
+        return Meaning(ValueKind.LABEL, reader)
     if not (may_be_label or may_be_hu):
-        return Meaning(ValueKind.GRAY)
-    seen = Seen(reader.dtype)
+        return Meaning(ValueKind.GRAY, reader)
+    seen, numbers = Seen(reader.dtype), WholeNumbers(reader.value_step, name)
     may_be_negative = reader.dtype.kind in "if"
     notes: tuple[str, ...] = ()
 
@@ -256,8 +263,11 @@ def kind_steps(
 
     yield from reader.runs_steps(look)
     if seen.low <= seen.high and (may_be_label or (may_be_hu and seen.few)):
-        return Meaning(ValueKind.LABEL, numbers.notes)
-    return Meaning(ValueKind.HU if may_be_hu and seen.low < AIR_HU else ValueKind.GRAY, notes)
+        if not reader.is_whole:
+            labels = WholeLabels(reader, numbers)  # whose notes are those of this look
+            reader = labels if reader.own_bytes else (yield from labels.in_memory_steps())
+        return Meaning(ValueKind.LABEL, reader, numbers.notes)
+    return Meaning(ValueKind.HU if may_be_hu and seen.low < AIR_HU else ValueKind.GRAY, reader, notes)
 
 
 class NotAMask(Exception):

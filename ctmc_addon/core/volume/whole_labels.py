@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError
 from ..progress import Step, Steps
-from .slice_reader import SliceReader
+from .slice_reader import SliceReader, ValuesInMemory
 
 NEAR = 0.001  # A value may lie this share of its size from a whole number.
 HALF_STEP = 0.50005  # Scaled values are rounded to float32, so half a step is taken a little wider.
@@ -151,14 +151,14 @@ class WholeLabels(SliceReader):
         for start in range(0, len(out), self.at_once):
             self._round(out[start : start + self.at_once])
 
-    def in_place_steps(self) -> Steps[NDArray[Any]]:
-        """Return all values; those of a reader in memory are rounded where they are."""
+    def in_memory_steps(self) -> Steps[ValuesInMemory]:
+        """Return all labels, in the place of values that are in memory: these are rounded."""
         values = yield from self.reader.values_steps(*self.everything)
         out = values if values.flags.writeable else values.copy()
         for start in range(0, len(out), self.at_once):
             yield Step(start / len(out), "Looking at the values")
             self._round(out[start : start + self.at_once])
-        return out
+        return ValuesInMemory(out, is_whole=True)
 
     def _round(self, values: NDArray[Any]) -> None:
         whole = self.numbers.of(values)
