@@ -14,7 +14,13 @@ from ..core import LabelError, OutputError, Steps, Volume
 from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
 from ..core.segmentation import MOST_STRUCTURES, Layers, Mask, Window, margin_steps, require_count
-from ..core.volume import ValueKind, label_extents_steps, placed_labels_steps, structure_color
+from ..core.volume import (
+    ValueKind,
+    label_extents_steps,
+    not_a_label_steps,
+    placed_labels_steps,
+    structure_color,
+)
 from .arguments import with_flags
 
 RGB = tuple[int, int, int]
@@ -69,7 +75,9 @@ class Structures:
         """
         read = yield from readers.read_volume_steps(path)
         if read.kind != ValueKind.LABEL:
-            raise LabelError(f"{read.name} has no labels but {read.kind}s; give a label volume to --from")
+            value = yield from not_a_label_steps(read)
+            what = f"{read.kind.plural}, such as {value}" if value else read.kind.plural
+            raise LabelError(f"{read.name} has no labels but {what}; give a label volume to --from")
         labels = yield from placed_labels_steps(read, ct)
         extents = yield from label_extents_steps(labels)
         if not extents:

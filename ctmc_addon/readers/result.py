@@ -130,7 +130,7 @@ class RawValues:
     notes : tuple of str
         What was assumed.
     kind : ValueKind or None
-        None where only name and values can tell.
+        None where only name and values can tell; labels that are stored as floats are looked at whatever it says.
     label_names : mapping of int to str
         Where the file has them.
     label_colors : mapping of int to (red, green, blue) int
@@ -334,7 +334,7 @@ class VolumeSource(ABC):
             if reader.own_bytes:
                 require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name, request.budget)
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
-            reader = ValuesInMemory(values)
+            reader = ValuesInMemory(values, reader.value_step)
         spacing = request.spacing
         notes = [*earlier_notes, *raw.notes]
         affine = raw.affine
@@ -359,13 +359,15 @@ class VolumeSource(ABC):
             affine = flipped(affine, reader.shape[::-1], request.flip)
             notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
         kind = raw.kind
-        if kind is None:
-            looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
-            kind = yield from stages.run("Looking at the values", looking)
+        if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
+            is_label = kind == ValueKind.LABEL or bool(raw.label_names)
+            looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
+            kind, reader, found = yield from stages.run("Looking at the values", looking)
+            notes += found
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
-            names, colors, found = table_for(self.path, self.name)
-            notes += found
+            names, colors, table_notes = table_for(self.path, self.name)
+            notes += table_notes
         names = {value: one_line(name) for value, name in names.items()}
         if request.anatomy_colors or (raw.has_palette and not request.file_colors):
             kept = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}

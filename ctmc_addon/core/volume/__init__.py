@@ -35,6 +35,7 @@ from .labels import (
     existing_labels_steps,
     label_extents_steps,
     labels_region,
+    not_a_label_steps,
     require_labels,
 )
 from .outside import AIR, ends_of_body, outside_air
@@ -87,6 +88,7 @@ from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
 from .volume import Box, Placed, Volume
+from .whole_labels import NotWholeError, WholeLabels, WholeNumbers
 
 __all__ = [
     "AIR",
@@ -105,6 +107,7 @@ __all__ = [
     "InsideValues",
     "LabelExtent",
     "Limits",
+    "NotWholeError",
     "Placed",
     "SliceIndex",
     "SliceReader",
@@ -113,6 +116,8 @@ __all__ = [
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "WholeLabels",
+    "WholeNumbers",
     "anatomy_of",
     "as_slice",
     "box_of",
@@ -140,6 +145,7 @@ __all__ = [
     "linear",
     "moved_limit",
     "moved_region",
+    "not_a_label_steps",
     "otsu",
     "outside_air",
     "placed_labels_steps",

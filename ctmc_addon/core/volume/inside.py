@@ -64,6 +64,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     >>> finish(inside_values_steps(Volume(values, np.eye(4)), labels, 1))
     InsideValues(samples=2, mean=6.5, deviation=0.5)
     """
+    labels = labels.as_labels
     axes, shift = samples_on_grid(labels, ct)
     extent = yield from label_extent_steps(labels, label, box or whole_box(labels))
     if extent is None:

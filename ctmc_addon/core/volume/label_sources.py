@@ -33,6 +33,11 @@ class Renumbered(SliceReader):
         is_wide = reader.dtype.kind == "f" or reader.dtype.itemsize == 8
         self.dtype = reader.dtype if is_wide else np.dtype(np.int32)
 
+    @property
+    def is_whole(self) -> bool:
+        """Whether those of the other reader are whole numbers."""
+        return self.reader.is_whole
+
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Write the values with the number added."""
         values = self.reader.read(slices, rows, columns)
@@ -64,7 +69,7 @@ def placed_labels_steps(labels: Volume, ct: Volume) -> Steps[Volume]:
     layers: list[SliceReader] = []
     for number, layer in enumerate(labels.each_layer):
         yield Step(number / len(labels.each_layer), "Placing the labels")
-        layers.append(ValuesInMemory(_on_grid(layer, ct, axes, shift)))
+        layers.append(ValuesInMemory(_on_grid(layer, ct, axes, shift), is_whole=layer.reader.is_whole))
     return replace(labels, reader=layers[0], layers=tuple(layers[1:]), affine=ct.affine, box=None)
 
 

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import ReadError, Stages, Steps
-from ...core.volume import SPACING_LIMITS, SliceReader, ValueKind, ValuesInMemory, is_spacing
+from ...core.volume import SPACING_LIMITS, ValueKind, is_spacing
 from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..options import ReadingOptions
@@ -115,10 +115,9 @@ class DicomSource(VolumeSource):
         decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
         kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
-        reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
         mask = 0
         if not request.mask:
-            mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
+            mask = yield from stages.run("Looking at the values", is_mask_steps(values))
         notes += [*([] if mask or request.mask else meaning(ordered)), *stack.notes, *padding_notes]
         names = {mask: self.name} if mask else {}
         return RawValues(

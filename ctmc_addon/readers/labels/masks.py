@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import CtmcError, OutputError, ReadError, Stages, Step, Steps
-from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ...core.volume import NotWholeError, SliceReader, ValueKind, ValuesInMemory, WholeNumbers
 from ..dicom.series import DicomSource, FolderContent
 from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
@@ -68,13 +68,13 @@ class MaskFolder(VolumeSource):
             elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
                 raise other_grid(self.path, first_name, name)
             try:
-                yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
+                rounded = yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
             except NotAMask as error:
                 raise ReadError(
                     f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask and the folder not "
                     f"one of masks; choose one of its files"
                 ) from error
-            notes += [note for note in raw.notes if note not in notes]
+            notes += [note for note in (*raw.notes, *rounded) if note not in notes]
         assert label_map is not None, "there are masks"
         notes += label_map.overlap_note("masks")
         notes += label_map.empty_note("masks")
@@ -82,18 +82,19 @@ class MaskFolder(VolumeSource):
         return RawValues(first, affine, tuple(notes), ValueKind.LABEL, label_map.names, layers=tuple(further))
 
 
-def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
-    """Read a mask some slices at a time and give its voxels `label`.
+def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[tuple[str, ...]]:
+    """Read a mask some slices at a time and give its voxels `label`; return what was changed of its values.
 
     Outside is 0 where it occurs, as -1 may be 255 in 8 bits with a sign; else the lower of two values, as DICOM's
     intercept may have moved both. Slices of one value below 0 wait until the other is known, and are outside without.
     """
     seen: set[float] = set()
     done = waiting = 0
+    numbers = WholeNumbers(reader.value_step, "")
 
     def look(values: NDArray[Any]) -> bool:
         nonlocal done, waiting
-        for plane in values:
+        for plane in whole_if_nearly(values, numbers):
             before = next(iter(seen), 0.0)
             own = two_values(plane)
             seen.update(own)
@@ -113,6 +114,15 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
         return False
 
     yield from reader.runs_steps(look)
+    return numbers.notes
+
+
+def whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
+    """Return values of a mask as the whole numbers they stand for; themselves where one stands for none."""
+    try:
+        return numbers.of(values)
+    except NotWholeError:
+        return values
 
 
 def same_place(
@@ -168,10 +178,11 @@ def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
         return False
     reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
     seen: set[float] = set()
+    numbers = WholeNumbers(reader.value_step, "")
 
     def look(values: NDArray[Any]) -> bool:
         try:
-            seen.update(two_values(values))
+            seen.update(two_values(whole_if_nearly(values, numbers)))
         except NotAMask:
             seen.update((-1.0, -2.0, -3.0))
         return len(seen) > 2

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
+from ...core.volume import ValueKind
 from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..optional_imports import reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
@@ -54,8 +55,9 @@ class NiftiFile(VolumeSource):
         start = int(self.header.start)
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
+        kind = ValueKind.LABEL if self.header.holds_labels else None
         names, colors = label_table(self.extensions)
-        return RawValues(values, affine, notes, None, names, colors, is_palette(colors))
+        return RawValues(values, affine, notes, kind, names, colors, is_palette(colors))
 
 
 def open_steps(path: Path) -> Steps[NiftiFile]:

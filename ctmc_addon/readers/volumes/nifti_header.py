@@ -18,6 +18,7 @@ SIZES = (348, 540)  # bytes of a header of version 1 and 2, which begins with th
 # The byte where a field begins and its type as `struct` writes it, in version 1 and 2.
 FIELDS = {
     "dim": ((40, "8h"), (16, "8q")),
+    "intent": ((68, "h"), (504, "i")),
     "datatype": ((70, "h"), (12, "h")),
     "pixdim": ((76, "8f"), (104, "8d")),
     "vox_offset": ((108, "f"), (168, "q")),
@@ -39,6 +40,7 @@ TYPES = {
 }  # fmt: skip
 UNITS = {1: "meter", 2: "mm", 3: "micron"}
 LAST_CODE = 5  # of an orientation; 0 is none
+LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: each value is the number of a label
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,6 +101,11 @@ class NiftiHeader:
         if not np.isfinite(intercept):
             raise ValueError(f"valid slope but invalid intercept {intercept:g}")
         return slope, intercept
+
+    @property
+    def holds_labels(self) -> bool:
+        """Return whether the file says that its values are labels."""
+        return bool(self["intent"] == (LABEL_INTENT,))
 
     @property
     def unit(self) -> str:

@@ -121,7 +121,7 @@ class OmeZarr(VolumeSource):
             count = len(self.series)
             notes.append(f"{count} channels found: channel 1 was read; give its number as the series, 1 to {count}")
         names, colors = label_facts(self.image.labels or {})
-        kind = ValueKind.LABEL if self.image.labels is not None and header.dtype.kind in "bui" else None
+        kind = None if self.image.labels is None else ValueKind.LABEL
         return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors)
         yield  # the values are read where they are wanted
 
