@@ -1,0 +1,140 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The planes of structures to pixels of the volume's slices, one structure and one pair of planes at a time."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import groupby
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ....core import ReadError, Step, Steps
+from ....core.segmentation import bodies_between
+from ...labels.contours import Filled, edges_of, filled_steps
+from ...labels.label_map import LabelMap, limited
+from ...labels.overlaps import United, united_steps
+from .contour_planes import Layout, Plane, Source
+from .slice_grid import SliceGrid
+
+MOST_CROSSINGS = 1 << 26  # of edges with rows of pixels; real sets have some millions
+
+
+def fill_steps(
+    label_map: LabelMap, structures: Sequence[Sequence[Plane]], layouts: Sequence[Layout], grid: SliceGrid, name: str
+) -> Steps[list[str]]:
+    """Paint every structure, and return the notes: which slices were filled between contours, and what was united.
+
+    Parameters
+    ----------
+    label_map : LabelMap
+        Its labels count the structures from 1.
+    structures, layouts
+        The planes of each structure, and which slice takes which of them.
+    grid : SliceGrid
+    name : str
+        The file, for an error.
+    """
+    total = max(1, sum(len(layout.sources) for layout in layouts))
+    done = crossings = 0
+    united, apart = Counter[int](), Counter[int]()  # labels: planes, slices
+    for label, (planes, layout) in enumerate(zip(structures, layouts, strict=True), 1):
+        filled: dict[int, Filled] = {}
+        for numbers, group in groupby(layout.sources, lambda source: (source.below, source.above)):
+            for number in numbers:
+                if number not in filled:
+                    crossings += int(edges_of(planes[number].contours, grid.shape[1]).crossings.sum())
+                    if crossings > MOST_CROSSINGS:
+                        raise ReadError(
+                            f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, which no "
+                            "drawing does; export it again"
+                        )
+                    filled[number], changed = yield from _plane_steps(planes[number], grid, name)
+                    united[label] += changed
+            filled = {number: filled[number] for number in numbers}  # the planes below are done
+            sources = list(group)
+            if numbers[0] == numbers[1]:
+                top, left, mask = filled[numbers[0]]
+                for source in sources:
+                    label_map.paint(source.slice_, mask, label, top, left)
+            else:
+                apart[label] += _paint_between(
+                    label_map, label, sources, [filled[number] for number in numbers], grid.spacing
+                )
+            done += len(sources)
+            yield Step(done / total, "Filling contours")
+    return [
+        *_overlap_notes(label_map, united),
+        *_between_notes(label_map, layouts, grid.slice_mm, apart),
+        *_gap_notes(label_map, layouts),
+    ]
+
+
+def _plane_steps(plane: Plane, grid: SliceGrid, name: str) -> Steps[United]:
+    """Fill the contours of one plane."""
+    _, rows, columns = grid.shape
+    if plane.xor or len(plane.contours) == 1:
+        return United((yield from filled_steps(edges_of(plane.contours, rows), columns)), False)
+    return (yield from united_steps(plane.contours, rows, columns, name))
+
+
+def _paint_between(
+    label_map: LabelMap, label: int, sources: Sequence[Source], planes: Sequence[Filled], sides_mm: Sequence[float]
+) -> int:
+    """Paint the slices between two planes; return how many are empty although neither plane is."""
+    visible = [plane for plane in planes if plane.mask.size]
+    if not visible:
+        return 0
+    top, left = (min(plane[axis] for plane in visible) for axis in (0, 1))
+    bottom, right = (max(plane[axis] + plane.mask.shape[axis] for plane in visible) for axis in (0, 1))
+    masks: list[NDArray[np.bool_]] = []
+    for plane in planes:
+        mask = np.zeros((bottom - top + 2, right - left + 2), np.bool_)  # with a margin of a pixel
+        if plane.mask.size:
+            row, column = plane.top - top + 1, plane.left - left + 1
+            mask[row : row + plane.mask.shape[0], column : column + plane.mask.shape[1]] = plane.mask
+        masks.append(mask)
+    empty = 0
+    bodies = bodies_between(masks[0], masks[1], [source.share for source in sources], sides_mm)
+    for source, body in zip(sources, bodies, strict=True):
+        label_map.paint(source.slice_, body[1:-1, 1:-1], label, top, left)
+        empty += not body.any()
+    return empty if all(mask.any() for mask in masks) else 0
+
+
+def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
+    named = [f"{label_map.name(label)} in {_counted(count, 'plane')}" for label, count in united.items() if count]
+    return [f"contours that overlap in part were united: {limited(named)}"] if named else []
+
+
+def _between_notes(
+    label_map: LabelMap, layouts: Sequence[Layout], slice_mm: float, apart: Counter[int]
+) -> list[str]:
+    named = [
+        f"{label_map.name(label)} {_counted(layout.between, 'slice')} (contours {layout.usual_mm:.4g} mm apart)"
+        for label, layout in enumerate(layouts, 1)
+        if layout.between
+    ]
+    notes = []
+    if named:
+        notes.append(
+            f"slices lie {slice_mm:.4g} mm apart, and those between contours were filled by distance: {limited(named)}"
+        )
+    named = [f"{label_map.name(label)} {_counted(count, 'slice')}" for label, count in apart.items() if count]
+    if named:
+        notes.append(f"slices between contours that lie beside each other are empty: {limited(named)}")
+    return notes
+
+
+def _gap_notes(label_map: LabelMap, layouts: Sequence[Layout]) -> list[str]:
+    named = [
+        f"{label_map.name(label)} {gap:.4g} mm" for label, layout in enumerate(layouts, 1) for gap in layout.gaps_mm
+    ]
+    if not named:
+        return []
+    return [f"gaps between contours far wider than the usual distance stay empty: {limited(named)}"]
+
+
+def _counted(count: int, noun: str) -> str:
+    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
