@@ -1,57 +1,170 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The body between two parallel planes: signed distances in each, interpolated linearly from one to the other.
+"""The body between two parallel planes: signed distances to its contours in each, interpolated linearly.
 
-Raya and Udupa 1990, doi:10.1109/42.52980. `between_slices` smooths such a body and needs its planes on slices; here a
-plane may lie anywhere, and a slice takes nothing but the two planes around it.
+Raya and Udupa 1990, doi:10.1109/42.52980. `between_slices` does so with cubics and smooths the body, and needs planes
+that are slices; here a plane lies anywhere and has contours, which are finer than samples.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from .distance import Floats, Mask, signed_mm
+from ..progress import PAUSE, Steps
+from .distance import Mask, squared_distances
 
 ON_SURFACE = 1e-3  # A sample this near to the body, in sides of a sample, is inside.
 FIRST_LIMIT = 8  # Distances are measured this far first, in sides of a sample, then twice as far until all are found.
+TILE = 16  # Samples of so many rows and columns are compared with the edges around them.
+PAIRS = 1 << 16  # Samples and edges that are compared at once; their distances stay in the processor's cache.
+
+Floats = NDArray[np.float64]
 
 
-def bodies_between(below: Mask, above: Mask, shares: Sequence[float], sides_mm: Sequence[float]) -> Iterator[Mask]:
-    """Yield the body on slices between two planes.
+class Outline(NamedTuple):
+    """A body in a plane.
+
+    Parameters
+    ----------
+    mask : (rows, columns) bool
+        Its samples, with a margin of one without.
+    start, end : (n, 2) float64
+        Edges of its contours, column and row in samples; some may lie within the body.
+    """
+
+    mask: Mask
+    start: Floats
+    end: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class BetweenPlanes:
+    """The body between two planes.
 
     Samples inside of both planes are inside, those outside of both are outside: distances decide the others alone.
 
     Parameters
     ----------
-    below, above : (rows, columns) bool
-        The body in each plane, with a margin of one sample without body.
-    shares : sequence of float
-        For each slice its way from the plane below to the one above: 0 to 1.
+    both, differing : (rows, columns) bool
+        Samples that are inside of both planes, and inside of one.
+    below, above : (n,) float64
+        Signed distances of those that differ to the contours of each plane, + inside.
+    least : float
+        Distance from which on a sample is inside.
+    """
+
+    both: Mask
+    differing: Mask
+    below: Floats
+    above: Floats
+    least: float
+
+    def at(self, share: float) -> Mask:
+        """Return the body of a slice, (rows, columns) bool.
+
+        Parameters
+        ----------
+        share : float
+            The slice's way from the plane below to the one above: 0 to 1.
+        """
+        body = self.both.copy()
+        body[self.differing] = (1 - share) * self.below + share * self.above >= self.least
+        return body
+
+
+def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, float]) -> Steps[BetweenPlanes]:
+    """Measure what lies between two planes.
+
+    Parameters
+    ----------
+    below, above : Outline
+        Of one shape.
     sides_mm : (rows, columns) float
         Distances between samples.
 
     Examples
     --------
-    >>> planes = [np.array([[0, 1, 1] + [0] * 6], bool), np.array([[0] + [1] * 7 + [0]], bool)]
-    >>> [body.sum().item() for body in bodies_between(*planes, [0.0, 0.25, 0.5, 1.0], (1.0, 1.0))]
-    [2, 3, 5, 7]
+    >>> from ctmc_addon.core import finish
+    >>> def interval(low, high):
+    ...     mask = np.array([[False] * 12, [low < at < high for at in range(12)], [False] * 12])
+    ...     corners = np.array([[low, 0.5], [high, 0.5], [high, 1.5], [low, 1.5]])
+    ...     return Outline(mask, corners, np.roll(corners, -1, axis=0))
+    >>> between = finish(between_planes_steps(interval(0.5, 2.5), interval(0.5, 8.5), (9.0, 1.0)))
+    >>> [between.at(share).sum().item() for share in (0.0, 0.25, 0.5, 1.0)]
+    [2, 3, 5, 8]
     """
-    differing = below ^ above
-    mm = [_signed_mm_at(layer, differing, sides_mm) for layer in (below, above)] if differing.any() else None
-    for share in shares:
-        body = below & above
-        if mm is not None:
-            body[differing] = (1 - share) * mm[0] + share * mm[1] >= -ON_SURFACE * min(sides_mm)
-        yield body
+    differing = below.mask ^ above.mask
+    below_mm = yield from _signed_mm_steps(below, differing, sides_mm)
+    above_mm = yield from _signed_mm_steps(above, differing, sides_mm)
+    return BetweenPlanes(below.mask & above.mask, differing, below_mm, above_mm, -ON_SURFACE * min(sides_mm))
 
 
-def _signed_mm_at(layer: Mask, wanted: Mask, sides_mm: Sequence[float]) -> Floats:
-    """Return the signed distances of some samples, (n,), measured no farther than they need."""
+def _signed_mm_steps(outline: Outline, wanted: Mask, sides_mm: tuple[float, float]) -> Steps[Floats]:
+    """Return the distances of some samples to the contours, (n,), + inside.
+
+    A contour passes between a sample and the nearest one on its other side, and at most about a sample's diagonal from
+    that one. An edge that is nearer lies within the body, as those of a keyhole do.
+    """
+    inside = outline.mask[wanted]
+    if not inside.size:
+        return np.zeros(0)
+    most_mm = np.empty(inside.size)
+    for side, mask in ((inside, ~outline.mask), (~inside, outline.mask)):
+        most_mm[side] = _to_samples_mm(mask, wanted & ~mask, sides_mm)
+    mm = yield from _to_edges_steps(outline, wanted, most_mm, sides_mm)
+    if outline.mask.any():  # else all contours pass between the centers of samples
+        mm = np.clip(mm, most_mm - float(np.hypot(*sides_mm)), most_mm)
+    return np.where(inside, mm, -mm)
+
+
+def _to_samples_mm(mask: Mask, wanted: Mask, sides_mm: tuple[float, float]) -> Floats:
+    """Return the distances from some samples to the nearest of a mask, (n,); infinite where it has none."""
+    rows_mm, columns_mm = sides_mm
     limit_mm = FIRST_LIMIT * max(sides_mm)
     while True:
-        signed = signed_mm(layer, sides_mm, limit_mm)[wanted]
-        # Distances between centers are exact up to the limit, and these are up to half a side nearer.
-        if float(np.abs(signed).max()) <= limit_mm - max(sides_mm) or limit_mm > max(layer.shape) * 2 * max(sides_mm):
-            return signed
+        squares = squared_distances(mask[None], (columns_mm, rows_mm, 1.0), limit_mm)[0][wanted]
+        if not mask.any() or float(squares.max(initial=0.0)) <= limit_mm * limit_mm:
+            return np.sqrt(squares.astype(np.float64))
         limit_mm *= 2
+
+
+def _to_edges_steps(
+    outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: tuple[float, float]
+) -> Steps[Floats]:
+    """Return the distances from some samples to the nearest edge, (n,); edges beyond `most_mm` may be left out."""
+    rows_mm, columns_mm = sides_mm
+    rows, columns = np.nonzero(wanted)
+    x, y = columns * columns_mm, rows * rows_mm
+    start, end = outline.start * (columns_mm, rows_mm), outline.end * (columns_mm, rows_mm)
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    squares = np.full(len(x), np.inf)
+    tile = rows // TILE * wanted.shape[1] + columns // TILE
+    order = np.argsort(tile, kind="stable")
+    for samples in np.split(order, np.flatnonzero(np.diff(tile[order])) + 1):
+        reach = float(most_mm[samples].max()) * (1 + 1e-6)
+        near = (high[:, 0] >= x[samples].min() - reach) & (low[:, 0] <= x[samples].max() + reach)
+        near &= (high[:, 1] >= y[samples].min() - reach) & (low[:, 1] <= y[samples].max() + reach)
+        edges = np.flatnonzero(near)
+        for first in range(0, len(edges), PAIRS // (TILE * TILE)):
+            part = edges[first : first + PAIRS // (TILE * TILE)]
+            nearest = _squared_mm(x[samples], y[samples], start[part], end[part])
+            squares[samples] = np.minimum(squares[samples], nearest)
+            yield PAUSE
+    return np.sqrt(squares)
+
+
+def _squared_mm(x: Floats, y: Floats, start: Floats, end: Floats) -> Floats:
+    """Return the squared distance from each point, (n,), to the nearest of the edges."""
+    along_x, along_y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
+    length = along_x * along_x + along_y * along_y
+    from_x, from_y = x[:, None] - start[:, 0], y[:, None] - start[:, 1]  # (points, edges)
+    share = from_x * along_x + from_y * along_y
+    np.divide(share, length, out=share, where=length > 0)
+    np.clip(share, 0.0, 1.0, out=share)
+    from_x -= share * along_x
+    from_y -= share * along_y
+    nearest: Floats = (from_x * from_x + from_y * from_y).min(axis=1)
+    return nearest

@@ -22,7 +22,7 @@ from ..progress import PAUSE, Stages, Step, Steps
 from ..volume.smoothing.bounds import NEAREST_ZERO, Start
 from ..volume.smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
 from ..volume.smoothing.relaxation import relax_steps
-from .distance import Floats, Mask, Spacing, signed_mm
+from .distance import Floats, Mask, Spacing, squared_distances
 
 NARROW_PIXELS = 3  # to either side of the surface that are smoothed
 ROUNDS = 24  # of smoothing
@@ -153,7 +153,7 @@ def _distances_steps(drawn: Mask, numbers: NDArray[np.intp], sides_mm: Sequence[
     """Measure the drawn slices; a slope is the harmonic mean of those to either side, 0 where they differ in sign."""
     values = np.empty(drawn.shape, np.float32)
     for at, layer in enumerate(drawn):
-        values[at] = signed_mm(layer, sides_mm)
+        values[at] = _signed_mm(layer, sides_mm)
         yield Step((at + 1) / len(drawn))
     slopes = np.zeros(drawn.shape, np.float32)
     before = None
@@ -206,3 +206,19 @@ def _start_steps(bricks: Bricks, known: Distances, voxel_mm: Spacing) -> Steps[S
             high[part] = np.where((under < 0) & (over < 0), -least, infinite)
         yield PAUSE
     return Start(field, low, high)
+
+
+def _signed_mm(layer: NDArray[np.bool_], sides_mm: Sequence[float]) -> NDArray[np.float32]:
+    """Return the signed distance of a slice, (rows, columns), half a sample nearer than between centers; + inside.
+
+    Where the slice is empty, the distance is that of the farthest two samples; full, the same with a plus.
+    """
+    rows_mm, columns_mm = sides_mm
+    spacing = (columns_mm, rows_mm, 1.0)
+    farthest = np.float32(np.hypot(layer.shape[0] * rows_mm, layer.shape[1] * columns_mm))
+    signed = np.empty(layer.shape, np.float32)
+    half = np.float32(min(rows_mm, columns_mm) / 2)
+    for side, sign in ((layer, np.float32(1)), (~layer, np.float32(-1))):
+        distance = np.sqrt(squared_distances(~side[None], spacing)[0])
+        np.copyto(signed, sign * (np.minimum(distance, farthest) - half), where=side)
+    return signed

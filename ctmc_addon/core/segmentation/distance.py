@@ -9,7 +9,6 @@ that the limit allows. Masks are (slices, rows, columns); a grid's spacing is (x
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -82,34 +81,6 @@ def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.in
     """
     squares = _in_slices(mask, spacing_mm, limit_mm)
     return _least_along(0, squares, spacing_mm[2], limit_mm)
-
-
-def signed_mm(layer: Mask, sides_mm: Sequence[float], limit_mm: float = math.inf) -> Floats:
-    """Return the signed distance of a slice, (rows, columns), half a sample nearer than between centers; + inside.
-
-    Parameters
-    ----------
-    layer : (rows, columns) bool
-        Where it is empty, the distance is that of the farthest two samples; full, the same with a plus.
-    sides_mm : (rows, columns) float
-        Distances between samples.
-    limit_mm : float
-        Distances between centers are exact up to this; larger ones may be too large.
-
-    Examples
-    --------
-    >>> signed_mm(np.array([[False, False, True, True]]), (1.0, 1.0)).tolist()
-    [[-1.5, -0.5, 0.5, 1.5]]
-    """
-    rows_mm, columns_mm = sides_mm
-    spacing = (columns_mm, rows_mm, 1.0)
-    farthest = np.float32(np.hypot(layer.shape[0] * rows_mm, layer.shape[1] * columns_mm))
-    signed = np.empty(layer.shape, np.float32)
-    half = np.float32(min(rows_mm, columns_mm) / 2)
-    for side, sign in ((layer, np.float32(1)), (~layer, np.float32(-1))):
-        distance = np.sqrt(squared_distances(~side[None], spacing, limit_mm)[0])
-        np.copyto(signed, sign * (np.minimum(distance, farthest) - half), where=side)
-    return signed
 
 
 def _in_slices(mask: Mask, spacing_mm: Spacing, limit_mm: float) -> Floats:

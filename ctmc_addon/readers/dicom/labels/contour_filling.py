@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from itertools import groupby
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ....core import ReadError, Step, Steps
-from ....core.segmentation import bodies_between
+from ....core.segmentation import Outline, between_planes_steps
 from ...labels.contours import Filled, edges_of, filled_steps
 from ...labels.label_map import LabelMap, limited
 from ...labels.overlaps import United, united_steps
@@ -59,9 +58,8 @@ def fill_steps(
                 for source in sources:
                     label_map.paint(source.slice_, mask, label, top, left)
             else:
-                apart[label] += _paint_between(
-                    label_map, label, sources, [filled[number] for number in numbers], grid.spacing
-                )
+                pair = [(planes[number], filled[number]) for number in numbers]
+                apart[label] += yield from _paint_between_steps(label_map, label, sources, pair, grid)
             done += len(sources)
             yield Step(done / total, "Filling contours")
     return [
@@ -79,28 +77,31 @@ def _plane_steps(plane: Plane, grid: SliceGrid, name: str) -> Steps[United]:
     return (yield from united_steps(plane.contours, rows, columns, name))
 
 
-def _paint_between(
-    label_map: LabelMap, label: int, sources: Sequence[Source], planes: Sequence[Filled], sides_mm: Sequence[float]
-) -> int:
+def _paint_between_steps(
+    label_map: LabelMap, label: int, sources: Sequence[Source], pair: Sequence[tuple[Plane, Filled]], grid: SliceGrid
+) -> Steps[int]:
     """Paint the slices between two planes; return how many are empty although neither plane is."""
-    visible = [plane for plane in planes if plane.mask.size]
+    visible = [filled for _, filled in pair if filled.mask.size]
     if not visible:
         return 0
-    top, left = (min(plane[axis] for plane in visible) for axis in (0, 1))
-    bottom, right = (max(plane[axis] + plane.mask.shape[axis] for plane in visible) for axis in (0, 1))
-    masks: list[NDArray[np.bool_]] = []
-    for plane in planes:
+    top, left = (min(filled[axis] for filled in visible) for axis in (0, 1))
+    bottom, right = (max(filled[axis] + filled.mask.shape[axis] for filled in visible) for axis in (0, 1))
+    outlines = []
+    for plane, filled in pair:
         mask = np.zeros((bottom - top + 2, right - left + 2), np.bool_)  # with a margin of a pixel
-        if plane.mask.size:
-            row, column = plane.top - top + 1, plane.left - left + 1
-            mask[row : row + plane.mask.shape[0], column : column + plane.mask.shape[1]] = plane.mask
-        masks.append(mask)
+        row, column = filled.top - top + 1, filled.left - left + 1
+        if filled.mask.size:
+            mask[row : row + filled.mask.shape[0], column : column + filled.mask.shape[1]] = filled.mask
+        edges = edges_of(plane.contours, grid.shape[1])
+        corner = np.array([left - 1, top - 1])
+        outlines.append(Outline(mask, edges.start - corner, edges.end - corner))
     empty = 0
-    bodies = bodies_between(masks[0], masks[1], [source.share for source in sources], sides_mm)
-    for source, body in zip(sources, bodies, strict=True):
+    between = yield from between_planes_steps(outlines[0], outlines[1], (grid.spacing[0], grid.spacing[1]))
+    for source in sources:
+        body = between.at(source.share)
         label_map.paint(source.slice_, body[1:-1, 1:-1], label, top, left)
         empty += not body.any()
-    return empty if all(mask.any() for mask in masks) else 0
+    return empty if len(visible) == 2 else 0
 
 
 def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
