@@ -18,8 +18,8 @@ from .distance import Mask, squared_distances
 
 ON_SURFACE = 1e-3  # A sample this near to the body, in sides of a sample, is inside.
 FIRST_LIMIT = 8  # Distances are measured this far first, in sides of a sample, then twice as far until all are found.
-TILE = 16  # Samples of so many rows and columns are compared with the edges around them.
-PAIRS = 1 << 16  # Samples and edges that are compared at once; their distances stay in the processor's cache.
+TILE = 32  # Samples of so many rows and columns are compared with the edges around them.
+PAIRS = 1 << 17  # Samples and edges that are compared at once; their distances stay in the processor's cache.
 
 Floats = NDArray[np.float64]
 
@@ -131,9 +131,7 @@ def _to_samples_mm(mask: Mask, wanted: Mask, sides_mm: tuple[float, float]) -> F
         limit_mm *= 2
 
 
-def _to_edges_steps(
-    outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: tuple[float, float]
-) -> Steps[Floats]:
+def _to_edges_steps(outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: tuple[float, float]) -> Steps[Floats]:
     """Return the distances from some samples to the nearest edge, (n,); edges beyond `most_mm` may be left out."""
     rows_mm, columns_mm = sides_mm
     rows, columns = np.nonzero(wanted)

@@ -109,9 +109,7 @@ def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
     return [f"contours that overlap in part were united: {limited(named)}"] if named else []
 
 
-def _between_notes(
-    label_map: LabelMap, layouts: Sequence[Layout], slice_mm: float, apart: Counter[int]
-) -> list[str]:
+def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: float, apart: Counter[int]) -> list[str]:
     named = [
         f"{label_map.name(label)} {_counted(layout.between, 'slice')} (contours {layout.usual_mm:.4g} mm apart)"
         for label, layout in enumerate(layouts, 1)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ MOST_SLICES = 65536
 FINEST_MM = 1e-3
 
 
-class SliceGrid(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SliceGrid:
     """Slices of one orientation and spacing.
 
     Parameters
@@ -55,9 +57,10 @@ class SliceGrid(NamedTuple):
     @property
     def gap(self) -> float:
         """Return the usual distance between slices, mm."""
-        heights = dot(self.positions, self._axes()[2])
+        heights = dot(self.positions, self._axes[2])
         return float(np.median(np.diff(heights)))
 
+    @cached_property
     def _axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         row, column = np.array(self.orientation[:3], np.float64), np.array(self.orientation[3:], np.float64)
         return row, column, checked_normal(row, column)
@@ -69,7 +72,7 @@ class SliceGrid(NamedTuple):
 
         Columns and rows are pixels and not rounded; the way is in mm.
         """
-        row, column, normal = self._axes()
+        row, column, normal = self._axes
         heights, along = dot(self.positions, normal), dot(points, normal)
         above = np.clip(np.searchsorted(heights, along), 1, len(heights) - 1)
         nearest = above - (along - heights[above - 1] <= heights[above] - along)
@@ -77,12 +80,12 @@ class SliceGrid(NamedTuple):
         x, y = dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]
         return nearest, x, y, along - heights[nearest]
 
-    @property
+    @cached_property
     def heights(self) -> NDArray[np.float64]:
         """Return the place of each slice of the volume along the normal, (slices,), mm."""
-        return dot(self.origins, self._axes()[2])
+        return dot(self.origins, self._axes[2])
 
-    @property
+    @cached_property
     def slice_mm(self) -> float:
         """Return the usual distance between slices of the volume, mm."""
         return float(np.median(np.diff(self.heights)))
@@ -92,7 +95,7 @@ class SliceGrid(NamedTuple):
 
         Outside of the slices the distance of the last two goes on.
         """
-        scanned = dot(self.positions, self._axes()[2])
+        scanned = dot(self.positions, self._axes[2])
         below = np.clip(np.searchsorted(scanned, heights, side="right") - 1, 0, len(scanned) - 2)
         numbers: NDArray[np.float64] = below + (heights - scanned[below]) / (scanned[below + 1] - scanned[below])
         return numbers
@@ -103,7 +106,7 @@ class SliceGrid(NamedTuple):
         The height is along the normal, mm. Between slices the first pixel lies between theirs, so that a body along a
         tilted stack keeps its pixels. Then how far the contour leaves its plane, mm.
         """
-        row, column, normal = self._axes()
+        row, column, normal = self._axes
         heights, along = self.heights, dot(points, normal)
         height = float(along.min() + along.max()) / 2
         above = int(np.clip(np.searchsorted(heights, height), 1, len(heights) - 1))
@@ -208,9 +211,7 @@ def grid_of_frames(
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start
     affine[:2] *= -1.0  # LPS to RAS
     origins = start + slices[:, None] * step
-    return SliceGrid(
-        origins, tuple(orientation), tuple(spacing), (count, *size), affine, slices, origins
-    ), notes
+    return SliceGrid(origins, tuple(orientation), tuple(spacing), (count, *size), affine, slices, origins), notes
 
 
 def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
