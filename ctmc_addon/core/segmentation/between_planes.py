@@ -103,10 +103,9 @@ def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, 
 
 
 def _signed_mm_steps(outline: Outline, wanted: Mask, sides_mm: tuple[float, float]) -> Steps[Floats]:
-    """Return the distances of some samples to the contours, (n,), + inside.
+    """Return the distances of some samples to the surface, (n,), + inside.
 
-    A contour passes between a sample and the nearest one on its other side, and at most about a sample's diagonal from
-    that one. An edge that is nearer lies within the body, as those of a keyhole do.
+    The surface passes between a sample and the nearest one on its other side, so it is no farther than that one.
     """
     inside = outline.mask[wanted]
     if not inside.size:
@@ -115,8 +114,6 @@ def _signed_mm_steps(outline: Outline, wanted: Mask, sides_mm: tuple[float, floa
     for side, mask in ((inside, ~outline.mask), (~inside, outline.mask)):
         most_mm[side] = _to_samples_mm(mask, wanted & ~mask, sides_mm)
     mm = yield from _to_edges_steps(outline, wanted, most_mm, sides_mm)
-    if outline.mask.any():  # else all contours pass between the centers of samples
-        mm = np.clip(mm, most_mm - float(np.hypot(*sides_mm)), most_mm)
     return np.where(inside, mm, -mm)
 
 
@@ -132,37 +129,68 @@ def _to_samples_mm(mask: Mask, wanted: Mask, sides_mm: tuple[float, float]) -> F
 
 
 def _to_edges_steps(outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: tuple[float, float]) -> Steps[Floats]:
-    """Return the distances from some samples to the nearest edge, (n,); edges beyond `most_mm` may be left out."""
-    rows_mm, columns_mm = sides_mm
+    """Return the distances from some samples to the nearest edge on the surface, (n,), `most_mm` where none is nearer.
+
+    Edges of a keyhole and of united contours lie in part within the body. A point of an edge is on the surface if
+    samples around it lie on both sides.
+    """
     rows, columns = np.nonzero(wanted)
-    x, y = columns * columns_mm, rows * rows_mm
-    start, end = outline.start * (columns_mm, rows_mm), outline.end * (columns_mm, rows_mm)
-    low, high = np.minimum(start, end), np.maximum(start, end)
-    squares = np.full(len(x), np.inf)
+    scale = np.array(sides_mm[::-1])
+    low, high = np.minimum(outline.start, outline.end) * scale, np.maximum(outline.start, outline.end) * scale
+    surface = _on_surface(outline.mask)
+    at_mm = np.stack([columns, rows], axis=1) * scale
+    nearest_mm = most_mm.copy()
     tile = rows // TILE * wanted.shape[1] + columns // TILE
     order = np.argsort(tile, kind="stable")
     for samples in np.split(order, np.flatnonzero(np.diff(tile[order])) + 1):
         reach = float(most_mm[samples].max()) * (1 + 1e-6)
-        near = (high[:, 0] >= x[samples].min() - reach) & (low[:, 0] <= x[samples].max() + reach)
-        near &= (high[:, 1] >= y[samples].min() - reach) & (low[:, 1] <= y[samples].max() + reach)
-        edges = np.flatnonzero(near)
+        near = (high >= at_mm[samples].min(axis=0) - reach) & (low <= at_mm[samples].max(axis=0) + reach)
+        edges = np.flatnonzero(near.all(axis=1))
         for first in range(0, len(edges), PAIRS // (TILE * TILE)):
             part = edges[first : first + PAIRS // (TILE * TILE)]
-            nearest = _squared_mm(x[samples], y[samples], start[part], end[part])
-            squares[samples] = np.minimum(squares[samples], nearest)
+            own = _distances_mm(at_mm[samples], outline.start[part], outline.end[part], surface, sides_mm)
+            nearest_mm[samples] = np.minimum(nearest_mm[samples], own)
             yield PAUSE
-    return np.sqrt(squares)
+    return nearest_mm
 
 
-def _squared_mm(x: Floats, y: Floats, start: Floats, end: Floats) -> Floats:
-    """Return the squared distance from each point, (n,), to the nearest of the edges."""
+def _distances_mm(at_mm: Floats, start: Floats, end: Floats, surface: Mask, sides_mm: tuple[float, float]) -> Floats:
+    """Return the distance from each sample, (n,), to the nearest edge whose nearest point is on the surface."""
+    rows_mm, columns_mm = sides_mm
     along_x, along_y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
-    length = along_x * along_x + along_y * along_y
-    from_x, from_y = x[:, None] - start[:, 0], y[:, None] - start[:, 1]  # (points, edges)
-    share = from_x * along_x + from_y * along_y
+    mm_x, mm_y = along_x * columns_mm, along_y * rows_mm
+    length = mm_x * mm_x + mm_y * mm_y
+    from_x = at_mm[:, :1] - start[:, 0] * columns_mm  # (samples, edges)
+    from_y = at_mm[:, 1:] - start[:, 1] * rows_mm
+    share = from_x * mm_x + from_y * mm_y
     np.divide(share, length, out=share, where=length > 0)
     np.clip(share, 0.0, 1.0, out=share)
-    from_x -= share * along_x
-    from_y -= share * along_y
-    nearest: Floats = (from_x * from_x + from_y * from_y).min(axis=1)
-    return nearest
+    from_x -= share * mm_x
+    from_y -= share * mm_y
+    squares = from_x * from_x + from_y * from_y
+    row = np.rint(2 * np.clip(start[:, 1] + share * along_y, 0, (surface.shape[0] - 1) / 2)).astype(np.intp)
+    column = np.rint(2 * np.clip(start[:, 0] + share * along_x, 0, (surface.shape[1] - 1) / 2)).astype(np.intp)
+    nearest: Floats = np.where(surface[row, column], squares, np.inf).min(axis=1)
+    return np.sqrt(nearest)
+
+
+def _on_surface(mask: Mask) -> Mask:
+    """Return where samples lie on both sides, at every half row and column, (2 rows - 1, 2 columns - 1).
+
+    Looked at are the samples beside a half, and those on a whole row with both neighbors. Everywhere where the mask is
+    empty: then all contours pass between samples.
+    """
+    if not mask.any():
+        return np.ones((2 * mask.shape[0] - 1, 2 * mask.shape[1] - 1), bool)
+    both = []
+    for side in (mask, ~mask):
+        for axis in (0, 1):
+            rows = np.moveaxis(side, axis, 0)
+            halves = np.zeros((2 * len(rows) - 1, rows.shape[1]), bool)
+            halves[1::2] = rows[:-1] | rows[1:]
+            halves[::2] = rows
+            halves[2::2] |= halves[1::2]
+            halves[:-1:2] |= halves[1::2]
+            side = np.moveaxis(halves, 0, axis)
+        both.append(side)
+    return both[0] & both[1]

@@ -97,14 +97,6 @@ def test_points_and_open_lines_enclose_nothing_and_are_said(ct, save_structures)
         assert said(volume, text), (text, volume.notes)
 
 
-def test_slices_between_contours_take_the_nearest(ct, save_structures):
-    save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5 + z, 9.5, z)) for z in (0, 4, 8)]})
-    volume = read_volume(ct / "rt.dcm")
-    widths = [int(plane[5].sum()) for plane in volume.values]
-    assert widths == [9, 9, 13, 13, 17, 0]
-    assert said(volume, "those between take the nearest contour (r 2 slices)")
-
-
 def test_planes_closer_than_the_slices_are_not_mixed(ct, save_structures):
     save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, z)) for z in (3.4, 4, 4.6, 5.4, 6)]})
     volume = read_volume(ct / "rt.dcm")
@@ -194,7 +186,7 @@ def test_a_number_of_5000_digits_is_damage():
 
 
 def test_contours_that_cross_too_many_rows_are_refused_in_a_sentence(ct, save_structures, monkeypatch):
-    monkeypatch.setattr("ctmc_addon.readers.dicom.labels.structures.MOST_CROSSINGS", 10)
+    monkeypatch.setattr("ctmc_addon.readers.dicom.labels.contour_filling.MOST_CROSSINGS", 10)
     save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]})
     with pytest.raises(CtmcError, match="cross rows of pixels more than 10 times"):
         read_volume(ct / "rt.dcm")
