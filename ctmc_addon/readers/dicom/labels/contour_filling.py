@@ -105,35 +105,35 @@ def _paint_between_steps(
 
 
 def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
-    named = [f"{label_map.name(label)} in {_counted(count, 'plane')}" for label, count in united.items() if count]
-    return [f"contours that overlap in part were united: {limited(named)}"] if named else []
+    named = _counted(label_map, united)
+    return [f"contours that overlap in part were united (planes: {named})"] if named else []
 
 
 def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: float, apart: Counter[int]) -> list[str]:
-    named = [
-        f"{label_map.name(label)} {_counted(layout.between, 'slice')} (contours {layout.usual_mm:.4g} mm apart)"
-        for label, layout in enumerate(layouts, 1)
-        if layout.between
+    by_distance: dict[str, Counter[int]] = {}
+    for label, layout in enumerate(layouts, 1):
+        if layout.between:
+            by_distance.setdefault(f"{layout.usual_mm:.3g}", Counter())[label] = layout.between
+    notes = [
+        f"contours lie {mm} mm apart and slices {slice_mm:.3g} mm; slices between contours were filled by distance: "
+        f"{_counted(label_map, between)}"
+        for mm, between in sorted(by_distance.items(), key=lambda item: float(item[0]))
     ]
-    notes = []
+    named = _counted(label_map, apart)
     if named:
-        notes.append(
-            f"slices lie {slice_mm:.4g} mm apart, and those between contours were filled by distance: {limited(named)}"
-        )
-    named = [f"{label_map.name(label)} {_counted(count, 'slice')}" for label, count in apart.items() if count]
-    if named:
-        notes.append(f"slices between contours that lie beside each other are empty: {limited(named)}")
+        notes.append(f"slices between contours that lie beside each other are empty: {named}")
     return notes
 
 
 def _gap_notes(label_map: LabelMap, layouts: Sequence[Layout]) -> list[str]:
     named = [
-        f"{label_map.name(label)} {gap:.4g} mm" for label, layout in enumerate(layouts, 1) for gap in layout.gaps_mm
+        f"{label_map.name(label)} {gap:.3g} mm" for label, layout in enumerate(layouts, 1) for gap in layout.gaps_mm
     ]
     if not named:
         return []
     return [f"gaps between contours far wider than the usual distance stay empty: {limited(named)}"]
 
 
-def _counted(count: int, noun: str) -> str:
-    return f"{count} {noun}" if count == 1 else f"{count} {noun}s"
+def _counted(label_map: LabelMap, counts: Counter[int]) -> str:
+    """Return the names of labels with their counts; empty where all are 0."""
+    return limited(f"{label_map.name(label)} {count}" for label, count in counts.items() if count)

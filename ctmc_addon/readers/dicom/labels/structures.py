@@ -95,6 +95,11 @@ class StructureSource(VolumeSource):
         layouts = layouts_of(structures, grid)
         for (_, region), planes, layout in zip(numbered, structures, layouts, strict=True):
             count_unused(region.name, planes, layout, grid, left_out)
+        if not any(layout.sources for layout in layouts):
+            reasons = "; ".join(left_out_notes(left_out))
+            raise ReadError(
+                f"{self.path.name} has no contours to fill on its CT ({reasons}); choose another structure set"
+            )
         notes += yield from stages.run(
             "Filling contours", fill_steps(label_map, structures, layouts, grid, self.path.name)
         )
@@ -201,8 +206,9 @@ def type_text(kind: str, name: str) -> str:
     """Return why contours of a type are left out; `name` is the file's."""
     if kind in OPEN:
         return f"contours of type {kind}, which enclose nothing"
-    named = f"the type '{clean_name(kind, '')}', which is none of DICOM's" if kind else "no type"
-    return f"contours that have {named} (ContourGeometricType) in {name}"
+    if not kind:
+        return f"contours in {name} without a type (ContourGeometricType)"
+    return f"contours in {name} of type '{clean_name(kind, '')}', which DICOM does not define"
 
 
 def count_unused(region: str, planes: list[Plane], layout: Layout, grid: SliceGrid, left_out: LeftOut) -> None:

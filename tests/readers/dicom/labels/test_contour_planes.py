@@ -74,8 +74,8 @@ def test_a_box_has_its_pixels_on_every_slice_from_the_first_contour_to_the_last(
     mm, apart = slices[1] - slices[0], heights[1] - heights[0]
     noted = [note for note in volume.notes if "filled by distance" in note]
     assert noted == [
-        f"slices lie {mm:.4g} mm apart, and those between contours were filled by distance: "
-        f"box {between} slices (contours {apart:.4g} mm apart)"
+        f"contours lie {apart:.3g} mm apart and slices {mm:.3g} mm; slices between contours were filled by distance: "
+        f"box {between}"
     ] * bool(between)
 
 
@@ -168,7 +168,7 @@ def test_contours_that_overlap_in_part_are_united_on_slices_and_between(read):
     pairs = [contour for z in (0, 3, 6, 9) for contour in (box(z), box(z, left=10))]
     volume = read(np.arange(6) * 2.0, box=pairs, other=[box(z, top=22) for z in (0, 3, 6, 9)])
     assert counts(volume) == [18 * 12] * 5 + [0]
-    assert "contours that overlap in part were united: box in 4 planes" in volume.notes
+    assert "contours that overlap in part were united (planes: box 4)" in volume.notes
 
 
 def test_contours_by_exclusive_or_leave_their_overlap_out(read):
@@ -181,7 +181,7 @@ def test_contours_by_exclusive_or_leave_their_overlap_out(read):
 def test_bodies_that_lie_beside_each_other_leave_slices_between_empty_and_it_is_said(read):
     volume = read(np.arange(8) * 1.0, r=[box(1), box(5, left=30)])
     assert counts(volume) == [0, 144, 0, 0, 0, 144, 0, 0]
-    assert "slices between contours that lie beside each other are empty: r 3 slices" in volume.notes
+    assert "slices between contours that lie beside each other are empty: r 3" in volume.notes
 
 
 def test_a_tip_smaller_than_a_pixel_ends_a_cone(read):
