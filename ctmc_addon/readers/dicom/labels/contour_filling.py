@@ -84,8 +84,9 @@ def _paint_between_steps(
     visible = [filled for _, filled in pair if filled.mask.size]
     if not visible:
         return 0
-    top, left = (min(filled[axis] for filled in visible) for axis in (0, 1))
-    bottom, right = (max(filled[axis] + filled.mask.shape[axis] for filled in visible) for axis in (0, 1))
+    top, left = min(filled.top for filled in visible), min(filled.left for filled in visible)
+    bottom = max(filled.top + filled.mask.shape[0] for filled in visible)
+    right = max(filled.left + filled.mask.shape[1] for filled in visible)
     outlines = []
     for plane, filled in pair:
         mask = np.zeros((bottom - top + 2, right - left + 2), np.bool_)  # with a margin of a pixel
@@ -101,7 +102,7 @@ def _paint_between_steps(
         body = between.at(source.share)
         label_map.paint(source.slice_, body[1:-1, 1:-1], label, top, left)
         empty += not body.any()
-    return empty if len(visible) == 2 else 0
+    return empty if all(filled.mask.any() for _, filled in pair) else 0
 
 
 def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
