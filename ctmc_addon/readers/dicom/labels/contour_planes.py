@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from .slice_grid import EVEN, SliceGrid
 
-SAME_PLANE = 0.01  # Contours that lie closer are in one plane, in distances between slices.
+SAME_PLANE = 0.05  # Contours that lie closer are in one plane, in distances between slices.
 WIDEST = 1.5  # Planes farther apart than this are a gap, in the structure's usual distances.
-ROUNDING = 1e-6  # Share of a distance.
+ROUNDING = 0.01  # Heights that differ by less are the same, in distances between slices.
 
 
 class Contour(NamedTuple):
@@ -97,7 +97,7 @@ def layouts_of(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[L
     layouts = []
     for own_heights, own_steps in zip(heights, steps, strict=True):
         usual = lower_median(own_steps) if len(own_steps) > 1 else usual_of_all
-        joined = own_steps <= WIDEST * max(usual, 1.0) * (1 + ROUNDING)
+        joined = own_steps <= WIDEST * max(usual, 1.0) + ROUNDING
         sources = sources_of(own_heights, joined, grid.heights, grid.slice_mm)
         taken = {source.slice_ for source in sources}
         inner = [np.flatnonzero((grid.heights > low) & (grid.heights < high)) for low, high in pairs(own_heights)]
@@ -145,7 +145,7 @@ def sources_of(
         elif len(around) == 2 and joined[above - 1]:
             low, high = float(planes[above - 1]), float(planes[above])
             sources.append(Source(slice_, above - 1, above, (height - low) / (high - low)))
-        elif way < 0.5 * slice_mm * (1 - ROUNDING):
+        elif way < (0.5 - ROUNDING) * slice_mm:
             sources.append(Source(slice_, nearest, nearest, 0.0))
     # A body of one plane halfway between two slices would be in neither.
     used = {plane for source in sources for plane in (source.below, source.above)}
@@ -153,7 +153,7 @@ def sources_of(
         if not joined[max(0, plane - 1) : plane + 1].any():
             way = np.abs(slices - planes[plane])
             nearest = int(way.argmin())
-            if way[nearest] <= 0.5 * slice_mm * (1 + ROUNDING):
+            if way[nearest] <= (0.5 + ROUNDING) * slice_mm:
                 sources.append(Source(nearest, plane, plane, 0.0))
     return sorted(sources)
 

@@ -59,6 +59,8 @@ def read(tmp_path, save_stack, save_structures):
         pytest.param(np.arange(16) * 2.0, np.arange(6) * 5.0, 0, 12, 10, id="5 on 2"),
         pytest.param(np.arange(14) * 1.0, np.arange(5) * 2.5, 0, 10, 8, id="2.5 on 1"),
         pytest.param(np.arange(9) * 2.0, np.arange(6) * 2.0 + 3, 2, 6, 5, id="half a slice off"),
+        pytest.param(np.arange(9) * 2.0, np.arange(6) * 2.0 + 3.0004, 2, 6, 5, id="half a slice and a rounding off"),
+        pytest.param(np.arange(9) * 2.0, np.arange(6) * 2.0 + 2.9996, 2, 6, 5, id="half a slice less a rounding off"),
         pytest.param(np.arange(9) * 2.0, np.arange(6) * 2.0 + 2.4, 1, 6, 5, id="a fifth of a slice off"),
         pytest.param(np.arange(9) * 2.0, np.arange(12) * 1.0 + 2, 1, 6, 0, id="1 on 2"),
         pytest.param(np.arange(8) * 3.0, np.arange(14) * 1.25 + 2, 1, 6, 2, id="1.25 on 3"),
@@ -162,6 +164,13 @@ def test_a_hole_between_planes_is_a_hole(read):
         keyhole.append((CLOSED, np.concatenate([outer, outer[:1], inner[:1], inner[::-1], outer[:1]])))
     again = read(np.arange(8) * 2.0, ring=keyhole)
     np.testing.assert_array_equal(again.values, volume.values)
+
+
+def test_a_hole_a_rounding_beside_the_plane_of_its_contour_is_a_hole(read):
+    ring = [contour for z in (2, 4, 6) for contour in (box(z), box(z + 0.05, 8, 8, 4, 4))]
+    volume = read(np.arange(6) * 2.0, ring=ring)
+    assert counts(volume) == [0, 128, 128, 128, 0, 0]
+    assert volume.notes == ()
 
 
 def test_contours_that_overlap_in_part_are_united_on_slices_and_between(read):
