@@ -19,7 +19,8 @@ from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
-from .tiff import opened_stack, page_count, tiff_picture, tiff_slice
+from .tiff import opened_stack, page_count, raw_values_steps, tiff_picture, tiff_slice
+from .tiff_axes import TiffMetadata
 
 
 class ImageFolder(VolumeSource):
@@ -53,7 +54,17 @@ class ImageFolder(VolumeSource):
 
         reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, request.budget.thread_count)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
-        return RawValues(reader, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
+        notes = (*self.notes, *([lossy] if self.format == "JPEG" else ()))
+        metadata = common_metadata(self.headers)
+        return (yield from raw_values_steps(reader, metadata, notes, self.path.name, request))
+
+
+def common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
+    """Return what the files of all slices say; where they differ in spacing, a note instead of it."""
+    first = headers[0].metadata
+    if all(header.metadata.spacing == first.spacing for header in headers):
+        return first
+    return first._replace(spacing=None, notes=("the slices say different spacings, of which none is taken",))
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -125,7 +136,7 @@ def check_alike(headers: Sequence[Picture]) -> None:
         raise ReadError(
             f"{pages.path.name} has {pages.pages} pages among {len(headers)} TIFF files; choose one multi-page file"
         )
-    for text_of, what in ((_size, "size"), (_depth, "depth")):
+    for text_of, what in ((_size, "size"), (_depth, "depth"), (_calibration, "calibration")):
         counts = Counter(map(text_of, headers))
         usual = counts.most_common(1)[0][0]
         odd = next((header for header in headers if text_of(header) != usual), None)
@@ -165,3 +176,7 @@ def _size(header: Picture) -> str:
 
 def _depth(header: Picture) -> str:
     return f"{header.dtype}"
+
+
+def _calibration(header: Picture) -> str:
+    return header.metadata.calibration.text
