@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
@@ -19,6 +17,8 @@ from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .decoded import DecodedSlices
 from .pillow import DECODED, Picture, gray_slice, picture
+from .skyscan_log import skyscan_spacing
+from .slice_names import check_numbers, slices_by_name
 from .tiff import opened_stack, page_count, raw_values_steps, tiff_picture, tiff_slice
 from .tiff_axes import TiffMetadata
 
@@ -56,6 +56,9 @@ class ImageFolder(VolumeSource):
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
         notes = (*self.notes, *([lossy] if self.format == "JPEG" else ()))
         metadata = common_metadata(self.headers)
+        if metadata.spacing is None:
+            spacing, log_notes = skyscan_spacing(self.files)
+            metadata = metadata._replace(spacing=spacing, notes=(*metadata.notes, *log_notes))
         return (yield from raw_values_steps(reader, metadata, notes, self.path.name, request))
 
 
@@ -96,10 +99,12 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
             f"{own_slice.name} holds a picture; give it and its neighbors the suffix "
             f"{FORMATS[format_of(own_slice)].suffixes[0]}"
         )
+    name = folder.absolute().name
     images, notes = one_format(images_in(folder), own_slice)
+    images, left_out = slices_by_name(images, own_slice, name)
+    notes += left_out
     stages = Stages({"Reading headers": 1})
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
-    name = folder.absolute().name
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
         if stack is None:
@@ -145,29 +150,6 @@ def check_alike(headers: Sequence[Picture]) -> None:
                 f"the slices differ in {what}: {odd.path.name} is {text_of(odd)} and most are {usual}; "
                 "take the others out of the folder"
             )
-
-
-def check_numbers(images: Sequence[Path]) -> None:
-    """Refuse slices numbered in even steps of which some are missing: their neighbors would seem adjacent.
-
-    Names whose numbers differ in more than one place, or in no even step, say nothing about missing slices.
-    """
-    pieces = [re.split(r"(\d+)", path.stem) for path in images]
-    if len({len(each) for each in pieces}) > 1:
-        return
-    varying = [at for at in range(len(pieces[0])) if len({each[at] for each in pieces}) > 1]
-    if len(varying) != 1 or not varying[0] % 2:
-        return
-    numbers = np.array([int(each[varying[0]][:15]) for each in pieces])
-    steps = np.diff(numbers)
-    usual = int(steps.min(initial=1 << 60))
-    gaps = np.flatnonzero(steps != usual)
-    if usual > 0 and len(gaps) and 2 * len(gaps) < len(steps) + 1 and not (steps % usual).any():
-        before, after = images[gaps[0]], images[gaps[0] + 1]
-        raise ReadError(
-            f"slices are missing between {before.name} and {after.name}, as the others are numbered in steps of "
-            f"{usual}; add them, or number the slices without a gap"
-        )
 
 
 def _size(header: Picture) -> str:
