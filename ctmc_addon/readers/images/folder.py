@@ -16,6 +16,7 @@ from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .decoded import DecodedSlices
+from .ome_files import ome_files_among, ome_files_of, slices_of_ome_steps
 from .pillow import DECODED, Picture, gray_slice, picture
 from .skyscan_log import skyscan_spacing
 from .slice_names import check_numbers, slices_by_name
@@ -24,28 +25,39 @@ from .tiff_axes import TiffMetadata
 
 
 class ImageFolder(VolumeSource):
-    """The slices of one format in a folder."""
+    """The slices of one format in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    headers : sequence of Picture
+        Of each slice, time after time.
+    notes : sequence of str
+    times : int
+        Volumes at the same place.
+    """
 
     has_geometry = False
 
-    def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str]) -> None:
+    def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str], times: int = 1) -> None:
         self.headers = headers
         self.notes = tuple(notes)
         self.format = format_by_name(headers[0].path)
         first = headers[0]
-        series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
-        super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
+        series = Series(1, "", len(headers) // times, (first.columns, first.rows), "", first.dtype.name, times)
+        files = list(dict.fromkeys(header.path for header in headers))
+        super().__init__(folder, (series,), files, stem(folder.absolute()))
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
-        first = self.headers[0]
+        first, earlier = self.headers[0], (request.time - 1) * slices
         if first.mode:
             yield from imported_steps("imageio.v3", "imageio", DECODED)
 
         def decode(number: int) -> NDArray[Any]:
-            header = self.headers[number]
-            pixels = gray_slice(header) if header.mode else tiff_slice(header.path)
+            header = self.headers[earlier + number]
+            pixels = gray_slice(header) if header.mode else tiff_slice(header)
             if pixels.shape != (rows, columns) or pixels.dtype.itemsize > first.dtype.itemsize:
                 raise ReadError(
                     f"{header.path.name} is {pixels.shape} {pixels.dtype}, not as its header says; save it again"
@@ -83,13 +95,13 @@ def header_of(path: Path) -> Picture:
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
     """The pages of a file of several, else the stack that a slice is one of: those of its format in its folder."""
-    stack = opened_stack(path) if format_of(path) == "TIFF" else None
+    stack = opened_stack(path) if is_alone(path) else None
     return stack or (yield from open_folder_steps(path.parent, path))
 
 
 def is_alone(path: Path) -> bool:
-    """Return whether a file is a volume by itself, and not a slice of its folder."""
-    return format_of(path) == "TIFF" and page_count(path) > 1
+    """Return whether a file is a volume by itself, and not a slice of its folder or one of the files of an OME-TIFF."""
+    return format_of(path) == "TIFF" and page_count(path) > 1 and ome_files_of(path) is None
 
 
 def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
@@ -101,9 +113,17 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
         )
     name = folder.absolute().name
     images, notes = one_format(images_in(folder), own_slice)
+    stages = Stages({"Reading headers": 1})
+    ome = None
+    if suffix(images[0]) in PAGE_SUFFIXES:
+        ome = ome_files_among(images, name) if own_slice is None else ome_files_of(own_slice)
+    if ome is not None:
+        headers, ome_notes = yield from stages.run("Reading headers", slices_of_ome_steps(ome, images))
+        check_alike(headers)
+        notes = [*own_slice_notes(own_slice, len(headers)), *notes, *ome_notes]
+        return ImageFolder(folder, headers, notes, ome.pages.times)
     images, left_out = slices_by_name(images, own_slice, name)
     notes += left_out
-    stages = Stages({"Reading headers": 1})
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
@@ -113,9 +133,12 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
         return stack
     check_alike(headers)
     check_numbers(images)
-    if own_slice is not None:
-        notes.insert(0, f"{own_slice.name} is one slice: its folder was read, {len(headers)} slices")
-    return ImageFolder(folder, headers, notes)
+    return ImageFolder(folder, headers, [*own_slice_notes(own_slice, len(headers)), *notes])
+
+
+def own_slice_notes(own_slice: Path | None, count: int) -> list[str]:
+    """Return the note that more than the slice that was asked for is read."""
+    return [] if own_slice is None else [f"{own_slice.name} is one slice: its folder was read, {count} slices"]
 
 
 def format_by_name(path: Path) -> str:

@@ -54,6 +54,7 @@ class Picture(NamedTuple):
     mode: str  # Pillow's; empty for TIFF
     spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
     metadata: TiffMetadata = TiffMetadata()
+    page: int = 0  # of a TIFF
 
 
 def picture(path: Path) -> Picture:

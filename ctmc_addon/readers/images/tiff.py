@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
-from ..optional_imports import needed, reason
+from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices, TimeSlices
 from ..value_kind import scaled_steps
@@ -148,13 +148,36 @@ def pages_of(tiff: Any) -> int:
     return max(len(tiff.pages), stack_sides(tiff.series[0]))
 
 
-def open_tiff(path: Path) -> Any:
-    """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found."""
+def ome_text(path: Path) -> str:
+    """Return the OME-XML of a TIFF, '' where it has none or is damaged: reading its pages tells."""
+    tifffile = needed("tifffile", "tifffile", "TIFF")
+    try:
+        with quiet(), tifffile.TiffFile(path, **without_companions(tifffile)) as tiff:
+            return str(tiff.ome_metadata or "")
+    except (*DAMAGE, tifffile.TiffFileError):
+        return ""
+
+
+def plain_page_count(path: Path) -> int:
+    """Return the number of pages in a file, whatever its OME-XML says of those in others."""
+    with open_tiff(path, as_ome=False) as tiff:
+        return len(tiff.pages)
+
+
+def open_tiff(path: Path, as_ome: bool = True) -> Any:
+    """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found.
+
+    Parameters
+    ----------
+    path : Path
+    as_ome : bool
+        Whether its OME-XML orders its pages.
+    """
     tifffile = needed("tifffile", "tifffile", "TIFF")
     tiff: Any = None
     damage = ""
     try:
-        tiff = tifffile.TiffFile(path, **without_companions(tifffile))
+        tiff = tifffile.TiffFile(path, **without_companions(tifffile), **({} if as_ome else {"is_ome": False}))
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
     except (*DAMAGE, tifffile.TiffFileError) as error:
@@ -188,19 +211,20 @@ def chain_damage(tiff: Any) -> str:
     return ""
 
 
-def tiff_picture(path: Path) -> Picture:
+def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
     """Return what the header says of the first page, and how many pages there are."""
-    with open_tiff(path) as tiff:
+    with open_tiff(path, as_ome) as tiff:
         layout = page_layout(tiff, tiff.pages[0], path)
         pages = pages_of(tiff)
         metadata = metadata_of_tiff(tiff, layout, pages > 1)
         return Picture(path, *layout.shape, gray_dtype(layout), pages, "", metadata=metadata)
 
 
-def tiff_slice(path: Path) -> NDArray[Any]:
-    """Gray values (rows, columns) of a TIFF of one page."""
-    with open_tiff(path) as tiff:
-        page = tiff.pages[0]
+def tiff_slice(header: Picture) -> NDArray[Any]:
+    """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
+    path = header.path
+    with open_tiff(path, as_ome=False) as tiff:
+        page = tiff.pages[header.page]
         return page_slice(tiff, page, page_layout(tiff, page, path), path, Lock())
 
 

@@ -116,19 +116,27 @@ def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetada
         Whether it has several pages; of a single one ImageJ leaves the distance of slices out.
     """
     if tiff.is_ome:
-        return TiffMetadata(*ome_spacing(str(tiff.ome_metadata or "")[:LONGEST_TEXT]))
+        return metadata_of_ome(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
     if tiff.is_imagej:
         about = tiff.imagej_metadata or {}
         return TiffMetadata(*imagej_spacing(tiff, about, several), calibration_of(about, layout))
     return TiffMetadata()
 
 
-def ome_spacing(text: str) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Return the PhysicalSize of the first `Pixels` of OME-XML; its unit is µm where none is given."""
+def metadata_of_ome(text: str) -> TiffMetadata:
+    """Return what OME-XML says of its first `Pixels`; a note where it lies in another file."""
+    elsewhere = re.search(r"<(?:\w+:)?BinaryOnly\s[^<>]*MetadataFile\s*=\s*[\"']([^\"']*)", text)
+    if elsewhere:
+        return TiffMetadata(notes=(f"spacing and order of the TIFF are in {elsewhere[1]}, which was not read",))
     element = re.search(r"<(?:\w+:)?Pixels\s[^<>]*>", text)
-    words = dict(re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else ""))
-    sizes = [words.get(f"PhysicalSize{axis}") for axis in "XYZ"]
-    units = [words.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
+    words = re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else "")
+    return TiffMetadata(*spacing_of_ome(dict(words)))
+
+
+def spacing_of_ome(pixels: Mapping[str, str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Return the PhysicalSize among the attributes of OME's `Pixels`; its unit is µm where none is given."""
+    sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
+    units = [pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
     return in_mm([number_of(size) for size in sizes], units)
 
 
