@@ -268,7 +268,7 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
                 f"{path.name} holds HU, and {names[0]} is not beside it; put it there, or give a threshold"
             )
         require_labels(volume)
-    if source.path != path:
+    if source.path == readers.segmentation_sibling(path):
         note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume
