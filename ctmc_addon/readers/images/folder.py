@@ -112,7 +112,9 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
             f"{FORMATS[format_of(own_slice)].suffixes[0]}"
         )
     name = folder.absolute().name
-    images, notes = one_format(images_in(folder), own_slice)
+    images = images_in(folder)
+    own_slice = own_slice and listed(own_slice, images)
+    images, notes = one_format(images, own_slice)
     stages = Stages({"Reading headers": 1})
     ome = None
     if suffix(images[0]) in PAGE_SUFFIXES:
@@ -120,8 +122,9 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     if ome is not None:
         headers, ome_notes = yield from stages.run("Reading headers", slices_of_ome_steps(ome, images))
         check_alike(headers)
-        notes = [*own_slice_notes(own_slice, len(headers)), *notes, *ome_notes]
-        return ImageFolder(folder, headers, notes, ome.pages.times)
+        if own_slice is not None:
+            notes.insert(0, f"{own_slice.name} belongs to an OME-TIFF of several files, which was read")
+        return ImageFolder(folder, headers, [*notes, *ome_notes], ome.pages.times)
     images, left_out = slices_by_name(images, own_slice, name)
     notes += left_out
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
@@ -133,12 +136,18 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
         return stack
     check_alike(headers)
     check_numbers(images)
-    return ImageFolder(folder, headers, [*own_slice_notes(own_slice, len(headers)), *notes])
+    if own_slice is not None:
+        notes.insert(0, f"{own_slice.name} is one slice: its folder was read, {len(headers)} slices")
+    return ImageFolder(folder, headers, notes)
 
 
-def own_slice_notes(own_slice: Path | None, count: int) -> list[str]:
-    """Return the note that more than the slice that was asked for is read."""
-    return [] if own_slice is None else [f"{own_slice.name} is one slice: its folder was read, {count} slices"]
+def listed(own_slice: Path, images: Sequence[Path]) -> Path:
+    """Return a picture as its folder lists it, where the path may be spelled in another way; hidden ones are not."""
+    same = next((path for path in images if path.name == own_slice.name), None)
+    same = same or next((path for path in images if path.samefile(own_slice)), None)
+    if same is None:
+        raise ReadError(f"{own_slice.name} is a hidden file, and those are no slices; give it a name without the dot")
+    return same
 
 
 def format_by_name(path: Path) -> str:

@@ -162,3 +162,11 @@ def test_a_missing_number_is_still_refused(tmp_path):
     save(tmp_path, [f"s{number:02d}.png" for number in (1, 2, 3, 5, 6)] + ["s_spr.png"])
     with pytest.raises(CtmcError, match=r"slices are missing between s03.png and s05.png"):
         read_volume(tmp_path)
+
+
+def test_a_hidden_picture_is_refused_and_one_by_another_path_is_found(tmp_path):
+    save(tmp_path / "ct", [f"s{number}.png" for number in range(4)] + [".s9.png"])
+    with pytest.raises(CtmcError, match=r"\.s9\.png is a hidden file, .*; give it a name without the dot"):
+        read_volume(tmp_path / "ct" / ".s9.png")
+    (tmp_path / "ct" / ".link.png").symlink_to(tmp_path / "ct" / "s2.png")
+    assert slices_of(tmp_path / "ct" / ".link.png") == [0, 1, 2, 3]
