@@ -19,7 +19,7 @@ from ..optional_imports import quiet_batches_steps
 from ..registry import PAGE_SUFFIXES
 from .ome_xml import OmeImage, image_with, metadata_file, root_of
 from .pillow import Picture
-from .slice_names import LIKE_SIZE, SHARE_OF_STACK, limited_names, runs_by_name
+from .slice_names import left_out, limited_names, require_one_stack, runs_by_name
 from .tiff import ome_text, plain_page_count, tiff_picture
 from .tiff_axes import Pages, pages_of_axes
 
@@ -106,23 +106,23 @@ def ome_files_among(images: Sequence[Path], folder: str) -> OmeFiles | None:
     ReadError
         If there are two of like size.
     """
-    found: list[tuple[OmeFiles, list[str]]] = []
-    seen: set[str] = set()
+    found: list[OmeFiles] = []
+    runs: list[list[Path]] = []
+    rest = list(images)
     for run in runs_by_name(images):
-        ome = ome_files_of(run[0]) if run[0].name not in seen else None
-        if ome is not None and not seen.issuperset(ome.image.files):
-            seen.update(ome.image.files)
-            found.append((ome, [path.name for path in images if path.name in ome.image.files]))
-    found.sort(key=lambda each: -len(each[1]))
-    if not found or len(found[0][1]) < SHARE_OF_STACK * len(images):
+        ome = ome_files_of(run[0]) if run[0] in rest else None
+        if ome is not None:
+            names = set(ome.image.files)
+            found.append(ome)
+            runs.append([path for path in rest if path.name in names])
+            rest = [path for path in rest if path.name not in names]
+    if not found:
         return None
-    if len(found) > 1 and len(found[1][1]) >= LIKE_SIZE * len(found[0][1]):
-        stacks = [f"{names[0]} to {names[-1]} ({len(names)})" for _, names in found]
-        raise ReadError(
-            f"the folder {folder} has {len(found)} OME-TIFFs of several files: {limited_names(stacks)}; "
-            "choose a file of the one to read, or give each a folder of its own"
-        )
-    return found[0][0]
+    sizes = [len(run) for run in runs]
+    largest = found[sizes.index(max(sizes))]
+    runs = sorted([*runs, *runs_by_name(rest)], key=len, reverse=True)
+    require_one_stack(runs, folder)
+    return largest if max(sizes) == len(runs[0]) else None
 
 
 def slices_of_ome_steps(ome: OmeFiles, images: Sequence[Path]) -> Steps[tuple[list[Picture], list[str]]]:
@@ -157,12 +157,12 @@ def slices_of_ome_steps(ome: OmeFiles, images: Sequence[Path]) -> Steps[tuple[li
             raise ReadError(f"{name} has {header.pages} pages, and the OME-XML names page {page + 1}; copy it again")
         slices.append(header._replace(pages=1, page=page, metadata=ome.image.metadata))
     notes = list(ome.pages.notes)
-    others = [path.name for path in images if path.name not in ome.image.files]
-    if others:
-        pictures = f"{len(others)} picture{'s' * (len(others) > 1)}"
-        notes.append(f"{pictures} left out, not among the files of the OME-TIFF: {limited_names(others)}")
+    own_names = set(ome.image.files)
+    own = [path for path in images if path.name in own_names]
+    notes += left_out(images, own, "not among the files of the OME-TIFF")
     if ome.image.further:
-        notes.append(f"{ome.image.further} further images in the OME-XML left out")
+        further = f"{ome.image.further} further image{'s' * (ome.image.further > 1)}"
+        notes.append(f"{further} in the OME-XML left out")
     return slices, notes
 
 

@@ -20,7 +20,7 @@ from ...core import ReadError
 Item = TypeVar("Item")
 NUMBER = r"[0-9]+"
 LIKE_SIZE = 0.75  # A second run with at least this share of the largest one's pictures may be meant as well.
-SHARE_OF_STACK = 0.5  # The slices are at least this share of the pictures.
+FEWEST_OF_PATTERN = 0.25  # Names follow a pattern if the longest run has at least this share of the pictures.
 MOST_NAMES = 3  # in a sentence
 MOST_DIGITS = 15  # of a number that is compared
 
@@ -45,30 +45,54 @@ def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) 
     runs = runs_by_name(images)
     if len(runs) < 2:
         return list(images), []
-    alone = sum(len(run) == 1 for run in runs)
-    if 2 * alone > len(images):
+    if len(runs[0]) < max(2, FEWEST_OF_PATTERN * len(images)):
         return list(images), [f"the names of the {len(images)} pictures follow no pattern: read in their order"]
-    if own_slice is not None:
-        stack = next(run for run in runs if own_slice.name in (path.name for path in run))
+    stack = runs[0]
+    if own_slice is None:
+        require_one_stack(runs, folder)
+    else:
+        stack = next(run for run in runs if own_slice in run)
         if len(stack) == 1:
             raise ReadError(
                 f"{own_slice.name} is not one of the slices beside it, {_ends(runs[0])}, by its name; choose one of "
                 "those, or the folder"
             )
-    else:
-        stack = runs[0]
-        if len(runs[1]) >= max(2, LIKE_SIZE * len(stack)) or len(stack) < SHARE_OF_STACK * len(images):
-            stacks = [f"{_ends(run)} ({len(run)})" for run in runs if len(run) > 1]
-            raise ReadError(
-                f"the folder {folder} has {len(stacks)} stacks by the names of its pictures: {limited_names(stacks)}; "
-                "choose a slice of the one to read, or give each a folder of its own"
-            )
-    slices = set(stack)
-    others = [path.name for path in images if path not in slices]
+    return stack, left_out(images, stack, f"not named like the {len(stack)} slices {_ends(stack)}")
+
+
+def require_one_stack(runs: Sequence[Sequence[Path]], folder: str) -> None:
+    """Refuse a folder in which several runs of pictures may be meant.
+
+    Parameters
+    ----------
+    runs : sequence of sequences of Path
+        The longest run first.
+    folder : str
+        Its name.
+
+    Raises
+    ------
+    ReadError
+        If the second run is of like size, or the first is the smaller part of all runs.
+    """
+    stacks = [run for run in runs if len(run) > 1]
+    if len(stacks) < 2:
+        return
+    first, second = len(stacks[0]), len(stacks[1])
+    if second >= LIKE_SIZE * first or 2 * first < sum(map(len, stacks)):
+        words = limited_names([f"{_ends(run)} ({len(run)})" for run in stacks])
+        raise ReadError(
+            f"the folder {folder} has {len(stacks)} stacks of pictures: {words}; choose a slice of the one to read, "
+            "or give each a folder of its own"
+        )
+
+
+def left_out(images: Sequence[Path], slices: Iterable[Path], why: str) -> list[str]:
+    """Return the note that names the pictures that are no slices, or none."""
+    kept = set(slices)
+    others = [path.name for path in images if path not in kept]
     pictures = f"{len(others)} picture{'s' * (len(others) > 1)}"
-    return stack, [
-        f"{pictures} left out, not named like the {len(stack)} slices {_ends(stack)}: {limited_names(others)}"
-    ]
+    return [f"{pictures} left out, {why}: {limited_names(others)}"] if others else []
 
 
 def runs_by_name(images: Sequence[Path]) -> list[list[Path]]:

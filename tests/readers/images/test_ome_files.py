@@ -82,6 +82,20 @@ def test_a_tiff_that_does_not_belong_to_it_is_left_out_and_named(mirrored):
     assert notes_with(volume, "2 pictures left out, not among the files of the OME-TIFF: a.tif, f9.ome.tif")
 
 
+def test_a_larger_stack_beside_it_is_read_by_its_names_and_one_of_like_size_is_refused(mirrored):
+    for number in range(20):
+        tifffile.imwrite(mirrored / f"s{number}.tif", np.full((5, 6), number, np.uint16))
+    volume = read_volume(mirrored)
+    assert (seen(volume), volume.spacing) == (list(range(20)), (1, 1, 1))
+    assert notes_with(volume, "8 pictures left out, not named like the 20 slices s0.tif to s19.tif")
+    assert seen(read_volume(mirrored / "f3.ome.tif")) == list(range(8))
+    for number in range(7, 20):
+        (mirrored / f"s{number}.tif").unlink()
+    words = r"has 2 stacks of pictures: f0.ome.tif to f7.ome.tif \(8\), s0.tif to s6.tif \(7\); choose a slice"
+    with pytest.raises(CtmcError, match=words):
+        read_volume(mirrored)
+
+
 def test_missing_files_are_named(mirrored):
     for number in (1, 2, 4, 6):
         (mirrored / f"f{number}.ome.tif").unlink()
@@ -180,14 +194,14 @@ def test_two_of_like_size_are_refused_and_a_file_opens_its_own(tmp_path):
         for z, name in enumerate(names[letter]):
             save(tmp_path / name, [10 * (letter == "b") + z], ome(*parts))
     words = (
-        r"has 2 OME-TIFFs of several files: a0.ome.tif to a3.ome.tif \(4\), b0.ome.tif to b3.ome.tif \(4\); "
-        r"choose a file of the one to read, or give each a folder of its own"
+        r"has 2 stacks of pictures: a0.ome.tif to a3.ome.tif \(4\), b0.ome.tif to b3.ome.tif \(4\); "
+        r"choose a slice of the one to read, or give each a folder of its own"
     )
     with pytest.raises(CtmcError, match=words):
         read_volume(tmp_path)
     volume = read_volume(tmp_path / "b2.ome.tif")
     assert seen(volume) == [10, 11, 12, 13]
-    assert notes_with(volume, "1 further images in the OME-XML left out")
+    assert notes_with(volume, "1 further image in the OME-XML left out")
     assert notes_with(volume, "4 pictures left out")
 
 

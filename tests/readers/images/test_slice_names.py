@@ -122,7 +122,7 @@ def test_two_stacks_of_like_size_are_refused_by_name_and_each_is_read_by_a_slice
     with pytest.raises(CtmcError) as error:
         read_volume(tmp_path / "ct")
     assert str(error.value) == (
-        f"the folder ct has 2 stacks by the names of its pictures: {ends}; choose a slice of the one to read, or give "
+        f"the folder ct has 2 stacks of pictures: {ends}; choose a slice of the one to read, or give "
         "each a folder of its own"
     )
     for number, names in enumerate(stacks):
@@ -143,9 +143,24 @@ def test_of_two_stacks_the_much_larger_one_is_read(tmp_path):
 def test_many_stacks_of_which_none_is_the_larger_part_are_refused(tmp_path):
     for count, letter in zip((6, 4, 4, 3), "abcd", strict=True):
         save(tmp_path, [f"{letter}{number}.png" for number in range(count)])
-    words = r"4 stacks by the names of its pictures: a0.png to a5.png \(6\), b0.png to .* and 1 more; choose a slice"
+    words = r"4 stacks of pictures: a0.png to a5.png \(6\), b0.png to .* and 1 more; choose a slice"
     with pytest.raises(CtmcError, match=words):
         read_volume(tmp_path)
+
+
+def test_more_foreign_pictures_than_slices_are_left_out(tmp_path):
+    save(tmp_path, [f"s{number}.png" for number in range(8)])
+    save(tmp_path, [f"{letter}.png" for letter in "abcdefghi"], first=20)
+    assert slices_of(tmp_path) == list(range(8))
+    assert notes_with(tmp_path, "9 pictures left out")
+
+
+def test_names_by_chance_are_all_read_and_said_to_follow_no_pattern(tmp_path):
+    chance = np.random.default_rng(0)
+    names = sorted({chance.bytes(6).hex() for _ in range(40)})
+    save(tmp_path, [f"{name}.png" for name in names])
+    assert sorted(slices_of(tmp_path)) == list(range(40))
+    assert notes_with(tmp_path, "the names of the 40 pictures follow no pattern: read in their order")
 
 
 def test_a_picture_that_is_not_a_slice_does_not_stand_for_the_folder(tmp_path):
