@@ -143,10 +143,16 @@ class ScaledSlices(SliceReader):
         self.value_step = step_of_scale(stored.dtype, slope, intercept)
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Fill `out` with scaled values, slice by slice."""
-        for number, target in zip(slices, out, strict=True):
-            (plane,) = self.stored.read(range(number, number + 1), rows, columns)
-            target[...] = plane.astype(np.float64) * self.slope + self.intercept
+        """Fill `out` with scaled values, as many slices at a time as the stored ones are best read."""
+        for start in range(0, len(slices), self.at_once):
+            planes = self.stored.read(slices[start : start + self.at_once], rows, columns)
+            for plane, target in zip(planes, out[start : start + self.at_once], strict=True):
+                target[...] = plane.astype(np.float64) * self.slope + self.intercept
+
+    @property
+    def at_once(self) -> int:
+        """Those of the stored values, which several threads may decode."""
+        return self.stored.at_once
 
     @property
     def own_bytes(self) -> int:
