@@ -1,7 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
+from .affine import (
+    determinant,
+    farthest_corner_mm,
+    index_to_index,
+    product,
+    spacing_of,
+    to_index,
+    transform_faces,
+    transform_normals,
+    transform_points,
+)
 from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
@@ -55,6 +65,7 @@ from .slices import (
     position_through,
     slice_at,
     slice_corners,
+    slice_normal,
     slice_position_text,
     slice_through,
     slice_values,
@@ -107,8 +118,10 @@ __all__ = [
     "combined_labels",
     "converted_region",
     "default_window",
+    "determinant",
     "ends_of_body",
     "existing_labels_steps",
+    "farthest_corner_mm",
     "finish_of",
     "fitting_stride",
     "free_offset",
@@ -116,6 +129,7 @@ __all__ = [
     "histogram_bars",
     "histogram_picture",
     "in_label_colors",
+    "index_to_index",
     "inside_values_steps",
     "is_lesion",
     "label_extents_steps",
@@ -130,6 +144,7 @@ __all__ = [
     "outside_air",
     "placed_labels_steps",
     "position_through",
+    "product",
     "quick_threshold",
     "range_values_steps",
     "region_axes",
@@ -148,6 +163,7 @@ __all__ = [
     "slabs_of",
     "slice_at",
     "slice_corners",
+    "slice_normal",
     "slice_position_text",
     "slice_through",
     "slice_values",
