@@ -24,10 +24,10 @@ def noise(most: int, seed: int) -> np.ndarray:
     return np.random.default_rng(seed).integers(-most, most + 1, SHAPE)
 
 
-def bone() -> Volume:
-    """A shell with marrow in it, and noise that makes holes and small components."""
+def bone(most: int = 330) -> Volume:
+    """A shell with marrow in it, and noise of at most so many HU, which can make holes and small components."""
     away = np.abs(distance_mm(SHAPE, spacing=(0.71, 0.83, 1.3)) - 9.0)
-    return Volume(np.rint(700 - 250 * away + noise(330, 1)).astype(np.int16), OBLIQUE, kind="HU")
+    return Volume(np.rint(700 - 250 * away + noise(most, 1)).astype(np.int16), OBLIQUE, kind="HU")
 
 
 def labels() -> Volume:
@@ -60,15 +60,16 @@ def clicks() -> list[np.ndarray]:
     """What clicks compete for, then drawn on by a ball and a disc and cut by a lasso."""
     volume = soft()
     middle = tuple(side // 2 for side in SHAPE)
-    structures = finish(compete_steps(volume, [Click(middle, 1), Click((3, 4, 5), 0), Click((11, 15, 29), 2)]))
+    structures = finish(compete_steps(volume, [Click(middle, 1), Click((3, 4, 5), 0), Click((18, 25, 29), 0)]))
     mask = structures == 1
-    points = [OBLIQUE[:3, :3] @ at + OBLIQUE[:3, 3] for at in ((10, 9, 8), (24, 20, 8), (20, 22, 14))]
-    stroke = [tuple(np.rint(point * 8) / 8) for point in points]
+    stroke = [(7.625, -1.25, 42.75), (-0.875, 10.5, 45.625), (3.5, 11.25, 53.25)]
     for normal in (None, (1.0, 2.0, 3.0)):
         window, touched = brushed_window(volume, stroke, 3.0, normal)
         mask[window] |= touched
     lasso = np.array([[-0.3, -0.4], [0.5, -0.2], [0.4, 0.45], [-0.2, 0.3]])
-    view = np.array([[0.07, 0.01, 0.02, 0.3], [0.0, 0.08, -0.01, -0.2], [0.01, 0.0, -0.1, 3.1], [0.0, 0.0, 0.0, 1.0]])
+    view = np.array(
+        [[0.05, 0.01, 0.004, -0.44], [0.0, 0.06, -0.01, 0.17], [0.01, 0.0, -0.1, 3.1], [0.0, 0.0, 0.0, 1.0]]
+    )
     return [structures, mask, finish(scissors_steps(mask, volume, view, lasso, depth_mm=9.0))]
 
 
@@ -76,8 +77,8 @@ WORKS = {
     "noisy bone, simplified": lambda: surface(bone(), threshold=450.0, reduction=0.8),
     "topology of the trilinear interpolant": lambda: surface(bone(), threshold=450.0, topology="trilinear"),
     "labels with shared walls": shared_walls,
-    "simplified within a maximum error": lambda: surface(bone(), threshold=450.0, max_error_mm=0.4),
-    "the largest alpha of even triangles": lambda: surface(bone(), threshold=450.0, alpha="auto", normals="mesh"),
+    "simplified within a maximum error": lambda: surface(bone(60), threshold=450.0, max_error_mm=0.4),
+    "the largest alpha of even triangles": lambda: surface(bone(60), threshold=450.0, alpha="auto"),
     "a Gaussian and a stride": lambda: surface(bone(), threshold=300.0, smoothing_mm=0.9, stride=(2, 1, 1)),
     "clicks, strokes and scissors": clicks,
 }

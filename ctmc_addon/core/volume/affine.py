@@ -96,9 +96,7 @@ def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> N
     return matrix
 
 
-def farthest_corner_mm(
-    affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]
-) -> float:
+def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
     """Return by how many mm the corners of two grids of (x, y, z) samples differ at most, along an axis of the patient.
 
     Examples
