@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""FreeSurfer's `.mgh` and `.mgz`; header and affine by nibabel, values from byte 284 on.
+"""FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
 
 surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat is the format's description.
 """
@@ -48,7 +48,7 @@ class MghFile(VolumeSource):
         """Read the values of one time."""
         line = self.series[0]
         affine, notes = np.eye(4), []
-        # nibabel's own affine is a product whose last bit depends on the processor.
+        # nibabel's own affine is rounded to float32, from a product whose last bit depends on the processor.
         with quiet():  # of numbers that overflow
             affine[:3, :3] = self.header["Mdc"].T * self.header["delta"] if self.is_placed else CORONAL
             half = transform_points(affine, self.header["dims"][None, :3])[0] / 2  # of the volume
