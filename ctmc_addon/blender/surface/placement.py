@@ -161,14 +161,15 @@ def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDA
     It is fitted twice again to the better half, so that a few vertices moved by hand do not count.
     """
     points = kept.astype(np.float64) * placement.scale - placement.origin
-    used = np.ones(len(kept), bool)
-    for _ in range(3):
-        matrix = fitted_affine(points[used], local[used].astype(np.float64))
+    moved = local.astype(np.float64)
+    matrix = fitted_affine(points, moved)
+    for _ in range(2):
         if matrix is None:
             return None
-        distances = np.abs(transform_points(matrix, points) - local).max(axis=1)
+        distances = np.abs(transform_points(matrix, points) - moved).max(axis=1)
         used = distances <= np.median(distances)
-    if is_flat(matrix[:3, :3]):
+        matrix = fitted_affine(points[used], moved[used])
+    if matrix is None or is_flat(matrix[:3, :3]):
         return None
     x, y, z = (placement.origin + to_index(matrix, np.zeros((1, 3)))[0]).tolist()
     return replace(placement, origin=(x, y, z), applied=tuple(map(tuple, matrix[:3, :3].tolist())))

@@ -108,7 +108,7 @@ def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], 
     return float(np.abs(transform_points(affine - other, corners)).max())
 
 
-def product(first: NDArray[np.float64], second: NDArray[np.float64]) -> NDArray[np.float64]:
+def product(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
     """Return the product of two small matrices, (m, k) and (k, n), as sums in a fixed order.
 
     `@` leaves the order to the processor's version of the library that NumPy calls.
