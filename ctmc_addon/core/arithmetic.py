@@ -17,12 +17,12 @@ TERMS = 12  # Of the series; at 60 degrees the next one is below 1e-24.
 
 
 def cube_root(values: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Return the cube roots of numbers above zero, exact but for the last bits.
+    """Return the cube roots of numbers from 0 on, exact but for the last bits.
 
     Examples
     --------
-    >>> cube_root(np.array([0.125, 1.0, 27.0, 1e300])).tolist()
-    [0.5, 1.0, 3.0, 1e+100]
+    >>> cube_root(np.array([0.0, 0.125, 27.0, 1e300])).tolist()
+    [0.0, 0.5, 3.0, 1e+100]
     """
     share, exponent = np.frexp(np.asarray(values, np.float64))
     third = -(-exponent // 3)
@@ -30,7 +30,7 @@ def cube_root(values: NDArray[np.float64] | float) -> NDArray[np.float64]:
     root = (3.0 + 4.0 * share) / 7.0
     for _ in range(NEWTON_STEPS):
         root = (2.0 * root + share / (root * root)) / 3.0
-    return np.ldexp(root, third)
+    return np.where(share > 0, np.ldexp(root, third), 0.0)
 
 
 def tangent(degrees: float) -> float:

@@ -16,6 +16,11 @@ def test_a_cube_root_cubed_is_the_number():
     np.testing.assert_allclose(root * root * root, numbers, rtol=16 * 2.0**-53)
 
 
+def test_a_cube_root_of_nothing_is_nothing():
+    assert cube_root(np.array([0.0, 8.0])).tolist() == [0.0, 2.0]
+    assert float(cube_root(0.0)) == 0.0
+
+
 def test_a_tangent_is_the_systems_but_for_the_last_bits():
     degrees = np.linspace(0.0, 60.0, 2001).tolist()
     assert [tangent(angle) for angle in degrees] == pytest.approx(

@@ -78,9 +78,8 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
 
     def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
         part = (columns.start, columns.stop), (rows.start, rows.stop), (slab.start, slab.stop)
-        x, y, z = (
-            range(low, stop) for low, stop in moved_box(part, axes.T, -product(shift[None], axes)[0])
-        )  # of the labels
+        of_labels = moved_box(part, axes.T, -product(shift[None], axes)[0])
+        x, y, z = (range(low, stop) for low, stop in of_labels)
         mask = np.zeros((len(slab), len(rows), len(columns)), bool)
         for layer in labels.each_layer:
             mask |= turned_values(layer.samples(z, y, x) == label, axes)
@@ -140,6 +139,5 @@ def _summed_steps(
 
 def lie_in_one_place(ct: Volume, labels: Volume) -> bool:
     """Return whether a CT and labels have the same samples."""
-    return ct.size == labels.size and farthest_corner_mm(ct.affine, labels.affine, ct.size) <= SAME_PLACE * min(
-        ct.spacing
-    )
+    most_mm = SAME_PLACE * min(ct.spacing)
+    return ct.size == labels.size and farthest_corner_mm(ct.affine, labels.affine, ct.size) <= most_mm
