@@ -38,8 +38,8 @@ def tangent(degrees: float) -> float:
 
     Examples
     --------
-    >>> tangent(0.0), tangent(45.0), round(tangent(60.0), 6)
-    (0.0, 1.0, 1.732051)
+    >>> [round(tangent(degrees), 12) for degrees in (0.0, 30.0, 45.0)]
+    [0.0, 0.57735026919, 1.0]
     """
     angle = degrees * (math.pi / 180.0)
     square = angle * angle
