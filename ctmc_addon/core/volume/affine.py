@@ -100,6 +100,48 @@ def to_index(affine: NDArray[np.float64], points_ras_mm: NDArray[Any]) -> NDArra
     return transform_points(inverse, points_ras_mm - affine[:3, 3])
 
 
+def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix from the index of a grid to the index of another one.
+
+    Examples
+    --------
+    >>> index_to_index(np.diag([-1.0, 2.0, 3.0, 1.0]), np.diag([1.0, 1.0, 1.0, 1.0])).diagonal().tolist()
+    [-1.0, 2.0, 3.0, 1.0]
+    """
+    ends = to_index(other, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = (ends[:3] - ends[3]).T, ends[3]
+    return matrix
+
+
+def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
+    """Return by how many mm the corners of two grids of (x, y, z) samples differ at most, along an axis of the patient.
+
+    Examples
+    --------
+    >>> farthest_corner_mm(np.diag([1.0, 1.0, 1.0, 1.0]), np.diag([1.0, 1.0, 1.5, 1.0]), (9, 9, 4))
+    2.0
+    """
+    corners = np.array([(x, y, z) for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])])
+    return float(np.abs(transform_points(affine - other, corners)).max())
+
+
+def product(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+    """Return the product of two small matrices, (m, k) and (k, n), as sums in a fixed order.
+
+    `@` leaves the order to the processor's version of the library that NumPy calls.
+
+    Examples
+    --------
+    >>> product(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 6.0]])).tolist()
+    [[13.0, 16.0]]
+    """
+    total = first[:, :1] * second[:1]
+    for at in range(1, len(second)):
+        total = total + first[:, at, None] * second[at]
+    return total
+
+
 def cofactors(affine: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the cofactor matrix (3, 3) of an affine's linear part: determinant times inverse transpose."""
     m = affine[:3, :3]

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ..errors import ReadError, SettingsError, VolumeError
 from ..progress import Steps
-from .affine import axis_codes, checked_affine, spacing_of, with_origin
+from .affine import axis_codes, checked_affine, determinant, spacing_of, with_origin
 from .slice_reader import SliceReader, ValuesInMemory
 from .value_kind import ValueKind
 from .whole_labels import WholeLabels, WholeNumbers
@@ -70,7 +70,7 @@ class Placed(ABC):
         >>> Volume(np.zeros((2, 2, 2)), np.diag([0.5, 0.5, 2.0, 1.0])).voxel_mm3
         0.5
         """
-        return float(abs(np.linalg.det(self.affine[:3, :3])))
+        return abs(determinant(self.affine))
 
     @property
     def orientation(self) -> str:
