@@ -27,6 +27,7 @@ from ..core import (
     finish,
     one_line,
 )
+from ..core.errors import VolumeError
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
 from .file_formats import stem
@@ -35,6 +36,9 @@ from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
+
+ROUNDED = 1e-3  # share of a length by which two that a file says may differ
+AXIAL = np.diag([-1.0, -1.0, 1.0])  # directions where nothing is known: columns to the left, rows to the back
 
 
 @dataclass(frozen=True)
@@ -138,6 +142,8 @@ class RawValues:
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
         Millimeters, of a file that has spacing and no orientation.
+    directions : (3, 3) float64 or None
+        A column for each axis, where the file says them apart from their lengths, one of which may be 0.
     layers : tuple of (slices, rows, columns) array
         Further labels on the same grid, where labels overlap.
     """
@@ -150,6 +156,7 @@ class RawValues:
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
+    directions: NDArray[np.float64] | None = None
     layers: tuple[NDArray[Any], ...] = ()
 
 
@@ -336,7 +343,8 @@ class VolumeSource(ABC):
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
-            affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
+            affine = np.eye(4)
+            affine[:3, :3] = AXIAL * lengths
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
@@ -347,8 +355,8 @@ class VolumeSource(ABC):
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
-            affine, own_spacing = respaced(affine, spacing)
-            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
+            affine, own_spacing, said = respaced(affine, spacing, raw.directions)
+            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *said]
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
             notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
@@ -366,7 +374,10 @@ class VolumeSource(ABC):
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)
-        volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        try:
+            volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        except VolumeError as error:
+            raise VolumeError(f"{self.path.name}: {error}") from error
         if request.remove_table:
             from ..core.segmentation import without_table_steps
 
@@ -426,13 +437,51 @@ def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDAr
     return mirrored
 
 
-def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Return the affine with columns of the lengths `spacing`, and words about those it had."""
-    lengths = spacing_of(affine)
-    scaled = affine.copy()
-    # An axis without length is left alone: Volume refuses it as singular.
-    scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm"
+def respaced(
+    affine: NDArray[np.float64], spacing: tuple[float, float, float], directions: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], str, tuple[str, ...]]:
+    """Return the affine with columns of the lengths `spacing`, words about those it had, and what was assumed.
+
+    An axis without length has the direction that the file says apart from it, else one at right angles to the others.
+    """
+    lengths, scaled = spacing_of(affine), affine.copy()
+    known, notes = lengths > 0, ()
+    if directions is None and not known.all():
+        directions = completed(affine[:3, :3], known)
+        axes = ", ".join(axis for axis, is_known in zip("xyz", known.tolist(), strict=True) if not is_known)
+        notes = (f"the file has no direction along {axes}: taken at right angles; flip x, y or z changes it",)
+    if directions is not None:
+        scaled[:3, :3] = np.where(known, affine[:3, :3], directions)
+    before = spacing_of(scaled)
+    # An axis that has no length still is left alone: Volume refuses it as singular.
+    scaled[:3, :3] *= np.divide(spacing, before, out=np.ones(3), where=before > 0)
+    return scaled, f"in place of the file's own {lengths_text(lengths)} mm", notes
+
+
+def completed(axes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return directions (3, 3), a column for each axis: those that are not known at right angles to the others.
+
+    They run as those of axial slices, as far as right angles allow.
+    """
+    directions = np.where(known, axes, 0.0)
+    directions /= np.sqrt((directions**2).sum(axis=0)) + ~known
+    missing = [axis for axis in range(3) if not known[axis]]
+    while len(missing) > 1:  # At most one direction is known: leave out its share of the axial ones.
+        along = directions.sum(axis=1)[:, None]
+        rest = AXIAL - along * (along * AXIAL).sum(axis=0)
+        lengths = np.sqrt((rest**2).sum(axis=0))
+        axis = max(missing, key=lambda axis: float(lengths[axis]))
+        directions[:, axis] = rest[:, axis] / lengths[axis]
+        missing.remove(axis)
+    for axis in missing:
+        across = np.cross(directions[:, (axis + 1) % 3], directions[:, (axis + 2) % 3])
+        directions[:, axis] = -across if (across * AXIAL[:, axis]).sum() < 0 else across
+    return directions
+
+
+def differ(lengths: NDArray[Any], others: NDArray[Any]) -> bool:
+    """Return whether two spacings (3,) differ, by more than headers round them."""
+    return bool((np.abs(lengths - others) > ROUNDED * np.abs(others)).any())
 
 
 def lengths_text(lengths: Iterable[float]) -> str:
