@@ -1,7 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
+from .affine import (
+    axis_codes,
+    corners_apart,
+    determinant,
+    spacing_of,
+    to_index,
+    transform_faces,
+    transform_normals,
+    transform_points,
+)
 from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
@@ -102,11 +111,14 @@ __all__ = [
     "VolumeStatistics",
     "anatomy_of",
     "as_slice",
+    "axis_codes",
     "box_of",
     "chosen_labels_steps",
     "combined_labels",
     "converted_region",
+    "corners_apart",
     "default_window",
+    "determinant",
     "ends_of_body",
     "existing_labels_steps",
     "finish_of",

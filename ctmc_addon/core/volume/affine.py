@@ -114,6 +114,24 @@ def transform_normals(affine: NDArray[np.float64], normals: NDArray[Any]) -> NDA
     return (moved / length[:, None]).astype(np.float32)
 
 
+def corners_apart(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
+    """Return how far apart two affines place the same corner of a grid, at most along an axis.
+
+    Parameters
+    ----------
+    affine, other : (4, 4) float64
+    size : (x, y, z) int
+        Samples of the grid.
+
+    Examples
+    --------
+    >>> corners_apart(np.eye(4), np.diag([1.0, 1.0, 1.5, 1.0]), (9, 9, 4))
+    2.0
+    """
+    corners = np.array(list(np.ndindex(2, 2, 2)), np.float64) * size
+    return float(np.abs(transform_points(affine, corners) - transform_points(other, corners)).max())
+
+
 def with_origin(affine: NDArray[np.float64], index: tuple[int, int, int]) -> NDArray[np.float64]:
     """Return the affine of a grid whose first sample is the sample `index` (x, y, z) of this one."""
     moved = affine.copy()

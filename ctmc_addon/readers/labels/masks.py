@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import CtmcError, OutputError, ReadError, Stages, Step, Steps
-from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ...core.volume import SliceReader, ValueKind, ValuesInMemory, corners_apart, spacing_of
 from ..dicom.series import DicomSource, FolderContent
 from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
@@ -121,9 +121,7 @@ def same_place(
     """Return whether two volumes (slices, rows, columns) have their corners at the same places."""
     if affine is None or other is None:
         return affine is other
-    ends = np.array([(x, y, z, 1) for x in (0, shape[2]) for y in (0, shape[1]) for z in (0, shape[0])], np.float64)
-    apart = np.abs((ends @ (affine - other).T)[:, :3]).max()
-    return bool(apart <= SAME_GRID * float(np.sqrt((other[:3, :3] ** 2).sum(axis=0)).min()))
+    return corners_apart(affine, other, shape[::-1]) <= SAME_GRID * float(spacing_of(other).min())
 
 
 def other_grid(folder: Path, first: str, name: str) -> ReadError:
