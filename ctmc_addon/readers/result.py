@@ -8,7 +8,7 @@ every format, so they are answered here. Affines map (x, y, z) = (column, row, s
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -29,16 +29,14 @@ from ..core import (
 )
 from ..core.errors import VolumeError
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
+from .geometry import AXIAL, flipped, lengths_text, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
-
-ROUNDED = 1e-3  # share of a length by which two that a file says may differ
-AXIAL = np.diag([-1.0, -1.0, 1.0])  # directions where nothing is known: columns to the left, rows to the back
 
 
 @dataclass(frozen=True)
@@ -385,14 +383,6 @@ class VolumeSource(ABC):
         return volume
 
 
-def taken_as_axial(what: str) -> str:
-    """Return the note for a format without orientation."""
-    return (
-        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
-        "rows towards the back, slices towards the head; flip x, y or z changes it"
-    )
-
-
 def unreadable(path: Path, error: OSError) -> ReadError:
     """Return the error for a file that the system does not open."""
     name = Path(error.filename).name if isinstance(error.filename, str) else path.name
@@ -426,64 +416,3 @@ def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
     return (int(sides[0]), int(sides[1]), int(sides[2]))
-
-
-def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
-    """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
-    mirrored = affine.copy()
-    for axis in ("xyz".index(letter) for letter in axes):
-        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
-        mirrored[:3, axis] *= -1.0
-    return mirrored
-
-
-def respaced(
-    affine: NDArray[np.float64], spacing: tuple[float, float, float], directions: NDArray[np.float64] | None = None
-) -> tuple[NDArray[np.float64], str, tuple[str, ...]]:
-    """Return the affine with columns of the lengths `spacing`, words about those it had, and what was assumed.
-
-    An axis without length has the direction that the file says apart from it, else one at right angles to the others.
-    """
-    lengths, scaled = spacing_of(affine), affine.copy()
-    known, notes = lengths > 0, ()
-    if directions is None and not known.all():
-        directions = completed(affine[:3, :3], known)
-        axes = ", ".join(axis for axis, is_known in zip("xyz", known.tolist(), strict=True) if not is_known)
-        notes = (f"the file has no direction along {axes}: taken at right angles; flip x, y or z changes it",)
-    if directions is not None:
-        scaled[:3, :3] = np.where(known, affine[:3, :3], directions)
-    before = spacing_of(scaled)
-    # An axis that has no length still is left alone: Volume refuses it as singular.
-    scaled[:3, :3] *= np.divide(spacing, before, out=np.ones(3), where=before > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm", notes
-
-
-def completed(axes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return directions (3, 3), a column for each axis: those that are not known at right angles to the others.
-
-    They run as those of axial slices, as far as right angles allow.
-    """
-    directions = np.where(known, axes, 0.0)
-    directions /= np.sqrt((directions**2).sum(axis=0)) + ~known
-    missing = [axis for axis in range(3) if not known[axis]]
-    while len(missing) > 1:  # At most one direction is known: leave out its share of the axial ones.
-        along = directions.sum(axis=1)[:, None]
-        rest = AXIAL - along * (along * AXIAL).sum(axis=0)
-        lengths = np.sqrt((rest**2).sum(axis=0))
-        axis = max(missing, key=lambda axis: float(lengths[axis]))
-        directions[:, axis] = rest[:, axis] / lengths[axis]
-        missing.remove(axis)
-    for axis in missing:
-        across = np.cross(directions[:, (axis + 1) % 3], directions[:, (axis + 2) % 3])
-        directions[:, axis] = -across if (across * AXIAL[:, axis]).sum() < 0 else across
-    return directions
-
-
-def differ(lengths: NDArray[Any], others: NDArray[Any]) -> bool:
-    """Return whether two spacings (3,) differ, by more than headers round them."""
-    return bool((np.abs(lengths - others) > ROUNDED * np.abs(others)).any())
-
-
-def lengths_text(lengths: Iterable[float]) -> str:
-    """Three lengths in words: '0.5 x 0.5 x 2'."""
-    return " x ".join(f"{length:.4g}" for length in lengths)

@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
 from ...core.volume import axis_codes, corners_apart, determinant, spacing_of
+from ..geometry import differ, lengths_text
 from ..labels.colors import RGB, rgb_of_shares
 from ..length_units import in_mm
 from ..optional_imports import reason
-from ..result import RawValues, ReadRequest, Series, VolumeSource, differ, lengths_text
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices

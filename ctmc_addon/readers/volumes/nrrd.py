@@ -20,9 +20,10 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps, equal_part
 from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ..geometry import AXIAL
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
-from ..result import AXIAL, RawValues, ReadRequest, Series, VolumeSource
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams import skip_steps, unpacked
 from ..value_kind import require_text_memory

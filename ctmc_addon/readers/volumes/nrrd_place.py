@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ...core.volume import spacing_of
+from ..geometry import AXIAL, differ, lengths_text
 from ..length_units import in_mm
-from ..result import AXIAL, differ, lengths_text
 
 # Signs that turn a named space's axes to right, anterior, superior.
 SPACES = {
@@ -82,9 +82,7 @@ def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[
     return affine, (*notes, *said)
 
 
-def _by_spacings(
-    header: Mapping[str, Any], kept: list[int]
-) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
+def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
     """Affine of an NRRD without directions, taken as axial, and what was assumed; None without spacing."""
     low, high = _per_axis(header, "axis mins", kept), _per_axis(header, "axis maxs", kept)
     words = [str(word).lower() for word in _field(header, "centerings")]
@@ -92,7 +90,9 @@ def _by_spacings(
     in_cells = np.array([word == "cell" for word in centerings])
     sizes = np.array([header["sizes"][axis] for axis in kept], np.float64)
     spacings = _per_axis(header, "spacings", kept)
-    spacings = np.where(np.isfinite(spacings), spacings, (high - low) / np.where(in_cells, sizes, np.maximum(sizes - 1.0, 1.0)))
+    spacings = np.where(
+        np.isfinite(spacings), spacings, (high - low) / np.where(in_cells, sizes, np.maximum(sizes - 1.0, 1.0))
+    )
     if not np.isfinite(spacings).all():
         return None, ()
     # A cell begins half a spacing before its sample.

@@ -19,11 +19,12 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ...core.volume import ValueKind
 from ..file_formats import natural_key
+from ..geometry import AXIAL, taken_as_axial
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..length_units import in_mm
 from ..optional_imports import imported_steps
-from ..result import AXIAL, RawValues, ReadRequest, Series, VolumeSource, taken_as_axial
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"
@@ -218,10 +219,11 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     """Return the first image that the metadata of a group tell of."""
     found = about["multiscales"]
     first = found[0] if isinstance(found[0], dict) else {}
-    version = str(about.get("version", first.get("version", VERSIONS[0])))
+    version = str(about.get("version", first.get("version", version_by_axes(first))))
     if not version.startswith(VERSIONS):
         raise ReadError(
-            f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; convert it to one of them"
+            f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; write it again as one of them, "
+            "which ome-zarr-py and bioformats2raw from 0.5 on do"
         )
     axes = listed(first, "axes")
     datasets = listed(first, "datasets")
@@ -251,6 +253,14 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     image = Multiscale(axes, levels, transforms, labels, notes)
     check_axes(image, name)
     return image
+
+
+def version_by_axes(multiscales: Mapping[str, Any]) -> str:
+    """Return the version of metadata that name none: axes came with 0.3, as words, and are objects since 0.4."""
+    if "axes" not in multiscales and listed(multiscales, "datasets"):
+        return "0.2 or older"
+    axes = listed(multiscales, "axes")
+    return "0.3" if axes and all(isinstance(axis, str) for axis in axes) else VERSIONS[0]
 
 
 def check_axes(image: Multiscale, name: str) -> None:
