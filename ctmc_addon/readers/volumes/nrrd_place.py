@@ -88,11 +88,9 @@ def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np
     words = [str(word).lower() for word in _field(header, "centerings")]
     centerings = [words[axis] if axis < len(words) else "" for axis in kept]
     in_cells = np.array([word == "cell" for word in centerings])
-    sizes = np.array([header["sizes"][axis] for axis in kept], np.float64)
+    steps = np.array([header["sizes"][axis] for axis in kept], np.float64) - np.where(in_cells, 0.0, 1.0)
     spacings = _per_axis(header, "spacings", kept)
-    spacings = np.where(
-        np.isfinite(spacings), spacings, (high - low) / np.where(in_cells, sizes, np.maximum(sizes - 1.0, 1.0))
-    )
+    spacings = np.where(np.isfinite(spacings), spacings, (high - low) / np.maximum(steps, 1.0))
     if not np.isfinite(spacings).all():
         return None, ()
     # A cell begins half a spacing before its sample.

@@ -72,7 +72,7 @@ class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
     bl_idname = "ctmc.remove_small"
     bl_label = "Remove Small Components"
     bl_description = (
-        "Remove components and fill cavities below 10 mm3, or below a thousandth of a largest component that is smaller; "
+        "Remove components and fill cavities below 10 mm3, or a thousandth of a largest component that is smaller; "
         "nothing is extracted again"
     )
 
