@@ -43,7 +43,8 @@ def respaced(
     An axis without length has the direction that the file says apart from it, else one at right angles to the others.
     """
     lengths, scaled = spacing_of(affine), affine.copy()
-    known, notes = lengths > 0, ()
+    known = lengths > 0
+    notes: tuple[str, ...] = ()
     if directions is None and not known.all():
         directions = completed(affine[:3, :3], known)
         axes = ", ".join(axis for axis, is_known in zip("xyz", known.tolist(), strict=True) if not is_known)

@@ -23,11 +23,11 @@ from ..core import (
     SettingsError,
     Stages,
     Steps,
+    VolumeError,
     descriptions,
     finish,
     one_line,
 )
-from ..core.errors import VolumeError
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem

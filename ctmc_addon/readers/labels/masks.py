@@ -72,8 +72,8 @@ class MaskFolder(VolumeSource):
                 yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
             except NotAMask as error:
                 raise ReadError(
-                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask and the folder not "
-                    f"one of masks; choose one of its files"
+                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask; move it out of the "
+                    "folder to read the masks, or choose one file"
                 ) from error
             notes += [note for note in raw.notes if note not in notes]
         assert label_map is not None, "there are masks"
@@ -166,9 +166,10 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
             return None
     if others and len(masks) > len(others):
         names = " and ".join(f"'{name}' holds {reason}" for name, reason in others.items())
+        so, them = ("it is not a mask", "it") if len(others) == 1 else ("they are not masks", "them")
         raise ReadError(
-            f"the folder {folder.name} has {len(masks)} masks, and {names}; move that out of the folder to read the "
-            "masks, or choose one file"
+            f"the folder {folder.name} has {len(masks)} masks, and {names}, so {so}; move {them} out of the folder to "
+            "read the masks, or choose one file"
         )
     return None if others else checked(folder, masks)
 
