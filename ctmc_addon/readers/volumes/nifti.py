@@ -52,7 +52,8 @@ class NiftiFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
-        affine, notes = placed(self.header, self.path.name)
+        with np.errstate(all="ignore"):  # of numbers that overflow, which Volume refuses
+            affine, notes = placed(self.header, self.path.name)
         start = int(self.header.start)
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)

@@ -74,7 +74,8 @@ class NrrdFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time, or all layers of a segmentation."""
-        affine, notes = placed(self.header, self.kept_axes)
+        with np.errstate(all="ignore"):  # of numbers that overflow, which Volume refuses
+            affine, notes = placed(self.header, self.kept_axes)
         directions = None if "space directions" in self.header else AXIAL
         if self.segments and self.times > 1:
             layers = []
