@@ -17,6 +17,7 @@ from .errors import (
     ReadError,
     SettingsError,
     ThresholdError,
+    VolumeError,
     one_line,
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
@@ -155,6 +156,7 @@ __all__ = [
     "ThresholdError",
     "TriangleMesh",
     "Volume",
+    "VolumeError",
     "Write",
     "address_space_available",
     "advised_steps",

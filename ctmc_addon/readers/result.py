@@ -23,6 +23,7 @@ from ..core import (
     SettingsError,
     Stages,
     Steps,
+    VolumeError,
     descriptions,
     finish,
     one_line,
@@ -30,9 +31,9 @@ from ..core import (
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
+from .geometry import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
-from .placing import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
 from .value_kind import kind_steps, require_volume_memory
 
 Result = TypeVar("Result")
@@ -141,6 +142,8 @@ class RawValues:
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
         Millimeters, of a file that has spacing and no orientation.
+    directions : (3, 3) float64 or None
+        A column for each axis, where the file says them apart from their lengths, one of which may be 0.
     layers : tuple of (slices, rows, columns) array
         Further labels on the same grid, where labels overlap.
     """
@@ -154,6 +157,7 @@ class RawValues:
     has_palette: bool = False
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
+    directions: NDArray[np.float64] | None = None
     layers: tuple[NDArray[Any], ...] = ()
 
 
@@ -352,8 +356,8 @@ class VolumeSource(ABC):
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
-            affine, own_spacing = respaced(affine, spacing)
-            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
+            affine, own_spacing, said = respaced(affine, spacing, raw.directions)
+            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *said]
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
@@ -379,7 +383,10 @@ class VolumeSource(ABC):
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)
-        volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        try:
+            volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        except VolumeError as error:
+            raise VolumeError(f"{self.path.name}: {error}") from error
         if request.remove_table:
             from ..core.segmentation import without_table_steps
 

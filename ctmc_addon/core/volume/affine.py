@@ -35,11 +35,13 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise VolumeError(f"the last row of an affine is 0 0 0 1, not {matrix[3]}")
     lengths = spacing_of(matrix)
-    if (lengths < 1.0 / MOST_MM).any() or abs(determinant(matrix)) < 1e-6 * lengths.prod():
+    if (lengths < 1.0 / MOST_MM).any():
+        axes = ", ".join(axis for axis, length in zip("xyz", lengths.tolist(), strict=True) if length < 1.0 / MOST_MM)
         raise VolumeError(
-            "the affine is singular: its axes lie in one plane or have no length; "
-            "set the spacing, or repair the file's geometry"
+            f"the affine is singular: it has no length along {axes}; set the spacing, or repair the file's geometry"
         )
+    if abs(determinant(matrix)) < 1e-6 * lengths.prod():
+        raise VolumeError("the affine is singular: its axes lie in one plane; repair the file's geometry")
     matrix.flags.writeable = False
     return matrix
 

@@ -13,22 +13,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...core import ReadError
+from ..length_units import mm_of, unknown_notes
 from .imagej_calibration import Calibration, calibration_of
 from .tiff_tags import PageLayout
 
-TO_MM = {
-    **{
-        "nm": 1e-6,
-        "µm": 1e-3,
-        "\u03bcm": 1e-3,
-        "um": 1e-3,
-        "micron": 1e-3,
-        "microns": 1e-3,
-        "micrometer": 1e-3,
-        "mm": 1.0,
-    },
-    **{"millimeter": 1.0, "cm": 10.0, "centimeter": 10.0, "m": 1e3, "meter": 1e3, "inch": 25.4, "in": 25.4, "Å": 1e-7},
-}
+PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
 MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
 LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
 
@@ -176,16 +165,19 @@ def number_of(value: Any) -> float | None:
 
 
 def in_mm(sizes: list[float | None], units: list[str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Lengths in mm; none where x, y or a unit is not known."""
+    """Lengths in mm; none where x or y is not known or the unit is a pixel, and those of an unknown unit as mm."""
     x, y, z = sizes
-    if x is None or y is None or not all(unit in TO_MM for unit in units):
+    units = [unit.strip() for unit in units]
+    if x is None or y is None or not all(units) or any(unit.lower() in PIXELS for unit in units):
         return None, ()
     notes = []
     if z is None:
         z, units = x, [units[0], units[1], units[0]]
         notes.append("the TIFF has no spacing between slices: that between columns is taken; give the spacing in mm")
-    others = sorted({unit for unit in units if TO_MM[unit] != 1.0})
+    known = {unit: mm_of(unit) for unit in units}
+    others = sorted(unit for unit, mm in known.items() if mm not in (None, 1.0))
     if others:
         notes.append(f"the TIFF's spacing is in {' and '.join(others)} and was converted to mm")
-    lengths = [size * TO_MM[unit] for size, unit in zip((x, y, z), units, strict=True)]
+    notes += unknown_notes(sorted(unit for unit, mm in known.items() if mm is None))
+    lengths = [size * (known[unit] or 1.0) for size, unit in zip((x, y, z), units, strict=True)]
     return (lengths[0], lengths[1], lengths[2]), tuple(notes)

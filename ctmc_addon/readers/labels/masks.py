@@ -34,6 +34,7 @@ from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
 FEWEST = 2  # masks that make a folder of them
+MOST_OTHERS = 2  # files among masks that are named; with more it is not a folder of masks
 SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
 
 
@@ -79,8 +80,8 @@ class MaskFolder(VolumeSource):
                 rounded = yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
             except NotAMask as error:
                 raise ReadError(
-                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask and the folder not "
-                    f"one of masks; choose one of its files"
+                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask; move it out of the "
+                    "folder to read the masks, or choose one file"
                 ) from error
             notes += [note for note in (*raw.notes, *rounded) if note not in notes]
         assert label_map is not None, "there are masks"
@@ -155,47 +156,69 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
     """Return the masks that lie as files in a folder, one in each; None where they are something else.
 
     Bytes are taken for masks until they are read; wider numbers are looked at, which is short for anything else.
+
+    Raises
+    ------
+    ReadError
+        If a file or two beside more masks hold something else, as a CT or a map of probabilities.
     """
     files = sorted((file for file in folder.iterdir() if suffix(file) in MASK_SUFFIXES), key=natural_key)
     files = [file for file in files if not file.name.startswith(".") and file.is_file()]
     if len(files) < FEWEST or any(map(segmentation_sibling, files)):
         return None
     masks: dict[str, VolumeSource] = {}
+    others: dict[str, str] = {}
     for number, file in enumerate(files):
         yield Step(number / len(files), "Reading headers")
         try:
             source = yield from open_steps(file)
-            if source.series[0].times > 1 or not (yield from may_be_mask_steps(source)):
-                return None
+            reason = yield from no_mask_steps(source)
         except OutputError:
             raise
         except CtmcError:
             return None
-        masks[stem(file) if stem(file) not in masks else file.name] = source
-    return checked(folder, masks)
+        if reason:
+            others[file.name] = reason
+        else:
+            masks[stem(file) if stem(file) not in masks else file.name] = source
+        if len(others) > MOST_OTHERS:
+            return None
+    if others and len(masks) > len(others):
+        names = " and ".join(f"'{name}' holds {reason}" for name, reason in others.items())
+        so, them = ("it is not a mask", "it") if len(others) == 1 else ("they are not masks", "them")
+        raise ReadError(
+            f"the folder {folder.name} has {len(masks)} masks, and {names}, so {so}; move {them} out of the folder to "
+            "read the masks, or choose one file"
+        )
+    return None if others else checked(folder, masks)
 
 
-def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
-    """Return whether a file may hold a mask: bytes by their type, other numbers by all of them."""
-    dtype = source.series[0].dtype
-    if dtype in ("uint8", "int8", "bool"):
-        return True
+def no_mask_steps(source: VolumeSource) -> Steps[str]:
+    """Return what a file holds instead of a mask, '' where it may be one: bytes by type, other numbers by all."""
+    line = source.series[0]
+    if line.times > 1:
+        return f"{line.times} times"
+    if line.dtype in ("uint8", "int8", "bool"):
+        return ""
     raw = yield from source.read_raw_steps(ReadRequest(whole=False))
     if raw.label_names:
-        return False
+        return f"{len(raw.label_names)} labels with names"
     reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
     seen: set[float] = set()
-    numbers = WholeNumbers(reader.value_step, "")
+    numbers, reason = WholeNumbers(reader.value_step, ""), ""
 
     def look(values: NDArray[Any]) -> bool:
+        nonlocal reason
         try:
             seen.update(two_values(whole_if_nearly(values, numbers)))
-        except NotAMask:
-            seen.update((-1.0, -2.0, -3.0))
-        return len(seen) > 2
+        except NotAMask as error:
+            reason = str(error)
+        return bool(reason) or len(seen) > 2
 
     yield from reader.runs_steps(look)
-    return len(seen) <= 2 and 0.0 in seen
+    if not reason and (len(seen) > 2 or 0.0 not in seen):
+        reason = "the values " + limited(f"{value:g}" for value in sorted(seen))
+    return reason
 
 
 def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:

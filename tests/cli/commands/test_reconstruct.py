@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -299,6 +300,21 @@ def test_many_small_components_are_counted_with_the_flag_that_removes_them(ctmc,
     outcome = ctmc(*words, "-o", tmp_path / "one.stl", "--min-part", "10")
     assert "smaller than" not in outcome.out
     assert ", 1 component, " in outcome.out
+
+
+def test_the_minimum_volume_that_is_proposed_leaves_the_largest_component(ctmc, tmp_path):
+    values = np.zeros((16, 40, 40), np.int16)
+    values[4:12, 14:26, 14:26] = 200
+    values[1:15:3, 1:10:3, 1:39:3] = 200
+    np.save(tmp_path / "noise.npy", values)
+    words = ["reconstruct", tmp_path / "noise.npy", "--spacing", "0.1", "0.1", "0.1", "--threshold", "100"]
+    outcome = ctmc(*words, "-o", tmp_path / "all.stl")
+    found = re.search(r"195 of 196 components are smaller than (\S+) mm3; (--min-part) (\S+) removes them", outcome.out)
+    assert found[1] == found[3] == "0.001"
+    outcome = ctmc(*words, "-o", tmp_path / "one.stl", found[2], found[3])
+    assert outcome.code == 0, outcome.errors
+    assert ", 1 component, " in outcome.out
+    assert "smaller than" not in outcome.out
 
 
 def test_a_given_name_takes_the_place_of_the_files(ctmc, misused, tmp_path):

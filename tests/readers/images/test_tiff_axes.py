@@ -76,7 +76,7 @@ def test_imagej_says_its_spacing(tmp_path, unit, mm):
     assert any("in place of the file's own" in note for note in given.notes)
 
 
-@pytest.mark.parametrize("metadata", [{}, {"unit": "pixel", "spacing": 3}, {"unit": "parsec"}])
+@pytest.mark.parametrize("metadata", [{}, {"unit": "pixel", "spacing": 3}])
 def test_a_unit_that_is_no_length_gives_no_spacing(tmp_path, metadata):
     path = saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", imagej=True, resolution=(4.0, 2.0), metadata=metadata)
     volume = read_volume(path)

@@ -212,7 +212,7 @@ def test_positions_in_other_units_become_millimeters(tmp_path):
     nibabel.save(image, tmp_path / "ct.nii")
     volume = read_volume(tmp_path / "ct.nii")
     assert volume.spacing == pytest.approx((1, 1, 2))
-    assert any("meters and were converted" in note for note in volume.notes)
+    assert any("in meter and were converted" in note for note in volume.notes)
 
 
 def test_label_names_come_from_the_header_extension(tmp_path):
