@@ -318,13 +318,16 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     if not best:
         if scouts:
             raise ReadError(f"{path.name} has only scouts ({scouts}); choose the series of slices")
-        several, lacking = len(slices) > 1, "position (ImagePositionPatient)"
         if any(ct_slice.geometry.position for ct_slice in slices):
-            lacking = "direction (ImageOrientationPatient)"
-        subject = f"none of the {len(slices)} slices or frames in" if several else "the image in"
+            raise ReadError(
+                f"no image in {path.name} has a position and a direction (ImageOrientationPatient), which put slices "
+                "in order; export the series again, or as NIfTI"
+            )
+        none = f"the image in {path.name} has no position"
+        if len(slices) > 1:
+            none = f"none of the {len(slices)} slices or frames in {path.name} has a position"
         raise ReadError(
-            f"{subject} {path.name} has {'a' if several else 'no'} {lacking}, which puts slices in order; export the "
-            "series again, or as NIfTI"
+            f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
     turn = turning([ct_slice for ct_slice in placed if not is_scout(ct_slice)], best)
     if turn:

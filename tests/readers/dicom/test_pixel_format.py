@@ -223,4 +223,4 @@ def test_a_direction_that_is_no_number_is_not_called_a_position(tmp_path, save_s
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         save_stack(tmp_path, range(3), ImageOrientationPatient=["nan"] * 6)
-    refused(tmp_path, "none of the 3 slices or frames in", "has a direction (ImageOrientationPatient)")
+    refused(tmp_path, "no image in", "has a position and a direction (ImageOrientationPatient)")
