@@ -99,10 +99,12 @@ def test_each_axis_of_imagej_has_its_own_unit(tmp_path, units, expected):
     assert any("converted to mm" in note for note in volume.notes)
 
 
-def test_an_axis_of_imagej_without_a_known_unit_gives_no_spacing(tmp_path):
+def test_a_length_of_imagej_in_an_unknown_unit_is_taken_as_mm_with_a_note(tmp_path):
     metadata = {"unit": "mm", "zunit": "parsec", "spacing": 2}
     path = saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", imagej=True, resolution=(4.0, 2.0), metadata=metadata)
-    assert read_volume(path).spacing == (1, 1, 1)
+    volume = read_volume(path)
+    assert volume.spacing == (0.25, 0.5, 2.0)
+    assert any("'parsec'" in note for note in volume.notes)
 
 
 def test_single_slices_of_imagej_say_the_size_of_their_pixels(tmp_path):
