@@ -22,7 +22,7 @@ from .statistics import slabs_of
 from .volume import Box, Volume
 
 SMOOTHING = "Smoothing"
-SLICES = 16  # compared with a label at once, so that labels that are not in memory as they are need little of it
+SLICES = 16  # A label is compared with so many at once: what is rounded as it is read takes memory for these alone.
 
 
 class FieldValues(Protocol):
