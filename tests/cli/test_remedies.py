@@ -170,14 +170,24 @@ def earlier_batch(folder):
     return npy(folder)
 
 
+def segmented(folder):
+    from ctmc_addon.cli import main
+
+    path, words = npy(folder), ["--method", "connected", "--range", "100", "300", "--seed", *SEED, "--quiet"]
+    assert main(["segment", str(path), "-o", str(folder / "drawn.seg.nrrd"), *words]) == 0
+    return path
+
+
 class Row(NamedTuple):
     make: object
     words: str
-    """The command; INPUT and OUT are put in."""
+    """The command; INPUT, its folder IN and OUT are put in."""
     remedies: dict
 
 
 INFO, SURFACE = "info INPUT", "reconstruct INPUT -o OUT/x.stl --quiet"
+SEGMENT = "segment INPUT -o OUT/l.seg.nrrd --quiet --method connected"
+SEED, DRAWN = ["ball", "-6", "-6", "6"], "IN/drawn.seg.nrrd"
 SPACING = {"--spacing": ["1", "1", "2"]}
 ROWS = [
     *(
@@ -196,15 +206,25 @@ ROWS = [
     Row(npy, f"{INFO} --remove-table", {"--remove-table": None}),
     Row(npy, f"{SURFACE} --threshold 100 --series 2", {"--series": None}),
     Row(npy, f"{SURFACE} --threshold 100 --level 1", {"--level": None}),
+    Row(npy, "measure INPUT --threshold 100 --simplify 0.5 --simplifier decimate", {"--simplifier": None}),
+    Row(npy, "reconstruct INPUT -o OUT/t/ --quiet --threshold 100 --time all", {"--time": None}),
+    Row(
+        segmented,
+        f"{SEGMENT} --range 100 300",
+        {"--seed": SEED, "--from": [DRAWN, "--margin", "ball", "2"], "--margin": ["ball", "2", "--from", DRAWN]},
+    ),
+    Row(npy, f"{SEGMENT} --seed ball -6 -6 6", {"--range": ["100", "300"]}),
+    Row(npy, f"{SEGMENT} --seed -6 -6 6 --range 100 300", {"--seed": SEED}),
     Row(earlier_batch, "batch INPUT -o OUT --threshold 100 --quiet", {"--resume": [], "--overwrite": []}),
 ]
 
 
-def command_of(row, folder):
-    (folder / "in").mkdir()
-    (folder / "out").mkdir()
-    path = row.make(folder / "in")
-    return [word.replace("INPUT", str(path)).replace("OUT", str(folder / "out")) for word in row.words.split()]
+def put_in(words, folder, path=""):
+    """The words with their paths."""
+    places = {"INPUT": str(path), "IN/": f"{folder / 'in'}/", "OUT": str(folder / "out")}
+    for name, place in places.items():
+        words = [word.replace(name, place) for word in words]
+    return words
 
 
 def row_name(row):
@@ -212,11 +232,15 @@ def row_name(row):
 
 
 @pytest.mark.parametrize("row", ROWS, ids=row_name)
-def test_each_flag_that_a_refusal_names_mends_it(refused, ctmc, tmp_path, row):
-    words = command_of(row, tmp_path)
-    sentence = refused(*words)
-    assert named_flags(sentence) == set(row.remedies), sentence
+def test_each_flag_that_a_refusal_names_mends_it(ctmc, tmp_path, row):
+    for name in ("in", "out"):
+        (tmp_path / name).mkdir()
+    words = put_in(row.words.split(), tmp_path, row.make(tmp_path / "in"))
+    outcome = ctmc(*words)
+    assert outcome.code in (1, 2), outcome.out
+    sentence = outcome.errors[-1]
+    named = named_flags(sentence)
+    assert set(row.remedies) <= named <= {*row.remedies, *words}, sentence
     for flag, values in row.remedies.items():
-        values = None if values is None else [word.replace("OUT", str(tmp_path / "out")) for word in values]
-        outcome = ctmc(*with_flag(words, flag, values))
+        outcome = ctmc(*with_flag(words, flag, None if values is None else put_in(values, tmp_path)))
         assert outcome.code == 0, outcome.errors
