@@ -14,6 +14,7 @@ from shapes import distance_mm
 
 from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, reconstruct, reconstruct_labels
 from ctmc_addon.core.segmentation import Click, brushed_window, compete_steps, scissors_steps
+from ctmc_addon.core.segmentation.competition.border import _prices
 
 SHAPE = (22, 30, 34)
 OBLIQUE = np.array([[-0.71, 0.13, 0.2, 12.0], [0.17, 0.83, -0.11, -9.0], [0.09, 0.15, 1.3, 30.0], [0, 0, 0, 1]])
@@ -57,7 +58,7 @@ def shared_walls() -> list[np.ndarray]:
 
 
 def clicks() -> list[np.ndarray]:
-    """What clicks compete for, then drawn on by a ball and a disc and cut by a lasso."""
+    """What clicks compete for, then drawn on by a ball and a disc and cut by a lasso; prices of a million blocks."""
     volume = soft()
     middle = tuple(side // 2 for side in SHAPE)
     structures = finish(compete_steps(volume, [Click(middle, 1), Click((3, 4, 5), 0), Click((18, 25, 29), 0)]))
@@ -70,7 +71,10 @@ def clicks() -> list[np.ndarray]:
     view = np.array(
         [[0.05, 0.01, 0.004, -0.44], [0.0, 0.06, -0.01, 0.17], [0.01, 0.0, -0.1, 3.1], [0.0, 0.0, 0.0, 1.0]]
     )
-    return [structures, mask, finish(scissors_steps(mask, volume, view, lasso, depth_mm=9.0))]
+    many = (
+        np.random.default_rng(4).integers(-600, 600, (100, 100, 100)).astype(np.float32) / 16
+    )  # more blocks than here
+    return [structures, mask, finish(scissors_steps(mask, volume, view, lasso, depth_mm=9.0)), _prices(many)]
 
 
 WORKS = {
