@@ -24,6 +24,7 @@ from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
 from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
 from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from .plan import required_steps
 from .progress import Stages, Steps, WithResult, finish
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
@@ -200,7 +201,7 @@ class _Making:
     def __init__(
         self, volume: Volume | None, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False
     ) -> None:
-        self.settings, self.budget, self.sink = settings, budget, sink
+        self.settings, self.budget, self.sink, self.full = settings, budget, sink, full
         self.stages = Stages(_weights(settings, sink, full))
         self.seconds: dict[str, float] = {}
         self.choice: AlphaChoice | None = None
@@ -220,10 +221,17 @@ class _Making:
         return self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm
 
     def field_steps(self) -> Steps[None]:
-        """Prepare the field that the surface is extracted from."""
-        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
-        self.field = yield from self.stages.run(PREPARING, preparing)
+        """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
+        self.field = yield from self.stages.run(PREPARING, self._planned_field_steps())
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
+
+    def _planned_field_steps(self) -> Steps[Field]:
+        field = yield from field_steps(
+            self.volume, self.settings, self.budget, with_surface=not self._shows_normals
+        )
+        if not self.full:  # of which the settings say nothing
+            yield from required_steps(self.volume, self.settings, self.budget, self.sink, field)
+        return field
 
     def result_steps(self) -> Steps[Reconstruction]:
         """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""

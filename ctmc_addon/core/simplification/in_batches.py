@@ -30,9 +30,8 @@ from .bounded import hold_bound_steps
 from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
-from .whole import SAFETY_FACTOR, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
+from .whole import SAFETY_FACTOR, SPARE, Goal, Simplification, collapse_steps, memory_needed, require_finite, whole_steps
 
-SPARE = 1.2  # times as many triangles as wanted are left for the last pass
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
 BATCHES_SHARE = 0.8  # of the time
@@ -195,7 +194,10 @@ class _Passes:
         whole = stuck = False
         most, axis = self.last_faces, -1
         while faces > target and not (whole and faces == before):
-            parts, axis = regions(joined(batches), faces if stuck else most, axis)
+            surface = joined(batches)
+            batches.clear()  # the caller's list too: all triangles are there twice and not three times
+            parts, axis = regions(surface, faces if stuck else most, axis)
+            del surface
             # Borders of regions stay, so these may not give all: the next are larger, and follow along another axis.
             batches, whole, most = [], len(parts) == 1, self.most_at_once
             goal = target if whole else max(target, faces // 2)
