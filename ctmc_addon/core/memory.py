@@ -92,9 +92,7 @@ def _unrefused() -> int | None:
     return linux_available(Path("/"), address_space=False)
 
 
-def _limit_for(
-    needed_bytes: int, available: Callable[[], int | None], again: Callable[[], int | None]
-) -> int | None:
+def _limit_for(needed_bytes: int, available: Callable[[], int | None], again: Callable[[], int | None]) -> int | None:
     """Return what is available; where that is too little, `again` without freed pages that the C library keeps."""
     limit = available()
     if limit is None or needed_bytes <= limit:

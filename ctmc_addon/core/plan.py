@@ -55,7 +55,6 @@ SHOWN_SHARE = 0.25  # of the memory, for a copy of a CT that is shown: previews 
 MOST_STRIDE = 16
 LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
 ROUNDED = 0.9  # of the triangles that would fit are proposed
-SAMPLED_SLABS = 24  # in which triangles are counted before a surface is made: a second of 2 GiB
 COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
 LOOKING = "Looking for what fits"
 
@@ -183,7 +182,7 @@ def required_steps(
     if not sink.holds and not Plan(Counts(0, 0, 0, 0), settings, budget).simplifies:
         return
     stages = Stages({"Counting triangles": 1, LOOKING: 1})
-    planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=SAMPLED_SLABS)
+    planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=budget.counted_slabs)
     plan = yield from stages.run("Counting triangles", planning)
     least = replace(plan, value_bytes=0, budget=replace(budget, work_bytes=0))  # small works take less than these
     if least.needed > there:
@@ -328,7 +327,7 @@ def _stride_steps(volume: Volume, plan: Plan, there: int) -> Steps[str | None]:
                 plan.budget,
                 plan.sink,
                 plan.written_bytes,
-                most_slabs=None if plan.counts.exact else SAMPLED_SLABS,
+                most_slabs=None if plan.counts.exact else plan.budget.counted_slabs,
             )
         except CtmcError:  # a slab is thicker at a wider stride, or there is no surface
             return None

@@ -226,9 +226,7 @@ class _Making:
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
 
     def _planned_field_steps(self) -> Steps[Field]:
-        field = yield from field_steps(
-            self.volume, self.settings, self.budget, with_surface=not self._shows_normals
-        )
+        field = yield from field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
         if not self.full:  # of which the settings say nothing
             yield from required_steps(self.volume, self.settings, self.budget, self.sink, field)
         return field
