@@ -131,13 +131,12 @@ def without_small_steps(
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
     surface, removed = yield from kept_and_removed_steps(surface, alpha, settings.keep_parts, min_part_mm3)
-    mesh = surface.at(alpha)
     return replace(
         full,
-        mesh=mesh,
+        mesh=surface.at(alpha),
         surface=None if full.surface is None else surface,
         settings=settings,
-        full_faces=len(mesh.faces),
+        full_faces=len(surface.faces),
         removed_components=full.removed_components + removed,
     )
 
@@ -222,14 +221,11 @@ class _Making:
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
-        self.field = yield from self.stages.run(PREPARING, self._planned_field_steps())
+        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
+        self.field = yield from self.stages.run(PREPARING, preparing)
+        if not self.full:  # the settings say nothing of the full surface
+            yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
-
-    def _planned_field_steps(self) -> Steps[Field]:
-        field = yield from field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
-        if not self.full:  # of which the settings say nothing
-            yield from required_steps(self.volume, self.settings, self.budget, self.sink, field)
-        return field
 
     def result_steps(self) -> Steps[Reconstruction]:
         """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""
