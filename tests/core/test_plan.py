@@ -209,7 +209,7 @@ def test_some_slabs_of_a_large_volume_tell_what_does_not_fit(monkeypatch):
 @pytest.mark.parametrize("share", [3, 12])
 def test_a_surface_that_does_not_fit_is_refused_before_work_with_settings_that_do(file, more, share, monkeypatch):
     settings = replace(SETTINGS, **more)
-    budget = Budget(threads=1, work_bytes=0, whole_faces=4000)
+    budget = Budget(threads=1, work_bytes=0)
     budget = replace(budget, bytes=finish(plan_steps(file, settings, budget)).needed // share)
     sentence = refused_before_work(file, settings, budget, monkeypatch)
     advised = [replace(settings, stride=proposed_stride(sentence))]
@@ -235,6 +235,6 @@ def test_a_surface_in_batches_needs_what_its_largest_pass_does():
 
 def test_simplification_of_a_surface_with_room_for_it_is_not_refused(file):
     settings = replace(SETTINGS, reduction=0.9)
-    budget = Budget(threads=1, work_bytes=0, whole_faces=4000)
+    budget = Budget(threads=1, work_bytes=0)
     budget = replace(budget, bytes=finish(plan_steps(file, settings, budget)).needed)
     assert len(made(file, settings, budget).mesh.faces) == finish(plan_steps(file, settings, budget)).left
