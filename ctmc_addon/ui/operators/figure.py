@@ -203,7 +203,9 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Return all selected surfaces in one figure."""
         cell, caption = cell_of(context)
-        return figure_steps([cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene)
+        return figure_steps(
+            [cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene, own_process=True
+        )
 
 
 class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
@@ -234,7 +236,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         style, blend = style_of(panel), blend_of(panel, target)
         budget = machine().budget
         distances, limit = panel.sheet_deviation, values_of(panel, DistanceMap)["limit_mm"]
-        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget)
+        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget, True)
 
 
 def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
@@ -267,7 +269,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         surface = as_shown(obj, context.scene)
         budget = machine().budget
         style, blend, limit = style_of(panel), blend_of(panel, target), values_of(panel, DistanceMap)["limit_mm"]
-        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget)
+        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget, True)
 
 
 class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
@@ -300,7 +302,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
-        style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite}
+        style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite, "own_process": True}
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)
 
 
