@@ -237,13 +237,10 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
                     made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
                     scene, objects, _ = stack.enter_context(made)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
-                # A thumbnail's process is the batch's, which ends it: another would take longer to start than to render.
-                rendering = render_figure_steps(
-                    *(objects, scene, temporaries[outputs.figure]),
-                    **{"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small},
-                )
-                for step in WithResult(quiet_steps(rendering)):
-                    yield Step(0.4, step.message)
+                # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
+                how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}
+                rendering = render_figure_steps(objects, scene, temporaries[outputs.figure], **how)
+                yield from quiet_steps(rendering)
     return with_stages(replace(surfaces, results=tuple(shown)), stages)
 
 
