@@ -18,6 +18,7 @@ from .spec import Cell
 from .styles import mean_edge
 
 WALL_GAP_MM = 0.02  # in the patient
+POINTS = 10_000  # looked up in a step
 SETTING_UP = Step(0.0, "Setting up the figure")
 
 
@@ -37,9 +38,12 @@ def open_shared_walls_steps(cell: Cell, copies: Sequence[bpy.types.Object]) -> S
     for surface, copy in zip(cell.surfaces, copies, strict=True):
         if surface.opacity == 1.0:
             continue
-        yield SETTING_UP
-        near = 0.5 * mean_edge(copy)
-        on_wall = np.array([tree.find_nearest(point, near)[0] is not None for point in world_positions(copy).tolist()])
+        near, positions = 0.5 * mean_edge(copy), world_positions(copy)
+        on_wall = np.zeros(len(positions), bool)
+        for first in range(0, len(positions), POINTS):
+            yield SETTING_UP
+            some = positions[first : first + POINTS].tolist()
+            on_wall[first : first + POINTS] = [tree.find_nearest(point, near)[0] is not None for point in some]
         triangles = meshes.read_triangles(copy.data)
         delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
 

@@ -2,8 +2,7 @@
 """Figures for print from the sidebar: `ctmc.figure`, and with `_sheet`, `_deviation` and `_turntable` after it.
 
 Each is made in a scene of its own, which is gone when the work is done or stopped; the user's scene, its render
-settings and its selection are never changed. Blender renders a picture, or a tile of a large one, in one go: between
-two of them the work can be stopped.
+settings and its selection are never changed. Another process renders it, which Esc ends at any moment.
 """
 
 from __future__ import annotations
@@ -48,7 +47,7 @@ from ..translations import translate
 from .paths import RELATIVE
 
 ESC = (
-    "The window waits while Blender renders; Esc stops it between pictures, or tiles of a large one, and leaves nothing"
+    "A Blender of its own renders it, so that this window stays free to look around; Esc stops it and leaves nothing"
 )
 
 
@@ -279,8 +278,8 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     bl_label = "Make Turntable"
     bl_description = (
         "Render the selected surfaces turning once or more, without a seam, to a video or to PNG frames in a folder. "
-        "The window waits while Blender renders a frame; Esc stops it before the next. Frames that are done stay, and "
-        "the same turntable goes on with them"
+        "A Blender of its own renders them, so that this window stays free to look around. Frames that are done when Esc "
+        "stops it stay, and the same turntable goes on with them"
     )
     kind = named = "turntable"
 
