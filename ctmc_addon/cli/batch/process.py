@@ -65,7 +65,11 @@ class CaseProcess:
         # Blender's own chatter is passed over; standard error is kept for a crash.
         try:
             self.process = subprocess.Popen(
-                command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, env=environment(self.folder)
+                command(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self.errors,
+                env=environment(self.folder),
             )
         except OSError as error:
             self.errors.close()

@@ -46,9 +46,7 @@ from ..state import session, structures, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
 
-ESC = (
-    "A Blender of its own renders it, so that this window stays free to look around; Esc stops it and leaves nothing"
-)
+ESC = "A Blender of its own renders it, so that this window stays free to look around; Esc stops it and leaves nothing"
 
 
 class FigureOperator(jobs.LongOperator):
@@ -278,8 +276,8 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     bl_label = "Make Turntable"
     bl_description = (
         "Render the selected surfaces turning once or more, without a seam, to a video or to PNG frames in a folder. "
-        "A Blender of its own renders them, so that this window stays free to look around. Frames that are done when Esc "
-        "stops it stay, and the same turntable goes on with them"
+        "A Blender of its own renders them, so that this window stays free to look around. Frames that are done when "
+        "Esc stops it stay, and the same turntable goes on with them"
     )
     kind = named = "turntable"
 
