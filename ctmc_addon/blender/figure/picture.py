@@ -6,6 +6,8 @@ The PNG knows its resolution and nothing of this machine.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -16,7 +18,9 @@ import bpy
 from ...core import OutputError
 from ..colors import Color
 from ..output_files import require_room
-from .samples import clean_border, clean_page, is_denoised
+from .samples import OVERLAP, clean_border, clean_page, is_denoised
+
+TILE_PIXELS = 4_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
 
 
 class Picture(NamedTuple):
@@ -57,16 +61,37 @@ class Picture(NamedTuple):
         require_room(path, 4 * size[0] * size[1] + 10_000)
         if self.pivot:
             scene.objects[self.pivot].rotation_euler.z = self.angle
-        render_to(scene, path)
         picture = pillow().new(render.image_settings.color_mode, size)
-        with opened_png(path, self.name) as rendered:
-            if rendered.size != size:
-                raise OutputError(f"Blender rendered {rendered.size} pixels of {self.name} instead of {size}")
-            denoised = is_denoised(scene)
-            picture.paste(clean_page(rendered, self.paper) if denoised else rendered)
+        denoised = is_denoised(scene)
+        tiles = tiles_of(size) if render.engine == "CYCLES" else [(0, size[1])]
+        if len(tiles) > 1:
+            render.use_border = render.use_crop_to_border = render.use_persistent_data = True
+        for low, high in tiles:
+            first, last = max(low - OVERLAP, 0), min(high + OVERLAP, size[1])
+            # A quarter of a row up: right whether Blender rounds or cuts.
+            render.border_min_y, render.border_max_y = ((row + 0.25) / size[1] for row in (first, last))
+            render_to(scene, path)
+            with opened_png(path, self.name) as tile:
+                if tile.size != (size[0], last - first):
+                    raise OutputError(f"Blender rendered {tile.size} of {self.name}, not its rows {first} to {last}")
+                rows = tile.crop((0, last - high, size[0], last - low))
+            picture.paste(clean_page(rows, self.paper) if denoised else rows, (0, size[1] - high))
         if denoised:
             clean_border(picture, self.paper)
         picture.save(path, "PNG", dpi=(self.dpi, self.dpi))
+
+
+def tiles_of(size: tuple[int, int]) -> list[tuple[int, int]]:
+    """Return the first row and the row after the last of every tile, from the bottom up.
+
+    Examples
+    --------
+    >>> tiles_of((1000, 2000)), tiles_of((2000, 4000))
+    ([(0, 2000)], [(0, 2000), (2000, 4000)])
+    """
+    count = max(1, math.ceil(size[0] * size[1] / TILE_PIXELS))
+    edges = [round(size[1] * at / count) for at in range(count + 1)]
+    return list(itertools.pairwise(edges))
 
 
 def pillow() -> Any:

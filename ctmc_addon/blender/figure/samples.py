@@ -21,7 +21,8 @@ SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and 
 NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
 FEWEST, MOST = 16, 512
 COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
-LONGEST_S = 600.0  # for a picture; what is left of the noise then stays
+LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
+OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
 PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
 BORDER = 3  # pixels along the sides of a page, which are empty, and where it leaves more
 

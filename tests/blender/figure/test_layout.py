@@ -11,6 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
+from ctmc_addon.blender.figure import picture
 from ctmc_addon.blender.figure.annotations import round_length
 from ctmc_addon.blender.figure.compose import compose_steps
 from ctmc_addon.blender.figure.picture import opened_png
@@ -325,6 +326,17 @@ def test_other_engines_draw_edges_too(thing, tmp_path, engine):
 def test_the_background_is_white_to_the_last_pixel(thing, tmp_path):
     render([thing], tmp_path / "a.png", Page(40.0, 72.0), orientation=False, scale_bar=False)
     assert (pixels(tmp_path / "a.png")[:3] == 1).all()
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transparent):
+    page = Page(40.0, 72.0, transparent=transparent)
+    render([thing], tmp_path / "whole.png", page)
+    monkeypatch.setattr(picture, "TILE_PIXELS", 1500)
+    assert len(picture.tiles_of(page.pixels(40.0))) > 4
+    render([thing], tmp_path / "tiles.png", page)
+    assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "tiles.png")).max() <= 1 / 255
+    assert len(list(tmp_path.iterdir())) == 2
 
 
 @pytest.mark.parametrize("transparent", [False, True])
