@@ -22,10 +22,9 @@ from typing import Any, Protocol
 
 import bpy
 
-from ...core import OutputError, Step, Steps
+from ...core import BOOT, OutputError, Step, Steps, first_request, how_it_ended, interpreter
 from ...core.files.atomic_write import refused
 from ...core.files.temporary_names import temporary_name
-from ...core.own_process import BOOT, first_request, how_it_ended, interpreter
 from ..output_files import require_room
 from .compose import FigureScene
 from .picture import Picture

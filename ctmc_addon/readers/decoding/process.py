@@ -22,8 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps
-from ...core.own_process import BOOT, first_request, how_it_ended, interpreter
+from ...core import BOOT, ReadError, Step, Steps, first_request, how_it_ended, interpreter
 
 WORKER = Path(__file__).with_name("worker.py")
 TICK = 0.02  # seconds between two looks whether there is an answer
