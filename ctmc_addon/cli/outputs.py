@@ -28,7 +28,7 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from ..core.files.file_names import file_names
 from ..core.mesh import coarse_mesh
-from .blender_host import blender_at_work, objects_of
+from .blender_host import blender_at_work, objects_of, quiet_steps
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
 
@@ -206,7 +206,7 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
 def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
-    from ..blender.figure.render import PICTURE_SIZE, render_figure
+    from ..blender.figure.render import PICTURE_SIZE, render_figure_steps
 
     yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
     stages: list[Stage] = []
@@ -237,8 +237,10 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
                     made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
                     scene, objects, _ = stack.enter_context(made)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
-                with blender_at_work():
-                    render_figure(objects, scene, temporaries[outputs.figure], names=names, chosen=chosen, **small)
+                # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
+                how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}
+                rendering = render_figure_steps(objects, scene, temporaries[outputs.figure], **how)
+                yield from quiet_steps(rendering)
     return with_stages(replace(surfaces, results=tuple(shown)), stages)
 
 

@@ -46,6 +46,7 @@ from .memory import (
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
+from .own_process import BOOT, first_request, how_it_ended, interpreter
 from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
@@ -115,6 +116,7 @@ __getattr__ = names_later(
 
 __all__ = [
     "AUTO",
+    "BOOT",
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
@@ -182,8 +184,11 @@ __all__ = [
     "equal_part",
     "files_of",
     "finish",
+    "first_request",
     "fits_in_memory",
     "give_back",
+    "how_it_ended",
+    "interpreter",
     "is_allowed",
     "keep_little",
     "map_steps",

@@ -87,7 +87,7 @@ def small_pictures(scene, monkeypatch):
     """Render the picture beside a surface with a twentieth of its pixels."""
     from ctmc_addon.blender.figure import render
 
-    monkeypatch.setattr(render, "render_figure", partial(render.render_figure, size=(280, 210)))
+    monkeypatch.setattr(render, "render_figure_steps", partial(render.render_figure_steps, size=(280, 210)))
 
 
 @pytest.fixture

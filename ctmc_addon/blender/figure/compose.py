@@ -15,15 +15,13 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import MeshError
+from ...core import MeshError, Steps
 from ...core.volume import transform_points
 from ..colors import Color
 from ..datablocks import remove_render_results, render_results
 from ..studio import SUNS, WORLD, Sun, add_light, matrix_of_axes, set_render, sun_axes, swept, view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_copy
-from ..surface.objects import NEIGHBOR
-from ..surface.placement import matrix_of
 from ..surface.readback import placement_of
 from .annotations import LEADING, Board, color_bar, legend, round_length, scale_bar
 from .axes import orientation_marker, reach_mm
@@ -34,12 +32,11 @@ from .layout import Layout, make_layout
 from .letters import CAP
 from .ruler_marks import ruler_mark
 from .samples import set_samples
+from .shared_walls import SETTING_UP, WALL_GAP_MM, open_shared_walls_steps, part_shared_walls, world_positions
 from .slice_pictures import SlicePictures
 from .spec import WHITE, Cell, FigureStyle, Page, RulerMark
-from .styles import NAME, assign_materials, mean_edge, require_engine, scale_in_scene, set_engine, shown_color
+from .styles import NAME, assign_materials, require_engine, scale_in_scene, set_engine, shown_color
 from .visibility import depth_maps
-
-WALL_GAP_MM = 0.02  # in the patient
 
 
 @dataclass
@@ -81,6 +78,7 @@ class FigureScene:
     blocks: list[bpy.types.ID] = field(default_factory=list)
     fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
     renders: frozenset[str] = field(default_factory=render_results)
+    removed: bool = False
 
     def shown(self, cell: int) -> list[bpy.types.Object]:
         """Return what stands in a cell, surfaces first."""
@@ -88,7 +86,10 @@ class FigureScene:
         return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
 
     def remove(self) -> None:
-        """Remove everything that was made."""
+        """Remove everything that was made, if that has not been done."""
+        if self.removed:
+            return
+        self.removed = True
         self.scene.render.use_persistent_data = False  # or the engine keeps what it has of the scene
         bpy.data.batch_remove([*self.blocks, self.scene])
         self.blocks = []
@@ -98,14 +99,14 @@ class FigureScene:
         remove_render_results(self.renders)
 
 
-def compose(
+def compose_steps(
     cells: Sequence[Cell],
     page: Page,
     style: FigureStyle,
     scene: bpy.types.Scene | None = None,
     turning: bool = False,
     even: bool = False,
-) -> FigureScene:
+) -> Steps[FigureScene]:
     """Return a new scene with copies of what the cells show, camera, light and everything that is written.
 
     Parameters
@@ -126,10 +127,14 @@ def compose(
     figure = FigureScene(bpy.data.scenes.new(NAME))
     try:
         for cell in cells:
-            figure.copies.append([add_copy(figure, surface.obj, scene) for surface in cell.surfaces])
-            open_shared_walls(cell, figure.copies[-1])
+            figure.copies.append([])
+            for surface in cell.surfaces:
+                figure.copies[-1].append(add_copy(figure, surface.obj, scene))
+                yield SETTING_UP
+            yield from open_shared_walls_steps(cell, figure.copies[-1])
             for copy in figure.copies[-1]:
                 part_shared_walls(copy, WALL_GAP_MM * figure.scale / scale_in_scene(copy))
+                yield SETTING_UP
             figure.pictures.append(SlicePictures(figure.scene, figure.blocks))
             for plane in cell.slices:
                 figure.pictures[-1].add_plane(plane, scene)
@@ -140,9 +145,10 @@ def compose(
                 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1
             )  # a ray enters and leaves each but the last
             for surface, copy in zip(cell.surfaces, copies, strict=True):
+                yield SETTING_UP
                 figure.blocks += assign_materials(copy, surface, style, page, figure.unit, pictures, layers)
         if has_outlines(style):
-            add_outlines(figure, cells)
+            yield from add_outlines_steps(figure, cells)
     except BaseException:
         figure.remove()
         raise
@@ -163,34 +169,12 @@ def add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene 
     return copy
 
 
-def open_shared_walls(cell: Cell, copies: Sequence[bpy.types.Object]) -> None:
-    """Remove where a transparent surface lies on a solid one: two triangles in one place would flicker."""
-    solid = [copy for surface, copy in zip(cell.surfaces, copies, strict=True) if surface.opacity == 1.0]
-    if not solid or len(solid) == len(copies):
-        return
-    from mathutils.bvhtree import BVHTree
-
-    points, faces, count = [], [], 0
-    for copy in solid:
-        points.append(world_positions(copy))
-        faces.append(meshes.read_triangles(copy.data) + count)
-        count += len(points[-1])
-    tree = BVHTree.FromPolygons(np.concatenate(points).tolist(), np.concatenate(faces).tolist(), all_triangles=True)
-    for surface, copy in zip(cell.surfaces, copies, strict=True):
-        if surface.opacity == 1.0:
-            continue
-        near = 0.5 * mean_edge(copy)
-        on_wall = np.array([tree.find_nearest(point, near)[0] is not None for point in world_positions(copy).tolist()])
-        triangles = meshes.read_triangles(copy.data)
-        delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
-
-
 def has_outlines(style: FigureStyle) -> bool:
     """Return whether surfaces get outlines; Workbench knows no material that is clear from behind."""
     return style.style == "illustration" and style.distances is None and style.engine != "workbench"
 
 
-def add_outlines(figure: FigureScene, cells: Sequence[Cell]) -> None:
+def add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
     """Give every solid surface its outline."""
     ink = outline_material()
     figure.blocks.append(ink)
@@ -199,6 +183,7 @@ def add_outlines(figure: FigureScene, cells: Sequence[Cell]) -> None:
         for surface, copy in zip(cell.surfaces, copies, strict=True):
             if surface.opacity < 1.0:  # its far side would be seen through it; its rim is dark by itself
                 continue
+            yield SETTING_UP
             shell = bpy.data.objects.new(SHELL, outline_shell(copy, OUTLINE_MM * figure.unit / scale_in_scene(copy)))
             figure.blocks += [shell.data, shell]
             shell.data.materials.append(ink)
@@ -207,50 +192,6 @@ def add_outlines(figure: FigureScene, cells: Sequence[Cell]) -> None:
             figure.scene.collection.objects.link(shell)
             figure.outlines[-1].append(shell)
     figure.scene.view_layers[0].update()
-
-
-def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
-    """Move the walls that a label shares with others inwards: two in one place, seen from an open end, would flicker.
-
-    Each is then seen from its own side alone.
-
-    Parameters
-    ----------
-    gap : float
-        In the units of the mesh; a small part of a pixel.
-    """
-    mesh = copy.data
-    beyond = mesh.attributes.get(NEIGHBOR)
-    if beyond is None or beyond.domain != "FACE" or len(mesh.loops) != 3 * len(mesh.polygons):
-        return
-    labels = np.empty(len(mesh.polygons), np.int32)
-    beyond.data.foreach_get("value", labels)
-    on_wall = np.unique(meshes.read_triangles(mesh)[labels != 0])
-    normals = np.empty(3 * len(mesh.vertices), np.float32)
-    mesh.vertex_normals.foreach_get("vector", normals)
-    positions = meshes.read_positions(mesh)
-    positions[on_wall] -= gap * normals.reshape(-1, 3)[on_wall]
-    mesh.attributes["position"].data.foreach_set("vector", positions.ravel())
-    mesh.update()
-
-
-def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
-    """Take triangles out of a mesh; the attributes of its vertices stay."""
-    import bmesh
-
-    work = bmesh.new()
-    try:
-        work.from_mesh(mesh)
-        work.faces.ensure_lookup_table()
-        bmesh.ops.delete(work, geom=[work.faces[at] for at in which.tolist()], context="FACES")
-        work.to_mesh(mesh)
-    finally:
-        work.free()
-
-
-def world_positions(obj: bpy.types.Object) -> NDArray[np.float64]:
-    """Return an object's vertices in Blender units, (V, 3)."""
-    return transform_points(matrix_of(obj.matrix_world), meshes.read_positions(obj.data))
 
 
 def all_positions(figure: FigureScene) -> NDArray[np.float64]:

@@ -84,6 +84,7 @@ def sheet_steps(
     deviation: bool = False,
     limit_mm: float | None = None,
     budget: Budget | None = None,
+    own_process: bool = False,
 ) -> Steps[tuple[tuple[int, int], list[Compared]]]:
     """Reconstruct, measure and render every cell; returns the picture's size in pixels and the cells.
 
@@ -93,6 +94,8 @@ def sheet_steps(
         Color every surface by its distance to full resolution.
     limit_mm : float, optional
         End of the color bar.
+    own_process : bool
+        Render in a Blender of its own, which closing the steps ends at any moment.
 
     Raises
     ------
@@ -116,7 +119,7 @@ def sheet_steps(
     distances = color_scale(maps, limit_mm) if deviation else None
     style = replace(style, columns=style.columns or comparison.columns, distances=distances)
     results = [(cell.result, cell.lines) for cell in compared]
-    size = yield from stages.run("Rendering", rendered_steps(results, maps, path, page, style, blend))
+    size = yield from stages.run("Rendering", rendered_steps(results, maps, path, page, style, blend, own_process))
     return size, compared
 
 
@@ -164,6 +167,7 @@ def deviation_figure_steps(
     blend: str | os.PathLike[str] | None = None,
     limit_mm: float | None = None,
     budget: Budget | None = None,
+    own_process: bool = False,
 ) -> Steps[tuple[int, int]]:
     """Render a figure of one surface colored by its distance to the surface of full resolution."""
     require_measurable(result.settings, limit_mm)
@@ -185,7 +189,7 @@ def deviation_figure_steps(
         )
     )
     style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)
-    rendering = rendered_steps([(result, ())], [distance_map], path, page, style, blend)
+    rendering = rendered_steps([(result, ())], [distance_map], path, page, style, blend, own_process)
     return (yield from stages.run("Rendering", rendering))
 
 
@@ -225,6 +229,7 @@ def rendered_steps(
     page: Page,
     style: FigureStyle,
     blend: str | os.PathLike[str] | None,
+    own_process: bool,
 ) -> Steps[tuple[int, int]]:
     """Make an object for every surface, or for its map, in a scene of its own, and render them as cells."""
     surfaces = [
@@ -235,4 +240,4 @@ def rendered_steps(
         for obj, distance_map in zip(objects, maps, strict=False):
             keep_distances(obj.data, distance_map.distances_mm)
         cells = [Cell((ShownSurface(obj),), lines) for obj, (_, lines) in zip(objects, results, strict=True)]
-        return (yield from figure_steps(cells, path, page, style, blend, scene))
+        return (yield from figure_steps(cells, path, page, style, blend, scene, own_process))

@@ -20,16 +20,18 @@ from typing import Any
 
 import bpy
 
-from ...core import VERSION, OutputError, Step, Steps, finish
+from ...core import VERSION, OutputError, Step, Steps
 from ...core.files.atomic_write import made_folder, refused, whole_file, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
 from .axes import PIVOT
-from .compose import FigureScene, all_positions, center_of, compose
-from .render import png_steps, require_own_blend, write_scene
+from .compose import FigureScene, all_positions, center_of, compose_steps
+from .picture import Picture
+from .render import require_own_blend
+from .renderer import Renderer, renderer_of, write_scene
 from .spec import Cell, FigureStyle, Page, Turn
-from .video import require_video, write_video
+from .video import Video, require_video
 
 NOTE = "turntable.json"
 FRAME = "frame_{:05d}.png"
@@ -47,6 +49,7 @@ def turntable_steps(
     scene: bpy.types.Scene | None = None,
     resume: bool = False,
     overwrite: bool = False,
+    own_process: bool = False,
 ) -> Steps[tuple[tuple[int, int], int]]:
     """Render a turn to a video, or a folder of PNG; returns the size in pixels and how many frames were rendered now.
 
@@ -58,6 +61,8 @@ def turntable_steps(
         Go on where the same turntable was stopped.
     overwrite : bool
         Replace an older one.
+    own_process : bool
+        Render in a Blender of its own, which closing the steps ends at any moment.
 
     Raises
     ------
@@ -73,7 +78,7 @@ def turntable_steps(
         for file in folder.rglob("*"):
             require_no_input(file)
     yield Step(0.0, "Setting up the turntable")
-    figure = compose([cell], page, style, scene, turning=True, even=True)
+    figure = yield from compose_steps([cell], page, style, scene, turning=True, even=True)
     try:
         pivot = add_pivot(figure, turn)
         note = note_of(figure, page, style, turn)
@@ -84,12 +89,17 @@ def turntable_steps(
         if blend is not None:
             with whole_file(Path(blend)) as temporary:
                 write_scene(figure, temporary)
-        rendered = yield from frames_steps(figure, pivot, folder, page, turn)
+        # Blender evaluates no driver for a single picture of a scene that no window shows.
+        pivot.driver_remove("rotation_euler", 2)
+        picture = Picture("", "", page.dpi, figure.paper, pivot.name)
+        compiles = "EEVEE" in figure.scene.render.engine
+        with renderer_of(figure, folder / NOTE, own_process) as renderer:
+            rendered = yield from frames_steps(renderer, picture, folder, turn, compiles)
+            if is_video(target):
+                yield from video_steps(renderer, folder, target, turn, figure.size)
     finally:
         figure.remove()
     if is_video(target):
-        yield Step(1.0, f"Writing {target.name}")
-        write_video([folder / FRAME.format(at + 1) for at in range(turn.frames)], target, turn.fps, figure.size)
         shutil.rmtree(folder)
     yield Step(1.0, f"{target.name} written")
     return figure.size, rendered
@@ -127,22 +137,42 @@ def add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
     return pivot
 
 
-def frames_steps(figure: FigureScene, pivot: bpy.types.Object, folder: Path, page: Page, turn: Turn) -> Steps[int]:
-    """Render the frames that are missing; says how long the rest takes once one is done."""
+def frames_steps(renderer: Renderer, picture: Picture, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
+    """Render the frames that are missing; says how long the rest takes once one is done.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    picture : Picture
+        A frame without its path and angle.
+    folder : Path
+    turn : Turn
+    compiles : bool
+        Whether the engine compiles shaders before the first frame.
+    """
     missing = [at for at in range(turn.frames) if not is_complete_png(folder / FRAME.format(at + 1))]
-    # Blender evaluates no driver for a single picture of a scene that no window shows.
-    pivot.driver_remove("rotation_euler", 2)
     began = time.perf_counter()
     for done, at in enumerate(missing):
-        left = FIRST_OF_EEVEE if "EEVEE" in figure.scene.render.engine else ""
+        left = FIRST_OF_EEVEE if compiles else ""
         if done:
             left = f", {duration_left((time.perf_counter() - began) / done * (len(missing) - done))} left"
-        yield Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
-        pivot.rotation_euler.z = math.radians(turn.degrees(at))
-        target = folder / FRAME.format(at + 1)
+        step = Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
+        target, angle = folder / FRAME.format(at + 1), math.radians(turn.degrees(at))
         with whole_file(target) as temporary:
-            finish(png_steps(figure, temporary, target.name, page.dpi, tiled=False))
+            frame = picture._replace(path=str(temporary), name=target.name, angle=angle)
+            yield from renderer.make_steps(frame, step)
     return len(missing)
+
+
+def video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
+    """Write the video of the frames in a folder, whole or not at all."""
+    made = renderer.folder / "video"
+    made.mkdir()
+    frames = [str((folder / FRAME.format(at + 1)).resolve()) for at in range(turn.frames)]
+    video = Video(frames, str(made), target.name, turn.fps, size)
+    yield from renderer.make_steps(video, Step(1.0, f"Writing {target.name}"))
+    with whole_file(target) as temporary:
+        shutil.copyfile(video.file, temporary)
 
 
 def duration_left(seconds: float) -> str:

@@ -3,15 +3,13 @@
 
 from __future__ import annotations
 
-import shutil
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import bpy
 
 from ...core import OutputError
-from ...core.files.atomic_write import whole_file
 from ..datablocks import remove_render_results, render_results
 from ..studio import set_render
 from .spec import VIDEO_FORMATS
@@ -38,33 +36,61 @@ def has_format(suffix: str) -> bool:
     return bool(bpy.app.ffmpeg.supported and bpy.app.build_options.codec_ffmpeg and supported)
 
 
-def write_video(frames: Sequence[Path], path: Path, fps: int, size: tuple[int, int]) -> None:
-    """Write a video of pictures, whole or not at all, in a scene of its own.
+class Video(NamedTuple):
+    """A video to make of pictures.
 
-    Raises
-    ------
-    OutputError
-        If Blender cannot write it.
+    Parameters
+    ----------
+    frames : sequence of str
+        Paths of the pictures.
+    folder : str
+        An empty one that the video goes to; Blender gives it its name.
+    name : str
+        What people call it; its suffix chooses the format.
+    fps : int
+        Pictures a second.
+    size : (width, height) int
+        Pixels.
     """
-    scene = bpy.data.scenes.new("CTMC Video")
-    folder, renders = frames[0].parent / ".video", render_results()
-    try:
-        set_up(scene, frames, path.suffix.lower(), fps, size)
-        shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir()
-        scene.render.filepath = str((folder / "video").resolve())
-        bpy.ops.render.render(animation=True, scene=scene.name)
-        written = sorted(folder.iterdir())
+
+    frames: Sequence[str]
+    folder: str
+    name: str
+    fps: int
+    size: tuple[int, int]
+
+    def make(self, _scene: bpy.types.Scene) -> None:
+        """Write it, in a scene of its own.
+
+        Raises
+        ------
+        OutputError
+            If Blender cannot.
+        """
+        scene, renders = bpy.data.scenes.new("CTMC Video"), render_results()
+        try:
+            set_up(scene, [Path(frame) for frame in self.frames], Path(self.name).suffix.lower(), self.fps, self.size)
+            scene.render.filepath = str((Path(self.folder) / "video").resolve())
+            bpy.ops.render.render(animation=True, scene=scene.name)
+        except RuntimeError as error:
+            raise OutputError(f"{self.name} could not be written: {' '.join(str(error).split())}") from error
+        finally:
+            bpy.data.scenes.remove(scene)
+            remove_render_results(renders)
+
+    @property
+    def file(self) -> Path:
+        """The file that was written.
+
+        Raises
+        ------
+        OutputError
+            If it is not there: Blender says so in its output alone.
+        """
+        written = sorted(Path(self.folder).iterdir())
         if len(written) != 1 or not written[0].stat().st_size:
-            raise OutputError(f"this Blender cannot write {path.suffix} videos; take PNG frames in a folder")
-        with whole_file(path) as temporary:
-            shutil.copyfile(written[0], temporary)
-    except RuntimeError as error:
-        raise OutputError(f"{path.name} could not be written: {' '.join(str(error).split())}") from error
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
-        bpy.data.scenes.remove(scene)
-        remove_render_results(renders)
+            raise OutputError(f"this Blender cannot write {Path(self.name).suffix} videos; take PNG frames in a folder")
+        return written[0]
 
 
 def set_up(scene: bpy.types.Scene, frames: Sequence[Path], suffix: str, fps: int, size: tuple[int, int]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import json
 import os
 import queue
+import shutil
 import signal
 import subprocess
 import sys
@@ -60,13 +61,19 @@ class CaseProcess:
         self.start = 0.0
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         self.errors_before = 0  # bytes that earlier cases wrote, as the process says at the end of each
+        self.folder = tempfile.mkdtemp(prefix="ctmc-")  # for temporary files, which a killed process leaves
         # Blender's own chatter is passed over; standard error is kept for a crash.
         try:
             self.process = subprocess.Popen(
-                command(), stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self.errors, env=environment()
+                command(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self.errors,
+                env=environment(self.folder),
             )
         except OSError as error:
             self.errors.close()
+            shutil.rmtree(self.folder, ignore_errors=True)
             raise CtmcError(
                 f"no process could be started for a case ({error.strerror}); try fewer jobs, with --resume"
             ) from error
@@ -122,6 +129,7 @@ class CaseProcess:
             self.process.kill()
             self.process.wait()
         self.errors.close()
+        shutil.rmtree(self.folder, ignore_errors=True)
 
     def close(self) -> None:
         """Close the pipe, at whose end the process leaves."""
@@ -140,15 +148,18 @@ def command() -> list[str]:
     return [sys.executable, "-m", PACKAGE.name, COMMAND]
 
 
-def environment() -> dict[str, str]:
+def environment(folder: str) -> dict[str, str]:
     """Return the environment of this process, in which the package is found wherever it was started from.
+
+    Temporary files, such as those of Blender, go to `folder`.
 
     Workers of dask have the C library give every freed array back to the system, to fetch it again page by page: a
     liver takes 1.7 times the processor seconds. A case gives its memory back itself, once it is over.
     """
     paths = [str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")]
     kept = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
-    return {**kept, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
+    temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
+    return {**kept, **temporary, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def death(status: int, printed: str) -> str:

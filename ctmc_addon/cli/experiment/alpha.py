@@ -24,7 +24,7 @@ from ...core import (
 )
 from ...core.mesh import roughness, triangle_shapes
 from ..arguments import UsageError, flags_checked
-from ..blender_host import blender_at_work, objects_of, require_blender
+from ..blender_host import objects_of, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
 from ..terminal import Progress
 from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
@@ -135,15 +135,17 @@ def pictures_steps(
     folder: Path,
 ) -> Steps[list[tuple[str, str]]]:
     """Render every alpha in the paper's colors; returns the pictures' names and captions."""
-    from ...blender.figure.render import render_figure
+    from ...blender.figure.render import render_figure_steps
 
     pictures = []
     for at, (settings, mesh) in enumerate(zip(variants, meshes, strict=True)):
         caption = f"alpha {settings.alpha_number:g}"
         yield Step(at / len(meshes), f"Rendering {caption}")
         pictures.append((f"{caption.replace(' ', '-')}.png", caption))
-        with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _), blender_at_work():
-            render_figure([obj], scene, folder / pictures[-1][0], style="paper")
+        with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _):
+            path = folder / pictures[-1][0]
+            rendering = render_figure_steps([obj], scene, path, style="paper", own_process=True)
+            yield from equal_part(quiet_steps(rendering), at, len(meshes))
     return pictures
 
 

@@ -65,13 +65,15 @@ def run(args: argparse.Namespace) -> None:
         common.require_names(args, len(surfaces.results))
         results: Sequence[Reconstruction] = surfaces.results
         if distances.deviation:
-            figure = deviation_figure_steps(volume, results[0], target, page, style, blend, distances.limit_mm)
+            figure = deviation_figure_steps(
+                volume, results[0], target, page, style, blend, distances.limit_mm, own_process=True
+            )
             size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
                     style = replace(style, caption=common.caption_of(results, volume.kind, args.names or ()))
-                figure = figure_steps([Cell(shown)], target, page, style, blend, scene)
+                figure = figure_steps([Cell(shown)], target, page, style, blend, scene, own_process=True)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
         ("figure", common.size_of(page, size)),

@@ -36,7 +36,7 @@ from ..arguments import (
     settings_and_labels,
     with_flags,
 )
-from ..blender_host import blender_at_work, objects_of
+from ..blender_host import objects_of, silence
 from ..described_flags import add_described, add_flag
 from ..surfaces import Surfaces, may_be_several
 from ..terminal import dimensions, listing, titled
@@ -189,7 +189,7 @@ def shown_of(
     require_opacities(args.opacities, ((result.settings.label or 0, result.label_name) for result in results))
     with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
         chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
-        with blender_at_work():
+        with silence():  # most of this is NumPy, which an interrupt may end
             cell = shown_surfaces(objects, scene, style, names, chosen, clear)
         yield scene, cell, shown
 

@@ -56,7 +56,7 @@ def run(args: argparse.Namespace) -> None:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
         sheet = sheet_steps(
             *(volume, settings, comparison, target, page, style, blend),
-            *(distances.deviation, distances.limit_mm, Budget(args.threads)),
+            *(distances.deviation, distances.limit_mm, Budget(args.threads), True),
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
     rows = [("cell", "volume, ml", "triangles", "seconds", "mean, mm", "max, mm")]

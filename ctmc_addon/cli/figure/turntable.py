@@ -61,7 +61,9 @@ def run(args: argparse.Namespace) -> None:
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
         with common.shown_of(args, style, surfaces) as (scene, shown, _):
-            video = turntable_steps(Cell(shown), target, page, style, turn, blend, scene, args.resume, args.overwrite)
+            video = turntable_steps(
+                Cell(shown), target, page, style, turn, blend, scene, args.resume, args.overwrite, True
+            )
             size, rendered = progress.finish(stages.run("Rendering", quiet_steps(video)))
     facts = [
         ("loop", f"{turn.seconds:g} s, {turn.frames} frames, {turn.fps} a second, {dimensions(size)} pixels"),

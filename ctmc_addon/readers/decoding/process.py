@@ -12,7 +12,6 @@ import json
 import os
 import re
 import select
-import signal
 import subprocess
 import sys
 import time
@@ -23,15 +22,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Step, Steps
+from ...core import BOOT, ReadError, Step, Steps, first_request, how_it_ended, interpreter
 
-PACKAGE = Path(__file__).resolve().parents[2]
-# -I and -S: neither the folder one happens to be in nor the user's own modules; the path comes as the first line.
-BOOT = (
-    "import json, sys; first = json.loads(sys.stdin.buffer.readline()); sys.path[:] = first['path']; "
-    "import importlib; importlib.import_module(first['module']).serve(first['memory'])"
-)
-MODULE = f"{PACKAGE.name}.{'.'.join(Path(__file__).resolve().parent.relative_to(PACKAGE).parts)}.worker"
+WORKER = Path(__file__).with_name("worker.py")
 TICK = 0.02  # seconds between two looks whether there is an answer
 START_SECONDS = 60.0
 ENDING_SECONDS = 1.0  # between the end of its output and its own
@@ -68,9 +61,7 @@ class DecodingProcess:
             env={**os.environ, "OPENBLAS_NUM_THREADS": "1"},
             creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
         )
-        # An empty entry is the folder one happens to be in.
-        path = [str(PACKAGE.parent), *(entry for entry in sys.path if Path(entry).is_absolute())]
-        self.ask({"path": path, "module": MODULE, "memory": MEMORY + MEMORY_OF_A_PIXEL * pixels})
+        self.ask(first_request(WORKER, MEMORY + MEMORY_OF_A_PIXEL * pixels))
 
     def ask(self, request: Mapping[str, Any]) -> None:
         """Send a request; the answer to the one before must have been taken."""
@@ -208,17 +199,6 @@ def started_steps(pixels: int) -> Steps[DecodingProcess | None]:
     return process if ready else None
 
 
-def interpreter() -> Path | None:
-    """The program of the running Python; None inside a program that holds Python and brings no interpreter along.
-
-    Blender's `sys.executable` is the Python in its folder, and in some builds Blender itself.
-    """
-    version = f"python{sys.version_info[0]}.{sys.version_info[1]}"
-    inside = [Path(sys.prefix, "bin", name) for name in (version, "python3", "python.exe")]
-    candidates = [Path(sys.executable or "-"), *inside, Path(sys.prefix, "python.exe")]
-    return next((path for path in candidates if path.name.lower().startswith("python") and path.is_file()), None)
-
-
 def is_readable(handle: int) -> bool:
     """Return whether a pipe has something to read or has ended, after at most `TICK` seconds."""
     if sys.platform != "win32":
@@ -230,13 +210,3 @@ def is_readable(handle: int) -> bool:
         return True
     time.sleep(TICK / 4)
     return False
-
-
-def how_it_ended(status: int) -> str:
-    """Return an exit status in words."""
-    if status >= 0:
-        return f"it ended with exit code {status}"
-    try:
-        return f"it crashed with {signal.Signals(-status).name}"
-    except ValueError:
-        return f"it was ended by signal {-status}"

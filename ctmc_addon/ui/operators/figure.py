@@ -2,8 +2,7 @@
 """Figures for print from the sidebar: `ctmc.figure`, and with `_sheet`, `_deviation` and `_turntable` after it.
 
 Each is made in a scene of its own, which is gone when the work is done or stopped; the user's scene, its render
-settings and its selection are never changed. Blender renders a picture, or a tile of a large one, in one go: between
-two of them the work can be stopped.
+settings and its selection are never changed. Another process renders it, which Esc ends at any moment.
 """
 
 from __future__ import annotations
@@ -47,9 +46,7 @@ from ..state import session, structures, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
 
-ESC = (
-    "The window waits while Blender renders; Esc stops it between pictures, or tiles of a large one, and leaves nothing"
-)
+ESC = "A Blender of its own renders it, so that this window stays free to look around; Esc stops it and leaves nothing"
 
 
 class FigureOperator(jobs.LongOperator):
@@ -203,7 +200,9 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Return all selected surfaces in one figure."""
         cell, caption = cell_of(context)
-        return figure_steps([cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene)
+        return figure_steps(
+            [cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene, own_process=True
+        )
 
 
 class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
@@ -234,7 +233,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         style, blend = style_of(panel), blend_of(panel, target)
         budget = machine().budget
         distances, limit = panel.sheet_deviation, values_of(panel, DistanceMap)["limit_mm"]
-        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget)
+        return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget, True)
 
 
 def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
@@ -267,7 +266,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         surface = as_shown(obj, context.scene)
         budget = machine().budget
         style, blend, limit = style_of(panel), blend_of(panel, target), values_of(panel, DistanceMap)["limit_mm"]
-        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget)
+        return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget, True)
 
 
 class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
@@ -277,8 +276,8 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     bl_label = "Make Turntable"
     bl_description = (
         "Render the selected surfaces turning once or more, without a seam, to a video or to PNG frames in a folder. "
-        "The window waits while Blender renders a frame; Esc stops it before the next. Frames that are done stay, and "
-        "the same turntable goes on with them"
+        "A Blender of its own renders them, so that this window stays free to look around. Frames that are done when "
+        "Esc stops it stay, and the same turntable goes on with them"
     )
     kind = named = "turntable"
 
@@ -300,7 +299,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
-        style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite}
+        style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite, "own_process": True}
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)
 
 

@@ -12,8 +12,8 @@ bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.axes import ARM, FADE, PIVOT, reach_mm
-from ctmc_addon.blender.figure.compose import compose
-from ctmc_addon.blender.figure.render import png_steps
+from ctmc_addon.blender.figure.compose import compose_steps
+from ctmc_addon.blender.figure.picture import Picture
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import finish
@@ -28,7 +28,7 @@ def figure_of(scene, torus):
 
     def build(azimuth, elevation, page=None, **style):
         look = FigureStyle(style="clinical", azimuth=azimuth, elevation=elevation, **style)
-        made.append(compose([Cell((ShownSurface(thing),))], page or Page(40.0, 72.0), look))
+        made.append(finish(compose_steps([Cell((ShownSurface(thing),))], page or Page(40.0, 72.0), look)))
         made[-1].scene.view_layers[0].update()
         return made[-1]
 
@@ -82,7 +82,7 @@ def test_the_nearer_arm_is_darker_and_far_letters_are_gone(figure_of, tmp_path):
     figure = figure_of(50, 30, page, scale_bar=False, samples=8)
     path = tmp_path / "a.png"
     path.touch()
-    finish(png_steps(figure, path, path.name, page.dpi, tiled=False))
+    Picture(str(path), path.name, page.dpi, figure.paper).make(figure.scene)
     with Image.open(path) as image:
         picture = np.asarray(image.convert("L"), np.float64) / 255
     pivot = next(obj for obj in figure.scene.objects if obj.name.startswith(PIVOT))

@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.callouts import spread
-from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose
+from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose_steps
 from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.samples import can_denoise
@@ -63,7 +63,7 @@ def test_an_outline_lies_one_line_around_its_surface_and_is_seen_from_within(sce
 
 def test_names_stand_beside_the_picture_with_a_line_to_each_and_none_below(nested, scene):
     surfaces = shown_surfaces(nested, scene, FigureStyle(), ["liver", "tumor_left", "bone"])
-    figure = compose([Cell(surfaces)], Page(120.0), FigureStyle(orientation=False))
+    figure = finish(compose_steps([Cell(surfaces)], Page(120.0), FigureStyle(orientation=False)))
     try:
         assert figure.layout.named_beside
         left, _, right, _ = figure.layout.pictures[0]
@@ -74,7 +74,7 @@ def test_names_stand_beside_the_picture_with_a_line_to_each_and_none_below(neste
         assert sum(obj.name.startswith("CTMC Dot") for obj in figure.scene.objects) == 6
     finally:
         figure.remove()
-    figure = compose([Cell(surfaces)], Page(40.0), FigureStyle(orientation=False))
+    figure = finish(compose_steps([Cell(surfaces)], Page(40.0), FigureStyle(orientation=False)))
     assert not figure.layout.named_beside, "a narrow page keeps its picture, and the names go below"
     figure.remove()
 
@@ -103,15 +103,15 @@ def test_a_dark_page_is_dark_to_the_last_pixel_and_a_white_one_white(scene, ball
     assert page_level[True] < 40
 
 
-def test_illustrations_are_denoised_where_the_build_can_and_else_sampled_until_the_noise_is_low(scene, ball):
+def test_illustrations_are_sampled_until_the_noise_is_low_and_denoised_where_the_build_can(scene, ball):
     thing = ShownSurface(add_reconstruction(ball(), scene))
     found = {}
     for style in ("illustration", "clinical"):
-        figure = compose([Cell((thing,))], Page(30.0), FigureStyle(style))
+        figure = finish(compose_steps([Cell((thing,))], Page(30.0), FigureStyle(style)))
         cycles = figure.scene.cycles
         found[style] = cycles.use_denoising, cycles.use_adaptive_sampling
         figure.remove()
-    assert found == {"illustration": (can_denoise(), not can_denoise()), "clinical": (False, False)}
+    assert found == {"illustration": (can_denoise(), True), "clinical": (False, False)}
 
 
 def test_walls_that_two_labels_share_are_parted_by_less_than_is_seen(scene):
@@ -120,7 +120,9 @@ def test_walls_that_two_labels_share_are_parted_by_less_than_is_seen(scene):
     volume = Volume(values, np.eye(4), kind="label", label_names={1: "left", 2: "right"})
     results = reconstruct_labels(volume, ReconstructionSettings()).surfaces
     objects = [add_reconstruction(result, scene) for result in results]
-    figure = compose([Cell(tuple(ShownSurface(obj) for obj in objects))], Page(40.0), FigureStyle("clinical"))
+    figure = finish(
+        compose_steps([Cell(tuple(ShownSurface(obj) for obj in objects))], Page(40.0), FigureStyle("clinical"))
+    )
     try:
         walls = []
         for copy, obj in zip(figure.copies[0], objects, strict=True):

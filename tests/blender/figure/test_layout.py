@@ -11,10 +11,11 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure import render as figure_render
+from ctmc_addon.blender.figure import picture
 from ctmc_addon.blender.figure.annotations import round_length
-from ctmc_addon.blender.figure.compose import compose
-from ctmc_addon.blender.figure.render import figure_steps, opened_png
+from ctmc_addon.blender.figure.compose import compose_steps
+from ctmc_addon.blender.figure.picture import opened_png
+from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.blender.viewport import shaders
@@ -48,7 +49,10 @@ def render(things, path, page=SMALL, blend=None, lines=(), **style):
 def test_a_long_legend_takes_the_width_of_the_page(thing):
     """Sixty names of 12 letters: a column of them, as there is room for beside scale bar and axes, is 210 mm high."""
     shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(60))
-    figures = [compose([Cell(those)], Page(85.0, 72.0), FigureStyle(style="clinical")) for those in (shown, shown[:5])]
+    figures = [
+        finish(compose_steps([Cell(those)], Page(85.0, 72.0), FigureStyle(style="clinical")))
+        for those in (shown, shown[:5])
+    ]
     layout, few = [figure.layout for figure in figures]
     for figure in figures:
         figure.remove()
@@ -95,7 +99,7 @@ def test_a_png_has_the_asked_size_in_millimeters(thing, tmp_path, width_mm, dpi)
 
 def test_the_scale_bar_is_as_long_as_it_says(thing, tmp_path):
     page = Page(40.0, 203.2)
-    figure = compose([Cell((ShownSurface(thing),))], page, FigureStyle())
+    figure = finish(compose_steps([Cell((ShownSurface(thing),))], page, FigureStyle()))
     text = next(one.data.body for one in figure.scene.objects if one.type == "FONT" and "mm" in one.data.body)
     bar = next(one for one in figure.scene.objects if one.name.startswith("CTMC Bar"))
     units, pixels_per_unit = bar.dimensions.x, max(figure.size) / figure.scene.camera.data.ortho_scale
@@ -114,7 +118,7 @@ def test_a_scaled_object_gets_a_true_scale_bar(thing):
     for scale in (1.0, 3.0):
         thing.scale = (scale,) * 3
         bpy.context.view_layer.update()
-        figure = compose([Cell((ShownSurface(thing),))], SMALL, FigureStyle())
+        figure = finish(compose_steps([Cell((ShownSurface(thing),))], SMALL, FigureStyle()))
         bar = next(one for one in figure.scene.objects if one.name.startswith("CTMC Bar"))
         body = next(one.data.body for one in figure.scene.objects if one.type == "FONT" and "mm" in one.data.body)
         lengths.append((body, bar.dimensions.x / scale))
@@ -130,7 +134,7 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
     look = FigureStyle(
         caption="A caption that is long enough to be broken into several lines, or else nothing is tested here."
     )
-    figure = compose([Cell((ShownSurface(thing),), lines)] * count, page, look)
+    figure = finish(compose_steps([Cell((ShownSurface(thing),), lines)] * count, page, look))
     layout = figure.layout
     eye = np.array(figure.scene.camera.matrix_world.inverted())
     figure.scene.view_layers[0].update()
@@ -157,10 +161,12 @@ def test_no_letter_leaves_the_page_or_touches_a_picture(thing, count):
 
 
 def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
-    figure = compose(
-        [Cell((ShownSurface(thing),), ("(a) stride of 2 px = 1.49 mm, 50 % simplified",))] * 3,
-        Page(90.0, 72.0),
-        FigureStyle(),
+    figure = finish(
+        compose_steps(
+            [Cell((ShownSurface(thing),), ("(a) stride of 2 px = 1.49 mm, 50 % simplified",))] * 3,
+            Page(90.0, 72.0),
+            FigureStyle(),
+        )
     )
     texts = figure.layout.texts
     figure.remove()
@@ -170,7 +176,7 @@ def test_captions_that_are_too_wide_for_their_cell_are_broken(thing):
 def test_a_tall_sheet_ends_with_the_page(thing):
     thing.rotation_euler = (np.pi / 2, 0.0, 0.0)
     bpy.context.view_layer.update()
-    figure = compose([Cell((ShownSurface(thing),))] * 9, Page(170.0, 72.0), FigureStyle(columns=2))
+    figure = finish(compose_steps([Cell((ShownSurface(thing),))] * 9, Page(170.0, 72.0), FigureStyle(columns=2)))
     height = figure.layout.height_mm
     figure.remove()
     assert height == pytest.approx(230.0)
@@ -186,8 +192,10 @@ def test_every_cell_is_seen_by_the_same_camera(scene, torus, tmp_path):
     things = [add_reconstruction(torus(rings=16, sides=8), scene) for _ in range(4)]
     page = Page(101.6, 50.0)
     render(things, tmp_path / "a.png", page, style="clinical", orientation=False, scale_bar=False)
-    figure = compose(
-        [Cell((ShownSurface(one),)) for one in things], page, FigureStyle(orientation=False, scale_bar=False)
+    figure = finish(
+        compose_steps(
+            [Cell((ShownSurface(one),)) for one in things], page, FigureStyle(orientation=False, scale_bar=False)
+        )
     )
     middles = [figure.layout.center(which) for which in range(4)]
     height = figure.layout.height_mm
@@ -307,7 +315,7 @@ def test_axes_follow_a_turned_patient(thing):
     for angle in (0.0, np.pi / 2):
         thing.rotation_euler = (0.0, 0.0, angle)
         bpy.context.view_layer.update()
-        figure = compose([Cell((ShownSurface(thing),))], SMALL, FigureStyle())
+        figure = finish(compose_steps([Cell((ShownSurface(thing),))], SMALL, FigureStyle()))
         figure.scene.view_layers[0].update()
         letters = {one.data.body: one.matrix_world.translation for one in figure.scene.objects if one.type == "FONT"}
         directions.append(np.array(letters["R"] - letters["L"]))
@@ -344,13 +352,24 @@ def test_the_background_is_white_to_the_last_pixel(thing, tmp_path):
 def test_a_picture_in_tiles_is_the_picture(thing, tmp_path, monkeypatch, transparent):
     page = Page(40.0, 72.0, transparent=transparent)
     render([thing], tmp_path / "whole.png", page)
-    monkeypatch.setattr(figure_render, "TILE_PIXELS", 1500)
-    messages = []
-    steps = figure_steps([Cell((ShownSurface(thing),))], tmp_path / "tiles.png", page, FigureStyle("paper"))
-    finish(steps, lambda step: messages.append(step.message))
-    assert sum(message.startswith("Rendering") for message in messages) > 4
+    monkeypatch.setattr(picture, "TILE_PIXELS", 1500)
+    assert len(picture.tiles_of(page.pixels(40.0))) > 4
+    render([thing], tmp_path / "tiles.png", page)
     assert abs(pixels(tmp_path / "whole.png") - pixels(tmp_path / "tiles.png")).max() <= 1 / 255
     assert len(list(tmp_path.iterdir())) == 2
+
+
+@pytest.mark.parametrize("transparent", [False, True])
+def test_a_process_of_its_own_renders_the_same_picture(thing, tmp_path, transparent):
+    page, before = Page(40.0, 72.0, transparent=transparent), counts()
+    render([thing], tmp_path / "here.png", page)
+    steps = figure_steps(
+        [Cell((ShownSurface(thing),))], tmp_path / "there.png", page, FigureStyle("paper"), own_process=True
+    )
+    finish(steps)
+    assert (tmp_path / "here.png").read_bytes() == (tmp_path / "there.png").read_bytes()
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["here.png", "there.png"]
+    assert counts() == before
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,9 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.render import render_figure
+from ctmc_addon.blender.figure.render import render_figure_steps
 from ctmc_addon.blender.surface import add_reconstruction
+from ctmc_addon.core import finish
 from ctmc_addon.core.errors import OutputError
 
 SIZE = (160, 120)
@@ -42,7 +43,7 @@ def chunks(path):
 
 
 def test_faces_are_red_edges_yellow_and_the_ground_white(thing, tmp_path):
-    render_figure([thing], None, tmp_path / "a.png", SIZE, "paper")
+    finish(render_figure_steps([thing], None, tmp_path / "a.png", SIZE, "paper"))
     red, green, blue = np.moveaxis(pixels(tmp_path / "a.png"), 2, 0)
     surface = (red > 0.3) & (green < 0.35) & (blue < 0.35)
     edges = (red > 0.8) & (green > 0.6) & (blue < 0.4)
@@ -57,7 +58,7 @@ def test_faces_are_red_edges_yellow_and_the_ground_white(thing, tmp_path):
 @pytest.mark.parametrize("azimuth", [30.0, 210.0])
 @pytest.mark.parametrize("size", [(160, 120), (90, 150)])
 def test_the_surface_fills_the_picture_and_is_not_cut(thing, tmp_path, azimuth, size):
-    render_figure([thing], None, tmp_path / "a.png", size, "paper", azimuth=azimuth)
+    finish(render_figure_steps([thing], None, tmp_path / "a.png", size, "paper", azimuth=azimuth))
     shown = (pixels(tmp_path / "a.png") < 0.9).any(axis=2)
     assert shown.shape == size[::-1]
     rows, columns = np.flatnonzero(shown.any(axis=1)), np.flatnonzero(shown.any(axis=0))
@@ -70,7 +71,7 @@ def test_the_surface_fills_the_picture_and_is_not_cut(thing, tmp_path, azimuth, 
 
 def test_the_same_surface_gives_the_same_bytes_and_no_texts(thing, tmp_path):
     for name in ("a.png", "b.png"):
-        render_figure([thing], None, tmp_path / name, SIZE)
+        finish(render_figure_steps([thing], None, tmp_path / name, SIZE))
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
     assert not chunks(tmp_path / "a.png") & {b"tEXt", b"zTXt", b"iTXt", b"tIME", b"eXIf"}
     assert str(tmp_path).encode() not in (tmp_path / "a.png").read_bytes()
@@ -81,7 +82,7 @@ def test_a_figure_leaves_the_scene_as_it_was(thing, scene, tmp_path):
     scene.render.filepath = "//mine"
     names = ("scenes", "objects", "meshes", "materials", "worlds", "cameras", "lights")
     before = [sorted(block.name for block in getattr(bpy.data, name)) for name in names]
-    render_figure([thing], scene, tmp_path / "a.png", SIZE)
+    finish(render_figure_steps([thing], scene, tmp_path / "a.png", SIZE))
     assert [sorted(block.name for block in getattr(bpy.data, name)) for name in names] == before
     assert (scene.render.engine, scene.render.filepath, scene.camera) == ("BLENDER_WORKBENCH", "//mine", None)
     assert thing.data.materials[0].name == "torus"
@@ -89,15 +90,15 @@ def test_a_figure_leaves_the_scene_as_it_was(thing, scene, tmp_path):
 
 def test_a_figure_that_cannot_be_written_leaves_nothing(thing, tmp_path):
     with pytest.raises(OutputError, match=r"a\.jpg is not a \.png"):
-        render_figure([thing], None, tmp_path / "a.jpg", SIZE)
+        finish(render_figure_steps([thing], None, tmp_path / "a.jpg", SIZE))
     with pytest.raises(OutputError, match="does not exist"):
-        render_figure([thing], None, tmp_path / "nowhere" / "a.png", SIZE)
+        finish(render_figure_steps([thing], None, tmp_path / "nowhere" / "a.png", SIZE))
     resource = pytest.importorskip("resource", reason="only Unix limits the size of files")
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, hard))
     try:
         with pytest.raises(OutputError, match=r"a\.png"):
-            render_figure([thing], None, tmp_path / "a.png", SIZE)
+            finish(render_figure_steps([thing], None, tmp_path / "a.png", SIZE))
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
     assert not list(tmp_path.iterdir())

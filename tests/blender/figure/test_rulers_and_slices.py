@@ -10,7 +10,7 @@ from shapes import distance_mm
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.compose import compose
+from ctmc_addon.blender.figure.compose import compose_steps
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.ruler_marks import WIDTH_MM, arc, value_position
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, RulerMark, ShownSurface
@@ -44,7 +44,7 @@ def picture_of(cell, path, page=Page(30.0, 100.0), style=FRONT):  # noqa: B008  
 
 def test_a_distance_is_drawn_at_its_places_with_its_value(scene, surface):
     mark = RulerMark(((-0.1, 0.0, 0.0), (0.1, 0.0, 0.0)), "20.0 mm")
-    figure = compose([Cell((ShownSurface(surface),), rulers=(mark,))], Page(60.0, 72.0), FRONT)
+    figure = finish(compose_steps([Cell((ShownSurface(surface),), rulers=(mark,))], Page(60.0, 72.0), FRONT))
     figure.scene.view_layers[0].update()
     eye = figure.scene.camera.matrix_world.inverted()
     drawn = [obj for obj in figure.scene.objects if obj.name.startswith("CTMC Ruler")]

@@ -71,9 +71,10 @@ def events_of(tasks, jobs, needs, limit):
 def test_a_case_does_not_give_back_every_array_as_workers_of_dask_do(monkeypatch):
     monkeypatch.setenv("MALLOC_TRIM_THRESHOLD_", "65536")
     monkeypatch.setenv("OTHERS", "stay")
-    environment = batch_process.environment()
+    environment = batch_process.environment("temporary files")
     assert "MALLOC_TRIM_THRESHOLD_" not in environment
     assert environment["OTHERS"] == "stay"
+    assert environment["TMPDIR"] == "temporary files"
 
 
 def test_a_process_makes_one_case_after_the_other(started, tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import ReadError, finish
+from ctmc_addon.core.own_process import PACKAGE
 from ctmc_addon.readers import open_volume, read_volume
 from ctmc_addon.readers.decoding import process as decoding
 
@@ -128,7 +129,7 @@ def test_memory_beyond_the_limit_is_refused_to_the_process():
     if not sys.platform.startswith("linux"):
         pytest.skip("only Linux holds a process to its limit")
     code = "from ctmc_addon.readers.decoding.worker import limit_memory; limit_memory(1 << 30); bytearray(2 << 30)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=decoding.PACKAGE.parent, capture_output=True, check=False)
+    done = subprocess.run([sys.executable, "-c", code], cwd=PACKAGE.parent, capture_output=True, check=False)
     assert b"MemoryError" in done.stderr
 
 

@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Ctrl-C and SIGTERM at ten moments of every command that renders: it ends, and leaves nothing.
+
+The pictures have so many pixels that they would take minutes anywhere; the moments are no part of what is asserted.
+"""
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from batches import whole
+
+ROOT = Path(__file__).resolve().parents[3]
+MOMENTS = [0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0]  # seconds; the tenth is the middle of a picture
+ENDLESS = ["--dpi", "600", "--width-mm", "300"]
+pytestmark = [
+    pytest.mark.once,
+    pytest.mark.usefixtures("scene"),
+    pytest.mark.skipif(os.name == "nt", reason="Windows sends no such signals"),
+]
+
+
+def words_of(command, folder, out):
+    volume = str(folder / "volume-4.nii.gz")
+    return {
+        "reconstruct": ["reconstruct", volume, "--threshold", "200", "-o", out / "b.stl", "--figure", out / "b.png"],
+        "figure": ["figure", volume, "--label", "1", "2", "-o", out / "figure.png", *ENDLESS],
+        "sheet": ["figure", "sheet", volume, "--label", "1", "--strides", "1", "2", "-o", out / "sheet.png", *ENDLESS],
+        "turntable": ["figure", "turntable", volume, "--label", "1", "-o", out / "loop.mp4", *ENDLESS],
+        "batch": ["batch", folder, "--label", "1", "-o", out / "batch", "--jobs", "2"],
+    }[command]
+
+
+def with_default_handlers():
+    """Signals as a shell's foreground has them."""
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+
+
+def renders(out):
+    return any(out.rglob(".ctmc-*/scene.blend"))
+
+
+def stopped(words, out, temporary, moment, number):
+    """Run a command and send it a signal; its exit code, and whether it had ended before."""
+    process = subprocess.Popen(
+        [sys.executable, "-m", "ctmc_addon", *map(str, words)],
+        cwd=ROOT,
+        env={**os.environ, "TMPDIR": str(temporary)},
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        preexec_fn=with_default_handlers,
+    )
+    end = time.monotonic() + (100 if moment is None else moment)
+    while process.poll() is None and time.monotonic() < end and not (moment is None and renders(out)):
+        time.sleep(0.02)
+    was_over = process.poll() is not None
+    process.send_signal(number)
+    try:
+        return process.wait(timeout=60), was_over
+    except subprocess.TimeoutExpired:
+        process.kill()
+        raise
+
+
+def processes_that_know(path):
+    """Processes in whose environment a path stands."""
+    found = []
+    for environ in Path("/proc").glob("[0-9]*/environ"):
+        try:
+            if str(path).encode() in environ.read_bytes() and environ.parent.name != str(os.getpid()):
+                found.append(environ.parent.name)
+        except OSError:
+            continue
+    return found
+
+
+@pytest.mark.parametrize("command", ["reconstruct", "figure", "sheet", "turntable", "batch"])
+def test_a_command_ends_at_any_moment_and_leaves_nothing(phantom_folder, tmp_path, command):
+    stops = 0
+    for at, moment in enumerate([*MOMENTS, None if command != "batch" else 5.0]):
+        out, temporary = tmp_path / f"out {at}", tmp_path / f"temporary {at}"
+        out.mkdir(), temporary.mkdir()
+        number, code = ((signal.SIGINT, 130), (signal.SIGTERM, 143))[at % 2]
+        words = words_of(command, phantom_folder, out)
+        returned, was_over = stopped(words, out, temporary, moment, number)
+        if was_over:
+            assert returned == 0
+            continue
+        # Python itself ends by the signal before the command has begun.
+        assert returned in ({code} if moment is None or moment > 0.6 else {code, -number, 1})
+        stops += 1
+        assert list(temporary.iterdir()) == []
+        assert list(out.rglob(".*")) == []
+        assert processes_that_know(tmp_path) == []
+        if command == "batch":
+            assert whole(out)
+        elif command == "turntable":
+            assert {path.name for path in out.rglob("*")} <= {"loop.blend", "loop.frames", "turntable.json"}
+        else:
+            assert list(out.iterdir()) == []
+    assert stops >= 5
