@@ -64,7 +64,7 @@ def test_a_long_legend_takes_the_width_of_the_page(thing):
 @pytest.mark.parametrize("count", [15, 61, 117])
 def test_many_structures_have_two_columns_wide_of_which_the_picture_takes_half(thing, count):
     shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(count))
-    figure = compose([Cell(shown)], Page(dpi=72.0), FigureStyle(caption="A caption."))
+    figure = finish(compose_steps([Cell(shown)], Page(dpi=72.0), FigureStyle(caption="A caption.")))
     layout, width = figure.layout, figure.size[0]
     figure.remove()
     assert width == round(170.0 / 25.4 * 72.0)
@@ -75,7 +75,7 @@ def test_many_structures_have_two_columns_wide_of_which_the_picture_takes_half(t
 
 def test_up_to_fourteen_structures_have_one_column(thing):
     shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(14))
-    figure = compose([Cell(shown)], Page(dpi=72.0), FigureStyle())
+    figure = finish(compose_steps([Cell(shown)], Page(dpi=72.0), FigureStyle()))
     width = figure.size[0]
     figure.remove()
     assert width == round(85.0 / 25.4 * 72.0)
