@@ -16,7 +16,7 @@ from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
 from ...core.volume import ValueFacts, ValueKind, label_extents_steps, region_limits, value_facts_steps
 from ...reporting.formatting import SIDES
-from ..arguments import add_input, reading_of
+from ..arguments import add_input, reading_of, with_flags
 from ..terminal import Progress, dimensions, listing, titled
 from .reconstruct import needed_steps
 
@@ -144,4 +144,4 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     lines += titled("label groups", facts["label_groups"])
     if facts["label_file"]:
         lines.append(("label file", f"{facts['label_file']} beside it"))
-    return listing([*lines, *titled("notes", facts["notes"])])
+    return listing([*lines, *titled("notes", [with_flags(note) for note in facts["notes"]])])

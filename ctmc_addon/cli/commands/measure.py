@@ -21,7 +21,7 @@ from ...core import (
 )
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.volume import ValueKind, samples_on_grid
-from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels
+from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels, with_flags
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import fetched_steps, head_of, needed_steps, source_of
@@ -71,7 +71,7 @@ def run(args: argparse.Namespace) -> None:
     if output is not None:
         write_text(output, table_csv(rows, kind))
     opened = sum(row.volume_ml is None for row in rows)
-    facts = titled("note", surfaces.notes)
+    facts = titled("note", [with_flags(note) for note in surfaces.notes])
     if opened:
         facts.insert(0, ("surfaces", open_words(len(rows), opened)))
     if output is not None:

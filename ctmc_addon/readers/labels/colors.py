@@ -19,28 +19,30 @@ CYCLE: tuple[RGB, ...] = (
     *((255, 0, 128), (128, 255, 128), (0, 128, 255), (128, 128, 128), (185, 170, 155)),
 )
 """The colors that TotalSegmentator 2 gives to the labels 0, 1, 2, ... and again from 12 on."""
+FEW_LABELS = 4  # Fewer labels may have the colors of a palette by chance.
+REPETITIONS = 3  # A person may color left and right alike, but not three times in the order of the numbers.
 
 
 def is_palette(colors: Mapping[int, RGB]) -> bool:
     """Return whether a program chose the colors: by the number of the label, in a cycle, not by what it is.
 
-    Colors are TotalSegmentator's cycle, or repeat at least twice over all labels.
+    Colors are TotalSegmentator's cycle, or repeat at least three times over all labels.
 
     Examples
     --------
-    >>> is_palette({5: (0, 255, 255), 2: (0, 0, 255)}), is_palette({1: (200, 30, 30), 2: (250, 220, 200)})
+    >>> is_palette({label: CYCLE[label] for label in (1, 2, 5, 7)}), is_palette({2: CYCLE[2], 5: CYCLE[5]})
     (True, False)
     >>> is_palette({label: [(250, 0, 0), (0, 99, 0), (0, 0, 99)][label % 3] for label in range(1, 10)})
     True
     """
-    if not colors:
+    if len(colors) < FEW_LABELS:
         return False
     if all(color == CYCLE[label % len(CYCLE)] for label, color in colors.items()):
         return True
-    for length in range(3, (max(colors) - min(colors) + 1) // 2 + 1):
+    for length in range(3, (max(colors) - min(colors) + 1) // REPETITIONS + 1):
         cycle: dict[int, RGB] = {}
         repeated = [cycle.setdefault(label % length, color) == color for label, color in colors.items()]
-        if all(repeated) and 2 * len(cycle) <= len(colors) and len(set(cycle.values())) >= 3:
+        if all(repeated) and REPETITIONS * len(cycle) <= len(colors) and len(set(cycle.values())) >= 3:
             return True
     return False
 

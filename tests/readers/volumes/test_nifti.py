@@ -238,18 +238,22 @@ def save_with_colors(path, colors):
 
 
 LIVER, SPLEEN, OTHER = ("liver", (0, 255, 255)), ("spleen", (0, 255, 0)), ("structure 2", (0, 0, 255))
+COLON, AORTA = ("colon", (255, 255, 0)), ("aorta", (255, 0, 255))
+PALETTE = {1: SPLEEN, 2: OTHER, 3: COLON, 4: AORTA, 5: LIVER}  # TotalSegmentator's colors of these numbers
 
 
 @pytest.mark.parametrize(
     ("colors", "options", "kept"),
     [
-        ({1: SPLEEN, 2: OTHER, 5: LIVER}, {}, {2: (0, 0, 255)}),  # TotalSegmentator's palette
-        ({1: SPLEEN, 2: OTHER, 5: LIVER}, {"file_colors": True}, None),
-        ({1: SPLEEN, 2: OTHER, 6: LIVER}, {}, None),  # chosen: label 6 of the palette is orange
-        ({1: SPLEEN, 2: OTHER, 6: LIVER}, {"anatomy_colors": True}, {2: (0, 0, 255)}),
-        ({label: (SPLEEN, OTHER, LIVER)[label % 3] for label in range(1, 8)}, {}, dict.fromkeys((1, 4, 7), OTHER[1])),
+        (PALETTE, {}, {2: (0, 0, 255)}),
+        (PALETTE, {"file_colors": True}, None),
+        ({1: SPLEEN, 2: OTHER, 5: LIVER}, {}, None),  # three colors may be alike by chance
+        ({**PALETTE, 6: LIVER}, {}, None),  # label 6 of the palette is orange
+        ({**PALETTE, 6: LIVER}, {"anatomy_colors": True}, {2: (0, 0, 255)}),
+        ({label: (SPLEEN, OTHER, LIVER)[label % 3] for label in range(1, 10)}, {}, dict.fromkeys((1, 4, 7), OTHER[1])),
+        ({label: (SPLEEN, OTHER, LIVER)[label % 3] for label in range(1, 7)}, {}, None),  # left and right alike
     ],
-)  # fmt: skip
+)
 def test_a_programs_palette_gives_way_to_the_colors_of_anatomical_names(tmp_path, colors, options, kept):
     save_with_colors(tmp_path / "organs.nii.gz", colors)
     volume = read_volume(tmp_path / "organs.nii.gz", **options)
