@@ -4,7 +4,7 @@ PYTHON ?=
 starter := $(shell for python in '$(PYTHON)' python3 python3.13 python3.11; do command -v "$$python" && break; done)
 python := .venv/bin/python
 
-.PHONY: help setup demo test fuzz test-all test-window test-package package lint types build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
+.PHONY: help setup demo test test-plain-processor fuzz test-all test-window test-package package lint types build address site bench accuracy interfaces segmentation topology experiments figures readme-pictures sidebar-pictures translations clean
 
 help:  ## say what there is (this list)
 	@sed -n 's/^\([a-z-]*\):[a-z ]*## */  make \1\t/p' Makefile | expand -t 18
@@ -20,6 +20,9 @@ test: setup  ## the tests, in one Blender version, a process for each core; ARGS
 
 test-all:  ## the tests in Blender 4.2, 4.5, 5.0 (Python 3.11) and 5.2 (Python 3.13); BLENDER=4.2 for one of them
 	@'$(or $(starter),python3)' tools/test_all.py $(BLENDER)
+
+test-plain-processor: setup  ## the tests of core and readers without the fast versions that NumPy chooses by the processor
+	@$(python) tools/plain_processor.py $(ARGS)
 
 fuzz: setup  ## changed files of every format, read with limits; SECONDS=600 SEED=7; Linux and macOS
 	@OPENBLAS_NUM_THREADS=1 PYTHONPATH=tests $(python) -W ignore -m fuzz $(ARGS)

@@ -164,3 +164,75 @@ def test_every_source_file_names_its_license():
         str(path) for path in files if "SPDX-License-Identifier: GPL-3.0-or-later" not in path.read_text("utf-8")
     ]
     assert unnamed == []
+
+
+# The processor decides the order of these sums and the last bit of these functions. An `argsort` that is not stable
+# swaps what is equal.
+DIFFERING = {
+    *(f"np.{name}" for name in ("linalg", "dot", "vdot", "inner", "matmul", "einsum", "tensordot", "convolve")),
+    *(f"np.{name}" for name in ("correlate", "polyfit", "argpartition", "power", "float_power", "cbrt", "degrees")),
+    *(f"np.{name}" for name in ("exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "logaddexp", "radians")),
+    *(f"np.{name}" for name in ("sin", "cos", "tan", "arcsin", "arccos", "arctan", "arctan2", "sinh", "cosh", "tanh")),
+    *(f"math.{name}" for name in ("exp", "exp2", "expm1", "log", "log2", "log10", "log1p", "pow", "cbrt")),
+    *(f"math.{name}" for name in ("sin", "cos", "tan", "asin", "acos", "atan", "atan2", "sinh", "cosh", "tanh")),
+}
+ALLOWED = {
+    # shown, and nothing is decided by it
+    "core/mesh/angles/triangle_angles.py": {"math.atan"},
+    "core/mesh/quality.py": {"np.arctan2", "np.degrees"},
+    "core/mesh/rulers.py": {"math.atan2"},
+    "core/preview.py": {"**"},
+    "core/simplification/component_removal.py": {"math.log10", "**"},
+    "core/volume/histogram.py": {"math.log10", "np.log1p"},
+    "core/volume/statistics.py": {"np.log1p"},
+    "readers/dicom/stack_geometry.py": {"math.atan2"},
+    # rounded far above the last bit
+    "core/phantom/shapes.py": {"np.cos", "np.sin", "**"},
+    "core/segmentation/competition/border.py": {"np.exp", "np.log"},
+    "core/segmentation/competition/claims.py": {"**"},
+    "core/volume/smoothing/gaussian.py": {"math.exp"},
+    "core/volume/structure_colors.py": {"**"},
+    "readers/dicom/listing.py": {"math.asin"},
+    "readers/labels/colors.py": {"**"},
+    # bounds with a margin, behind which all is compared exactly
+    "core/mesh/diameter.py": {"math.log", "np.arcsin", "np.cos"},
+    # whole numbers, and a permutation, which has no two that are equal
+    "core/mesh/distance/triangle_tree.py": {"**"},
+    "core/segmentation/competition/geodesic.py": {"argsort"},
+    "readers/volumes/zarr_array.py": {"argsort"},
+    # cubes of a power of two, which are exact
+    "core/simplification/complexes/simplify.py": {"**"},
+    "core/simplification/in_batches.py": {"**"},
+    "core/simplification/whole.py": {"**"},
+}
+
+
+def deciding_operations(source: str) -> set[str]:
+    """Operations of a source that differ by the processor."""
+    found = set()
+    for node in ast.walk(ast.parse(source)):
+        if isinstance(node, ast.BinOp | ast.AugAssign):
+            left, right = (node.left, node.right) if isinstance(node, ast.BinOp) else (node.target, node.value)
+            is_square = isinstance(right, ast.Constant) and right.value == 2
+            if isinstance(node.op, ast.MatMult):
+                found.add("@")
+            elif isinstance(node.op, ast.Pow) and not (is_square or isinstance(left, ast.Constant)):
+                found.add("**")
+        elif isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr == "argsort":
+            if "kind" not in {keyword.arg for keyword in node.keywords}:
+                found.add("argsort")
+        elif isinstance(node, ast.Attribute):
+            found |= {ast.unparse(node)} & DIFFERING
+    return found
+
+
+def test_core_and_readers_decide_by_operations_that_are_the_same_on_every_processor():
+    sources = [path for room in ("core", "readers") for path in (PACKAGE / room).rglob("*.py")]
+    found = {path.relative_to(PACKAGE).as_posix(): deciding_operations(path.read_text("utf-8")) for path in sources}
+    assert {name: operations for name, operations in found.items() if operations} == ALLOWED
+
+
+def test_an_operation_that_differs_is_found():
+    differing = "a = b @ c\nd = np.exp(b) + math.tan(2) + x**0.3\nnp.argsort(d)"
+    assert deciding_operations(differing) == {"@", "np.exp", "math.tan", "**", "argsort"}
+    assert deciding_operations("a = x**2 + 2**n + np.sqrt(x)\nnp.argsort(a, kind='stable')") == set()

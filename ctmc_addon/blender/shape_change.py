@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..core.volume import determinant
 from .surface import placement_of, read_provenance
 
 SAME = 1e-4  # a factor that differs less from 1 is rounding
@@ -64,4 +65,4 @@ def change_of(linear: NDArray[np.float64]) -> ShapeChange:
     ShapeChange(mirrored=True, factors=(2.0, 2.0, 2.0))
     """
     x, y, z = (float(length) for length in np.sqrt((linear**2).sum(axis=0)))
-    return ShapeChange(bool(np.linalg.det(linear) < 0), (x, y, z))
+    return ShapeChange(determinant(linear) < 0, (x, y, z))

@@ -15,26 +15,25 @@ import sys
 import threading
 from contextlib import suppress
 
-ARENA_MAX, TRIM_THRESHOLD, MMAP_THRESHOLD = -8, -1, -3  # malloc.h
-# Bytes of a block that goes back to the system once it is freed, and of free ones kept: under a limit, and without.
-LIMITED, FREE = (1 << 24, 1 << 26), (1 << 25, 1 << 28)
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3  # malloc.h
+LARGE, KEPT = 1 << 25, 1 << 28  # bytes of a block that goes back to the system once it is freed, and of free ones kept
 STACK = 1 << 20  # bytes for each thread
 
 
 def reserve_memory() -> None:
-    """Make the most of a limited address space, or keep freed memory; to be called before NumPy is loaded."""
+    """Reserve little of a limited address space, or keep freed memory; to be called before NumPy is loaded.
+
+    Where memory is short `core.keep_little` lets less be kept, once the system can be asked.
+    """
     if not sys.platform.startswith("linux"):
         return
     import resource
 
-    limited = resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY
-    if limited:
+    if resource.getrlimit(resource.RLIMIT_AS)[0] != resource.RLIM_INFINITY:
         os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
         threading.stack_size(STACK)
-    large, kept = LIMITED if limited else FREE
+        return
     with suppress(OSError, AttributeError):  # another C library than glibc
         mallopt = ctypes.CDLL(None).mallopt
-        if limited:
-            mallopt(ARENA_MAX, 1)
-        mallopt(MMAP_THRESHOLD, large)
-        mallopt(TRIM_THRESHOLD, kept)
+        mallopt(MMAP_THRESHOLD, LARGE)
+        mallopt(TRIM_THRESHOLD, KEPT)

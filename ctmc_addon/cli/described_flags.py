@@ -141,7 +141,9 @@ def metavar_of(about: Setting) -> str:
         return {2: "N", 3: "X Y Z", 6: "X0 Y0 Z0 X1 Y1 Z1"}[about.size]
     if about.unit in METAVARS:
         return METAVARS[about.unit]
-    return "N" if about.type is int else "VALUE" if "gray value" in about.unit else about.label.upper()
+    return (
+        "N" if about.type is int else "VALUE" if "gray value" in about.unit else about.label.partition(" (")[0].upper()
+    )
 
 
 def separated(text: str) -> list[str]:

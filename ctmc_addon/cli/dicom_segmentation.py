@@ -22,7 +22,7 @@ from ..core import Budget, OutputError
 from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
 from ..core.segmentation import Layers
-from ..core.volume import anatomy_of
+from ..core.volume import anatomy_of, product
 from ..readers import ReadingOptions, VolumeSource
 from ..version import VERSION
 
@@ -151,7 +151,7 @@ def write(
 
 def _volume(highdicom: Any, masks: NDArray[np.uint8], affine: NDArray[np.float64], frame: str) -> Any:
     """Return the masks as highdicom's volume: (slice, row, column, structure), index to LPS+ mm."""
-    to_lps = np.diag([-1.0, -1.0, 1.0, 1.0]) @ affine
+    to_lps = product(np.diag([-1.0, -1.0, 1.0, 1.0]), affine)
     return highdicom.Volume(
         array=masks,
         affine=to_lps[:, [2, 1, 0, 3]],

@@ -14,7 +14,14 @@ from ..core import LabelError, OutputError, Steps, Volume
 from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
 from ..core.segmentation import MOST_STRUCTURES, Layers, Mask, Window, margin_steps, require_count
-from ..core.volume import ValueKind, label_extents_steps, placed_labels_steps, structure_color
+from ..core.volume import (
+    ValueKind,
+    index_to_index,
+    label_extents_steps,
+    not_a_label_steps,
+    placed_labels_steps,
+    structure_color,
+)
 from .arguments import with_flags
 
 RGB = tuple[int, int, int]
@@ -69,7 +76,9 @@ class Structures:
         """
         read = yield from readers.read_volume_steps(path)
         if read.kind != ValueKind.LABEL:
-            raise LabelError(f"{read.name} has no labels but {read.kind}s; give a label volume to --from")
+            value = yield from not_a_label_steps(read)
+            what = f"{read.kind.plural}, such as {value}" if value else read.kind.plural
+            raise LabelError(f"{read.name} has no labels but {what}; give a label volume to --from")
         labels = yield from placed_labels_steps(read, ct)
         extents = yield from label_extents_steps(labels)
         if not extents:
@@ -123,7 +132,7 @@ class Structures:
         DICOM leaves out slices without a structure, so what comes back may be a part of the CT.
         """
         back = yield from readers.read_volume_steps(path)
-        to_ct = np.linalg.inv(affine) @ back.affine  # index to index
+        to_ct = index_to_index(back.affine, affine)
         first = np.rint(to_ct[:3, 3]).astype(int)
         x, y, z = (slice(start, start + side) for start, side in zip(first.tolist(), back.size, strict=True))
         same = np.allclose(to_ct[:3, :3], np.eye(3), atol=1e-3) and np.allclose(to_ct[:3, 3], first, atol=1e-2)

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from contextlib import ExitStack, redirect_stderr, redirect_stdout
 from importlib import import_module
 
-from ..core import VERSION, CtmcError, memory_refusal
+from ..core import VERSION, CtmcError, keep_little, memory_refusal
 from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
 from .terminal import checked_output
@@ -70,6 +70,7 @@ def run(argv: Sequence[str] | None) -> int:
 
 def run_command(args: argparse.Namespace) -> None:
     """Run the command of parsed flags."""
+    keep_little()
     with ExitStack() as undo:
         undo.enter_context(own_input_files())
         if getattr(args, "quiet", False):

@@ -5,6 +5,14 @@ from typing import TYPE_CHECKING
 
 from ..version import VERSION
 from .budget import Budget, SlabWorkers
+from .case_plan import (
+    asked_bytes,
+    asks_for_memory,
+    case_bytes,
+    case_process_is_large,
+    cases_at_once,
+    cases_bytes,
+)
 from .described import Described, Setting, checked, defaults, descriptions, setting
 from .each_label import each_label_steps
 from .errors import (
@@ -17,6 +25,7 @@ from .errors import (
     ReadError,
     SettingsError,
     ThresholdError,
+    VolumeError,
     one_line,
 )
 from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
@@ -29,6 +38,7 @@ from .memory import (
     amount,
     available_bytes,
     give_back,
+    keep_little,
     peak_bytes,
     reset_peak_bytes,
     resident_bytes,
@@ -40,12 +50,6 @@ from .own_process import BOOT, first_request, how_it_ended, interpreter
 from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
-    asked_bytes,
-    asks_for_memory,
-    case_bytes,
-    case_process_is_large,
-    cases_at_once,
-    cases_bytes,
     fits_in_memory,
     plan_steps,
     reads_at_once,
@@ -157,6 +161,7 @@ __all__ = [
     "ThresholdError",
     "TriangleMesh",
     "Volume",
+    "VolumeError",
     "Write",
     "address_space_available",
     "advised_steps",
@@ -185,6 +190,7 @@ __all__ = [
     "how_it_ended",
     "interpreter",
     "is_allowed",
+    "keep_little",
     "map_steps",
     "marching_cubes",
     "measure_structures",

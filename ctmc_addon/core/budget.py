@@ -45,6 +45,10 @@ class Budget:
         Bytes of working memory, at most, besides the values and the surface.
     whole_faces : int
         Triangles up to which a surface is simplified as a whole; batches of larger ones have about a quarter as many.
+    counted_slabs : int
+        Slabs in which triangles are counted, at most, to tell whether a surface fits before it is made. In 24 of 512
+        slabs of a foam of 2 GiB, 1.7 % fewer were counted than there are, in 1.7 s of processor time with what is
+        advised.
 
     Examples
     --------
@@ -59,6 +63,7 @@ class Budget:
     slab_bytes: int = 1 << 22
     work_bytes: int = 128 << 20
     whole_faces: int = 1 << 20
+    counted_slabs: int = 24
 
     @property
     def thread_count(self) -> int:
@@ -93,16 +98,18 @@ class Budget:
         """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
         return refusal(what, remedy, self.bytes)
 
-    def threads_for(self, bytes_each: int) -> int:
+    def threads_for(self, bytes_each: int, other_bytes: int = 0) -> int:
         """Return how many threads may work side by side if each takes `bytes_each` bytes; at least one.
 
         Examples
         --------
-        >>> Budget(threads=4, bytes=100).threads_for(30)
-        3
+        >>> Budget(threads=4, bytes=100).threads_for(30), Budget(threads=4, bytes=100).threads_for(30, other_bytes=20)
+        (3, 2)
         """
         there = self.available
-        fitting = self.thread_count if there is None else min(self.thread_count, there // max(1, bytes_each))
+        if there is None:
+            return self.thread_count
+        fitting = min(self.thread_count, (there - other_bytes) // max(1, bytes_each))
         return max(1, fitting)
 
     def shared_by(self, count: int) -> Budget:

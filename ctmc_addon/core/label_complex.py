@@ -145,7 +145,8 @@ class _Making:
 
     def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool) -> None:
         self.all_needed = all_needed
-        self.volume, self.settings, self.budget = volume, replace(settings, threshold=None, label=None), budget
+        self.volume, self.budget = volume.as_labels, budget
+        self.settings = replace(settings, threshold=None, label=None)
         self.stages = Stages(STAGES)
         self.method = replace(self.settings, label=1).smoothing_method
         self.region = region_box(volume, settings)

@@ -8,7 +8,7 @@ import math
 import os
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
@@ -21,6 +21,10 @@ VERSION_2_LIMITS: tuple[str, ...] = (
 )  # beyond the second a process is slowed down until it hardly runs
 LOOK_AGAIN = 0.2  # seconds between two questions to the system
 _seen: tuple[float, int | None] = (-math.inf, None)  # when it was asked last, and what it said
+# Parameters of malloc.h where memory is short: one arena for all threads, bytes of free pages that are kept, and of a
+# block that goes back to the system as soon as it is freed.
+LITTLE = {-8: 1, -1: 1 << 26, -3: 1 << 24}
+PLENTY = 1 << 32  # available bytes from which on memory is not short
 NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
 
 
@@ -67,7 +71,7 @@ def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], li
 
     A remedy that depends on the bytes there are is a function of them.
     """
-    limit = available_bytes() if limit_bytes is None else limit_bytes
+    limit = _limit_for(needed_bytes, available_bytes, _available) if limit_bytes is None else limit_bytes
     if limit is not None and needed_bytes > limit:
         advice = remedy if isinstance(remedy, str) else remedy(limit)
         raise MemoryLimitError(
@@ -81,7 +85,20 @@ def require_or_killed(needed_bytes: int, what: str, remedy: str) -> None:
     A limit of the address space is left out: it refuses, and what was asked for is often less than was expected.
     """
     if sys.platform.startswith("linux"):
-        require(needed_bytes, what, remedy, linux_available(Path("/"), address_space=False))
+        require(needed_bytes, what, remedy, _limit_for(needed_bytes, _unrefused, _unrefused))
+
+
+def _unrefused() -> int | None:
+    return linux_available(Path("/"), address_space=False)
+
+
+def _limit_for(needed_bytes: int, available: Callable[[], int | None], again: Callable[[], int | None]) -> int | None:
+    """Return what is available; where that is too little, `again` without freed pages that the C library keeps."""
+    limit = available()
+    if limit is None or needed_bytes <= limit:
+        return limit
+    give_back()
+    return again()
 
 
 @contextmanager
@@ -104,6 +121,20 @@ def give_back() -> None:
         return
     with suppress(OSError, AttributeError):  # in glibc alone
         ctypes.CDLL(None).malloc_trim(0)
+
+
+def keep_little() -> None:
+    """Let the C library keep few freed pages where memory is short, as they count as used.
+
+    Otherwise it keeps as many as it was told to (cli/address_space.py), and others for each thread.
+    """
+    available = available_bytes()
+    short = address_space_available() is not None or (available is not None and available < PLENTY)
+    if sys.platform.startswith("linux") and short:
+        with suppress(OSError, AttributeError):  # another C library than glibc
+            mallopt = ctypes.CDLL(None).mallopt
+            for parameter, value in LITTLE.items():
+                mallopt(parameter, value)
 
 
 def resident_bytes() -> int | None:
@@ -159,10 +190,10 @@ def _cgroups_available(root: Path) -> list[int]:
         controllers, _, path = controllers_and_path.partition(":")
         if number == "0":  # version 2; beside version 1 it is mounted at `unified`
             mounts: tuple[Path, ...] = (groups, groups / "unified")
-            limits, rest = VERSION_2_LIMITS, ("memory.current", "inactive_file")
+            limits, used_name, cached = VERSION_2_LIMITS, "memory.current", ("active_file", "inactive_file")
         elif "memory" in controllers.split(","):
-            mounts, limits = (groups / "memory",), VERSION_1_LIMITS
-            rest = ("memory.usage_in_bytes", "total_inactive_file")
+            mounts, limits, used_name = (groups / "memory",), VERSION_1_LIMITS, "memory.usage_in_bytes"
+            cached = ("total_active_file", "total_inactive_file")
         else:
             continue
         for mount in mounts:
@@ -170,17 +201,20 @@ def _cgroups_available(root: Path) -> list[int]:
             group = mount / path.lstrip("/")
             for folder in (group, *group.parents):
                 allowed = [limit for limit in (_number(folder / name) for name in limits) if limit is not None]
-                used = _number(folder / rest[0])
+                used = _number(folder / used_name)
                 if allowed and used is not None:
-                    left.append(min(allowed) - used + _reclaimable(folder / "memory.stat", rest[1]))
+                    left.append(min(allowed) - used + _reclaimable(folder / "memory.stat", cached))
                 if folder == mount:
                     break
     return left
 
 
-def _reclaimable(stat: Path, name: str) -> int:
-    """Cached file contents that count as used, and that the kernel gives up for a program."""
-    return next((_second_number(line) or 0 for line in _lines(stat) if line.startswith(f"{name} ")), 0)
+def _reclaimable(stat: Path, names: Sequence[str]) -> int:
+    """Cached file contents that count as used, and that the kernel gives up for a program.
+
+    Those of a file that was read twice are called active, and go as well.
+    """
+    return sum(_second_number(line) or 0 for line in _lines(stat) if line.partition(" ")[0] in names)
 
 
 def address_space_available(root: Path = Path("/")) -> int | None:

@@ -9,17 +9,16 @@ counted and not guessed.
 from __future__ import annotations
 
 import math
+from bisect import bisect_left
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import accumulate
-from typing import TYPE_CHECKING, NamedTuple, TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
 from .budget import Budget
 from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
-from .parallel import processors
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
@@ -39,20 +38,13 @@ BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken 
 OBJECT_BYTES, FIGURE_BYTES = 240, 600
 # Bytes that writing was seen to take for each triangle of a structure of 1.2 million, beside it.
 WRITTEN_BYTES = {".obj": 12, ".glb": 130, ".3mf": 14, ".html": 120}
-# Of a process that makes cases, before any values are read: Python, NumPy and work arrays, and Blender for thumbnails,
-# which draws them in as much again.
-PROCESS_BYTES, BLENDER_PROCESS_BYTES = 130 << 20, 420 << 20
-# The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
-CASE_VOXEL_BYTES = 32
-READING_COPIES = 2  # of the values, while they are read
-ASKED_FACTOR = 1.4  # of what smoothing is predicted to take: a label of noise took 1.3, for its triangles
-KEPT_BYTES = 256 << 20  # beyond those of the process: one that keeps more between two cases is replaced
-CASES_SHARE = 0.85  # of the memory that is there
 READ_SHARE = 0.25  # of the memory, that values which are read at once may take beside the surface
 SMALL_BYTES = 1 << 26  # that are read at once even under a stride
 SHOWN_SHARE = 0.25  # of the memory, for a copy of a CT that is shown: previews and surfaces need the rest
 MOST_STRIDE = 16
+LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
 ROUNDED = 0.9  # of the triangles that would fit are proposed
+COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
 LOOKING = "Looking for what fits"
 
 
@@ -96,23 +88,26 @@ class Plan:
     @property
     def needed(self) -> int:
         """About the least memory, bytes, in which the surface can be made."""
-        of_surface = 0
         if self.simplifies:
-            from .simplification.whole import memory_needed
-
-            at_once = memory_needed(self._goal.at_once(self.counts.faces, self.budget), self.settings.max_error_mm)
-            of_surface = max(at_once, self.left * self.written_bytes) + self.left * FACE_BYTES
-        elif self.sink.holds:
-            of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes)
+            simplifying = self._goal.memory_needed(self.counts.faces, self.left, self.budget)
+            return self.value_bytes + max(simplifying, self.left * (FACE_BYTES + self.written_bytes))
+        of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else 0
         return self.budget.work_bytes + self.value_bytes + of_surface
+
+    def fits(self, there: int) -> bool:
+        """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""
+        return self.needed <= (there if self.counts.exact else COUNTED_SHARE * there)
 
     def most_triangles(self, there: int) -> int:
         """Return how many triangles simplification may leave in `there` bytes; 0 where none fit."""
-        from .simplification.whole import Goal, memory_needed
 
-        at_once = memory_needed(Goal(target_faces=1).at_once(self.counts.faces, self.budget), None)
-        room = there - self.budget.work_bytes - self.value_bytes - at_once
-        return max(0, int(ROUNDED * room / (FACE_BYTES + self.written_bytes)))
+        def refused(target: int) -> bool:
+            settings = replace(self.settings, reduction=None, max_error_mm=None, target_faces=target)
+            return not replace(self, settings=settings).fits(there)
+
+        targets = range(LEAST_PROPOSED, self.counts.faces, LEAST_PROPOSED)
+        fitting = bisect_left(targets, True, key=refused)
+        return int(ROUNDED * targets[fitting - 1]) if fitting else 0
 
     @property
     def _goal(self) -> Goal:
@@ -128,6 +123,7 @@ def plan_steps(
     sink: Sink = HOLD,
     written_bytes: int = 0,
     field: Field | None = None,
+    most_slabs: int | None = None,
 ) -> Steps[Plan]:
     """Count the triangles of a surface and return its plan.
 
@@ -141,14 +137,46 @@ def plan_steps(
         Bytes of a triangle while Blender writes files.
     field : Field, optional
         The field that is extracted, if it is known already; by default it is prepared here.
+    most_slabs : int, optional
+        Count triangles in no more slabs than these; by default in all.
     """
     budget = budget or Budget()
     stages = Stages({"Preparing values": 1, "Counting triangles": 1})
     if field is None:
         field = yield from stages.run("Preparing values", field_steps(volume, settings, budget))
     slabs = FieldSlabs(replace(field.again(), settings=settings), budget, normals=False)
-    counts = yield from stages.run("Counting triangles", slabs.counts_steps())
+    counts = yield from stages.run("Counting triangles", slabs.counts_steps(most_slabs))
     return Plan(counts, settings, budget, field.values.own_bytes, sink, written_bytes)
+
+
+class PlanRefusal(MemoryLimitError):
+    """A surface does not fit, and what would fit is said already."""
+
+
+def required_steps(
+    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: Field
+) -> Steps[None]:
+    """Refuse a surface that does not fit before it is made; where nobody tells what fits, no surface is refused.
+
+    Raises
+    ------
+    PlanRefusal
+        With settings that were counted to fit, in some slabs of a large volume.
+    """
+    there = budget.available
+    voxels = math.prod(field.values.shape) // math.prod(settings.stride)
+    # A surface seldom has a triangle for each voxel: where so many fit, counting is spared.
+    if there is None or budget.workers is not None or voxels * FACE_BYTES <= there:
+        return
+    if not sink.holds and not Plan(Counts(0, 0, 0, 0), settings, budget).simplifies:
+        return
+    stages = Stages({"Counting triangles": 1, LOOKING: 1})
+    planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=budget.counted_slabs)
+    plan = yield from stages.run("Counting triangles", planning)
+    least = replace(plan, value_bytes=0, budget=replace(budget, work_bytes=0))  # small works take less than these
+    if least.needed > there:
+        proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, there))
+        raise PlanRefusal(_unfitting(plan, there, proposals))
 
 
 def advised_steps(
@@ -174,6 +202,8 @@ def advised_steps(
     try:
         return (yield from stages.run("Reconstructing", making))
     except (MemoryLimitError, MemoryError, RuntimeError) as error:
+        if isinstance(error, PlanRefusal) and not written_bytes:
+            raise
         if isinstance(error, RuntimeError) and not isinstance(error, CtmcError) and str(error) != NO_THREAD:
             raise
         if there is None:
@@ -216,8 +246,15 @@ def refusal_steps(
     what = what or f"a surface of {plan.counts.faces} triangles"
     if fits or smoothing:
         return _refused(what, there, together + advice_of(proposals) if proposals else advice_of([]))
+    return _unfitting(plan, there, proposals)
+
+
+def _unfitting(plan: Plan, there: int, proposals: Sequence[str]) -> str:
+    """Return the refusal for a surface that was planned."""
+    about = "" if plan.counts.exact else "about "
     return (
-        f"{what} needs about {amount(plan.needed)} of memory and {amount(there)} are available; {advice_of(proposals)}"
+        f"a surface of {about}{plan.counts.faces} triangles needs about {amount(plan.needed)} of memory and "
+        f"{amount(there)} are available; {advice_of(proposals)}"
     )
 
 
@@ -242,8 +279,8 @@ def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
     wider = yield from _stride_steps(volume, plan, room)
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
-    if most >= 1000 and settings.simplifier != "decimate" and not settings.max_error_mm:
-        proposals.append(f"target_faces {min(most, plan.counts.faces - 1) // 1000 * 1000}")
+    if most >= LEAST_PROPOSED and settings.simplifier != "decimate" and not settings.max_error_mm:
+        proposals.append(f"target_faces {most // LEAST_PROPOSED * LEAST_PROPOSED}")
     return proposals
 
 
@@ -273,10 +310,17 @@ def _stride_steps(volume: Volume, plan: Plan, there: int) -> Steps[str | None]:
     for stride in _wider(volume, plan, room):
         settings = replace(plan.settings, stride=stride)
         try:
-            counted = yield from plan_steps(volume, settings, plan.budget, plan.sink, plan.written_bytes)
+            counted = yield from plan_steps(
+                volume,
+                settings,
+                plan.budget,
+                plan.sink,
+                plan.written_bytes,
+                most_slabs=None if plan.counts.exact else plan.budget.counted_slabs,
+            )
         except CtmcError:  # a slab is thicker at a wider stride, or there is no surface
             return None
-        if counted.needed <= there:
+        if counted.fits(there):
             return "stride " + " ".join(map(str, stride))
     return None
 
@@ -325,85 +369,3 @@ def shown_stride(volume: Volume, budget: Budget) -> tuple[int, int, int]:
     if stride is None:
         budget.require(volume.nbytes, f"reading {volume.name}", "close other programs, or raise the memory limit")
     return stride or (1, 1, 1)
-
-
-def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = True) -> int:
-    """Return the memory that a case of a batch needs, about, by what its headers tell.
-
-    Parameters
-    ----------
-    voxels : int
-    value_bytes : int, optional
-        Of a voxel, where the case asks for more itself as soon as it knows its label's box: reading is counted alone.
-    thumbnails : bool
-        Whether Blender is loaded.
-    """
-    process = BLENDER_PROCESS_BYTES if thumbnails else PROCESS_BYTES
-    return process + voxels * (CASE_VOXEL_BYTES if value_bytes is None else READING_COPIES * value_bytes)
-
-
-def asks_for_memory(settings: ReconstructionSettings, several: bool) -> bool:
-    """Return whether a case says what it needs before it takes it: one or `several` labels, smoothed in their boxes."""
-    if several and settings.label is None:
-        settings = replace(settings, threshold=None, label=1)
-    return settings.label is not None and not smoothing_of(settings).by_slabs
-
-
-def asked_bytes(has_bytes: int, needed_bytes: int) -> int:
-    """Return what a case asks for that has so many bytes and needs so many more for its next work."""
-    return has_bytes + int(ASKED_FACTOR * needed_bytes)
-
-
-def case_process_is_large(resident_bytes: int | None) -> bool:
-    """Return whether a process keeps so much memory after a case that the next one is better done by another."""
-    return resident_bytes is not None and resident_bytes > BLENDER_PROCESS_BYTES + KEPT_BYTES
-
-
-def cases_bytes(budget: Budget) -> int | None:
-    """Return the bytes that all cases of a batch may take in total; None where the system does not say."""
-    there = budget.available
-    return None if there is None else int(there * CASES_SHARE)
-
-
-class AtOnce(NamedTuple):
-    """How many cases run side by side, and why not more.
-
-    Parameters
-    ----------
-    jobs : int
-    reason : str
-        Such as 'as many as there are processors'.
-    """
-
-    jobs: int
-    reason: str
-
-
-def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> AtOnce:
-    """Return how many processes may run at once: as many as asked for or as there are processors, if they fit.
-
-    Only the smallest must fit side by side: the batch lets larger ones wait for others.
-
-    Examples
-    --------
-    >>> cases_at_once(4, [1 << 30, 2 << 30, 2 << 30], Budget(bytes=6 << 30))
-    AtOnce(jobs=3, reason='as many as there are cases')
-    >>> cases_at_once(4, [2 << 30] * 5, Budget(bytes=6 << 30))
-    AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
-    """
-    limits = [
-        (processors(), "as many as there are processors"),
-        (max(len(needs), 1), "as many as there are cases"),
-    ]
-    if asked is not None:
-        limits[0] = (asked, "as --jobs says")
-    limit = cases_bytes(budget)
-    if limit is not None and needs:
-        fitting = sum(total <= limit for total in accumulate(sorted(needs)))
-        least, most = amount(min(needs)), amount(max(needs))
-        between = least if least == most else f"{least} to {most}"
-        limits.append(
-            (max(1, fitting), f"as memory allows: a case begins with {between}, and {amount(limit)} may be used")
-        )
-    jobs = min(number for number, _ in limits)
-    return AtOnce(jobs, next(reason for number, reason in limits if number == jobs))

@@ -24,6 +24,7 @@ from .mesh.face_normals import vertex_normals_steps
 from .mesh.faces_shown import face_notes
 from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
 from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from .plan import required_steps
 from .progress import Stages, Steps, WithResult, finish
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, ReconstructionSettings
@@ -130,13 +131,12 @@ def without_small_steps(
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
     surface, removed = yield from kept_and_removed_steps(surface, alpha, settings.keep_parts, min_part_mm3)
-    mesh = surface.at(alpha)
     return replace(
         full,
-        mesh=mesh,
+        mesh=surface.at(alpha),
         surface=None if full.surface is None else surface,
         settings=settings,
-        full_faces=len(mesh.faces),
+        full_faces=len(surface.faces),
         removed_components=full.removed_components + removed,
     )
 
@@ -200,7 +200,7 @@ class _Making:
     def __init__(
         self, volume: Volume | None, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False
     ) -> None:
-        self.settings, self.budget, self.sink = settings, budget, sink
+        self.settings, self.budget, self.sink, self.full = settings, budget, sink, full
         self.stages = Stages(_weights(settings, sink, full))
         self.seconds: dict[str, float] = {}
         self.choice: AlphaChoice | None = None
@@ -220,9 +220,11 @@ class _Making:
         return self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm
 
     def field_steps(self) -> Steps[None]:
-        """Prepare the field that the surface is extracted from."""
+        """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
         preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
         self.field = yield from self.stages.run(PREPARING, preparing)
+        if not self.full:  # the settings say nothing of the full surface
+            yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
 
     def result_steps(self) -> Steps[Reconstruction]:

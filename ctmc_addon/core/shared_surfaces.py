@@ -43,6 +43,7 @@ from .volume.labels import labels_by_layer_steps
 from .volume.region import region_box
 from .volume.volume import Volume
 
+LARGEST = (1 << 31) - 1  # Interfaces have the numbers of their two labels as int32.
 LOOKING = "Looking for labels that cross"
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
@@ -110,6 +111,7 @@ def shared_surfaces_steps(
             if full is not None:
                 made.full[own[0]] = full
         else:
+            _require_shareable(own)
             making = _Making(layer, settings, own, budget, all_needed)
             try:
                 together = yield from stages.run(str(at), making.result_steps())
@@ -122,6 +124,16 @@ def shared_surfaces_steps(
             made.results.update(together.results)
             made.errors.update(together.errors)
     return made
+
+
+def _require_shareable(labels: Sequence[int]) -> None:
+    """Raise `LabelError` if a label does not fit where triangles that labels share keep their numbers."""
+    outside = next((label for label in labels if not 0 < label <= LARGEST), None)
+    if outside is not None:
+        raise LabelError(
+            f"label {outside} cannot share its interfaces, as that takes labels from 1 to {LARGEST}; "
+            "set interfaces to separate, or make it alone"
+        )
 
 
 class _Making:

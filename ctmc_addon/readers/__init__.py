@@ -125,6 +125,7 @@ def read_volume(
     options: ReadingOptions | None = None,
     anatomy_colors: bool = False,
     remove_table: bool = False,
+    file_colors: bool = False,
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -135,7 +136,7 @@ def read_volume(
         or structure set; a folder of masks, a file or a folder of DICOM slices for each;
         a volume in a file or folder of its own, such as `.nii.gz`, `.nrrd`, `.mha` or `.ome.zarr` (`FORMATS` has all).
         A lone slice stands for its folder.
-    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, remove_table
+    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, file_colors, remove_table
         As in `ReadingOptions`, which describes them.
     budget : Budget, optional
         The threads that decode PNG, JPEG, BMP and TIFF slices, and the memory that the values may take.
@@ -165,7 +166,7 @@ def read_volume(
     """
     fields = {"spacing": spacing, "flip": flip, "series": series, "time": time, "strict": strict, "level": level}
     fields |= {"allow_outside": allow_outside, "name": name, "anatomy_colors": anatomy_colors}
-    fields |= {"remove_table": remove_table}
+    fields |= {"remove_table": remove_table, "file_colors": file_colors}
     given = {field: value for field, value in fields.items() if value is not defaults(ReadingOptions)[field]}
     options = options_of(options, given)
     steps = read_volume_steps(path, options, budget=budget, region=region, region_unit=region_unit, stride=stride)

@@ -8,12 +8,12 @@ settings file are made from these fields.
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ..core import Described, SettingsError, setting
+from ..core.volume import LEAST_SPACING_MM, MOST_SPACING_MM, SPACING_LIMITS, is_spacing
 
 
 def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, float, float] | None:
@@ -27,7 +27,7 @@ def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, flo
     Raises
     ------
     SettingsError
-        If it is not three numbers above 0.
+        If it is not three numbers within `SPACING_LIMITS`.
 
     Examples
     --------
@@ -44,8 +44,10 @@ def checked_spacing(spacing: float | Sequence[float] | None) -> tuple[float, flo
     if len(numbers) != 3:
         raise SettingsError(f"spacing is three numbers x, y, z in mm, not {len(numbers)}: {spacing}")
     for axis, value in zip("xyz", numbers, strict=True):
-        if not (math.isfinite(value) and value > 0):
-            raise SettingsError(f"spacing along {axis} must be above 0 mm, not {value:g}; measure it or leave it out")
+        if not is_spacing([value]):
+            raise SettingsError(
+                f"spacing along {axis} must be {SPACING_LIMITS}, not {value:g}; measure it or leave it out"
+            )
     return (numbers[0], numbers[1], numbers[2])
 
 
@@ -102,8 +104,8 @@ class ReadingOptions(Described):
         label="Spacing",
         unit="mm",
         size=3,
-        low=0.0,
-        low_open=True,
+        low=LEAST_SPACING_MM,
+        high=MOST_SPACING_MM,
         start=(1.0, 1.0, 1.0),
         without="as the files say, else 1 mm",
         check=checked_spacing,
@@ -175,10 +177,21 @@ class ReadingOptions(Described):
     )
     anatomy_colors: bool = setting(
         False,
-        "Color labels whose names are anatomical by these, whatever colors their file gives them",
+        "Color labels with anatomical names by these, whatever colors their file gives them",
         label="Anatomy Colors",
         type=bool,
     )
+    file_colors: bool = setting(
+        False,
+        "Keep the colors of the file also where a program chose them by number, as TotalSegmentator does",
+        label="File Colors",
+        type=bool,
+    )
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.anatomy_colors and self.file_colors:
+            raise SettingsError("anatomy_colors and file_colors exclude each other; choose one")
 
 
 def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:

@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
-Spacing given by the user, mirrored axes and the meaning of the values are the same question in
-every format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
+Spacing given by the user, mirrored axes (placing.py) and the meaning of the values are the same question in every
+format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
 """
 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, TypeVar
@@ -23,13 +23,15 @@ from ..core import (
     SettingsError,
     Stages,
     Steps,
+    VolumeError,
     descriptions,
     finish,
     one_line,
 )
 from ..core.files.input_files import add_inputs
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of, spacing_of
+from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
+from .geometry import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
@@ -129,15 +131,19 @@ class RawValues:
     notes : tuple of str
         What was assumed.
     kind : ValueKind or None
-        None where only name and values can tell.
+        None where only name and values can tell; labels that are stored as floats are looked at whatever it says.
     label_names : mapping of int to str
         Where the file has them.
     label_colors : mapping of int to (red, green, blue) int
         sRGB, 0 to 255, where the file has them.
+    has_palette : bool
+        Whether a program chose these colors by the labels' numbers, so that anatomy's colors are better.
     own_spacing : str
         Words about the file's spacing, where the affine already holds what was asked for.
     spacing : (x, y, z) float or None
         Millimeters, of a file that has spacing and no orientation.
+    directions : (3, 3) float64 or None
+        A column for each axis, where the file says them apart from their lengths, one of which may be 0.
     layers : tuple of (slices, rows, columns) array
         Further labels on the same grid, where labels overlap.
     """
@@ -148,8 +154,10 @@ class RawValues:
     kind: ValueKind | None = None
     label_names: Mapping[int, str] = field(default_factory=dict)
     label_colors: Mapping[int, tuple[int, int, int]] = field(default_factory=dict)
+    has_palette: bool = False
     own_spacing: str = ""
     spacing: tuple[float, float, float] | None = None
+    directions: NDArray[np.float64] | None = None
     layers: tuple[NDArray[Any], ...] = ()
 
 
@@ -330,13 +338,14 @@ class VolumeSource(ABC):
             if reader.own_bytes:
                 require_volume_memory(reader.shape, reader.dtype.itemsize, self.path.name, request.budget)
             values = yield from stages.run("Reading values", reader.values_steps(*reader.everything))
-            reader = ValuesInMemory(values)
+            reader = ValuesInMemory(values, reader.value_step)
         spacing = request.spacing
         notes = [*earlier_notes, *raw.notes]
         affine = raw.affine
         if affine is None:
             lengths = spacing or raw.spacing or (1.0, 1.0, 1.0)
-            affine = np.diag([-lengths[0], -lengths[1], lengths[2], 1.0])
+            affine = np.eye(4)
+            affine[:3, :3] = AXIAL * lengths
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
@@ -347,39 +356,42 @@ class VolumeSource(ABC):
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
-            affine, own_spacing = respaced(affine, spacing)
-            notes.append(f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}")
+            affine, own_spacing, said = respaced(affine, spacing, raw.directions)
+            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *said]
+        require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
             notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
         kind = raw.kind
-        if kind is None:
-            looking = kind_steps(reader, self.name, bool(raw.label_names), raw.affine is not None)
-            kind = yield from stages.run("Looking at the values", looking)
+        if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
+            is_label = kind == ValueKind.LABEL or bool(raw.label_names)
+            looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
+            kind, reader, found = yield from stages.run("Looking at the values", looking)
+            notes += found
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
-            names, colors, found = table_for(self.path, self.name)
-            notes += found
+            names, colors, table_notes = table_for(self.path, self.name)
+            notes += table_notes
         names = {value: one_line(name) for value, name in names.items()}
-        if request.anatomy_colors:
-            colors = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
+        if request.anatomy_colors or (raw.has_palette and not request.file_colors):
+            kept = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
+            if len(kept) < len(colors) and not request.anatomy_colors:
+                notes.append(
+                    "colors follow the anatomical names, since the file's repeat by number; file_colors keeps those"
+                )
+            colors = kept
         lines = tuple(one_line(note) for note in notes)
         layers = tuple(ValuesInMemory(layer) for layer in raw.layers)
         name = request.name or one_line(self.name)
-        volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        try:
+            volume = Volume(reader, affine, lines, name, kind, names, colors, layers=layers)
+        except VolumeError as error:
+            raise VolumeError(f"{self.path.name}: {error}") from error
         if request.remove_table:
             from ..core.segmentation import without_table_steps
 
             return (yield from without_table_steps(volume))
         return volume
-
-
-def taken_as_axial(what: str) -> str:
-    """Return the note for a format without orientation."""
-    return (
-        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
-        "rows towards the back, slices towards the head; flip x, y or z changes it"
-    )
 
 
 def unreadable(path: Path, error: OSError) -> ReadError:
@@ -415,26 +427,3 @@ def checked_stride(stride: Sequence[int]) -> tuple[int, int, int]:
     if len(sides) != 3 or not all(isinstance(side, int | np.integer) and side >= 1 for side in sides):
         raise SettingsError(f"stride takes 3 whole numbers x, y and z from 1 on, not {stride}")
     return (int(sides[0]), int(sides[1]), int(sides[2]))
-
-
-def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
-    """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
-    mirrored = affine.copy()
-    for axis in ("xyz".index(letter) for letter in axes):
-        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
-        mirrored[:3, axis] *= -1.0
-    return mirrored
-
-
-def respaced(affine: NDArray[np.float64], spacing: tuple[float, float, float]) -> tuple[NDArray[np.float64], str]:
-    """Return the affine with columns of the lengths `spacing`, and words about those it had."""
-    lengths = spacing_of(affine)
-    scaled = affine.copy()
-    # An axis without length is left alone: Volume refuses it as singular.
-    scaled[:3, :3] *= np.divide(spacing, lengths, out=np.ones(3), where=lengths > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm"
-
-
-def lengths_text(lengths: Iterable[float]) -> str:
-    """Three lengths in words: '0.5 x 0.5 x 2'."""
-    return " x ".join(f"{length:.4g}" for length in lengths)

@@ -6,13 +6,21 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..core import Budget, Step, Steps, amount, require_memory
-from ..core.volume import SliceReader, ValueKind, ValuesInMemory, fitting_stride
+from ..core.volume import (
+    NotWholeError,
+    SliceReader,
+    ValueKind,
+    ValuesInMemory,
+    WholeLabels,
+    WholeNumbers,
+    fitting_stride,
+)
 
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
 MASK_VALUES = (1, 255)  # inside, where outside is 0
@@ -113,6 +121,18 @@ def scaled_integer(low: float, high: float, slope: float, intercept: float) -> n
     return np.dtype(smallest_integer(min(ends), max(ends)) or np.float32)
 
 
+def step_of_scale(stored: np.dtype[Any], slope: float, intercept: float) -> float:
+    """Return the `value_step` of scaled values: 0 where floats are stored, or whole numbers stay whole.
+
+    Examples
+    --------
+    >>> step_of_scale(np.dtype(np.uint8), -0.5, 0.0), step_of_scale(np.dtype(np.uint8), 2.0, 1.0)
+    (0.5, 0.0)
+    """
+    is_whole = stored.kind not in "iu" or (float(slope).is_integer() and float(intercept).is_integer())
+    return 0.0 if is_whole else abs(float(slope))
+
+
 class ScaledSlices(SliceReader):
     """Values `stored * slope + intercept`."""
 
@@ -120,12 +140,19 @@ class ScaledSlices(SliceReader):
         self.stored, self.slope, self.intercept = stored, slope, intercept
         self.shape, self.dtype = stored.shape, dtype
         self.chunk_slices, self.thread_safe = stored.chunk_slices, stored.thread_safe
+        self.value_step = step_of_scale(stored.dtype, slope, intercept)
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
-        """Fill `out` with scaled values, slice by slice."""
-        for number, target in zip(slices, out, strict=True):
-            (plane,) = self.stored.read(range(number, number + 1), rows, columns)
-            target[...] = plane.astype(np.float64) * self.slope + self.intercept
+        """Fill `out` with scaled values, as many slices at a time as the stored ones are best read."""
+        for start in range(0, len(slices), self.at_once):
+            planes = self.stored.read(slices[start : start + self.at_once], rows, columns)
+            for plane, target in zip(planes, out[start : start + self.at_once], strict=True):
+                target[...] = plane.astype(np.float64) * self.slope + self.intercept
+
+    @property
+    def at_once(self) -> int:
+        """Those of the stored values, which several threads may decode."""
+        return self.stored.at_once
 
     @property
     def own_bytes(self) -> int:
@@ -167,13 +194,14 @@ class Seen:
 
     def __init__(self, dtype: np.dtype[Any]) -> None:
         self.low, self.high = math.inf, -math.inf
-        self.integer = dtype.kind in "bui"
+        self.whole = dtype.kind in "buif"  # as far as it is known
         self.small = np.zeros(256, bool)  # which whole numbers from 0 to 255 occur
 
     @property
     def few(self) -> bool:
         """Return whether the values may be labels: few whole numbers from 0 to 255."""
-        return self.integer and self.low >= 0 and self.high <= 255 and int(self.small.sum()) <= MOST_LABELS
+        in_range = self.low > -0.5 and self.high < 255.5  # of floats that are nearly whole
+        return self.whole and in_range and int(self.small.sum()) <= MOST_LABELS
 
     def add(self, values: NDArray[Any]) -> bool:
         """Take more values into account, and return False, as every value has to be seen."""
@@ -194,43 +222,58 @@ def is_label_name(name: str) -> bool:
     return bool(words) and (words[0] in LABEL_WORDS or words[-1] in LABEL_WORDS)
 
 
-def kind_steps(reader: SliceReader, name: str, has_label_names: bool, may_be_hu: bool) -> Steps[ValueKind]:
-    """Return what the values mean, where the file does not say it.
+class Meaning(NamedTuple):
+    """What values mean; where they are, labels as whole numbers; and what a user must know of it."""
 
-    Labels: the file names them; or its name begins or ends like a label file's and all values are whole
-    numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different.
+    kind: ValueKind
+    reader: SliceReader
+    notes: tuple[str, ...] = ()
+
+
+def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) -> Steps[Meaning]:
+    """Return what the values mean, where the file does not say it, or says that they are labels and has floats.
+
+    Labels: the file says so (`is_label`); or its name begins or ends like a label file's and all values are whole
+    numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different. Floats that stand for
+    whole numbers are whole numbers; if any does not, none is a label. They are rounded in place if they are in memory.
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
     No more is read than settles it: of HU mostly a few slices, of labels all.
     """
-    seen = Seen(reader.dtype)
-    named = is_label_name(name)
-    if has_label_names or (named and seen.integer):
-        return ValueKind.LABEL
-    if not (named or may_be_hu):
-        return ValueKind.GRAY
+    may_be_label = is_label or is_label_name(name)
+    if may_be_label and reader.is_whole:
+        return Meaning(ValueKind.LABEL, reader)
+    if not (may_be_label or may_be_hu):
+        return Meaning(ValueKind.GRAY, reader)
+    seen, numbers = Seen(reader.dtype), WholeNumbers(reader.value_step, name)
     may_be_negative = reader.dtype.kind in "if"
-    may_be_whole = named
+    notes: tuple[str, ...] = ()
 
     def look(values: NDArray[Any]) -> bool:
         """Take more values into account, and return whether the kind is known."""
-        nonlocal may_be_whole
+        nonlocal may_be_label, notes
         seen.add(values)
-        if may_be_whole:
-            may_be_whole = all((plane == np.floor(plane)).all() for plane in values)
+        if may_be_label or seen.few:
+            try:
+                values = numbers.of(values)
+            except NotWholeError as error:
+                text = f"The file says that it has labels, but its value {error.value_text} {error.why}: gray values."
+                notes = (text,) if is_label else ()
+                may_be_label = seen.whole = False
         if seen.few:
             for plane in values:
                 flat = plane.astype(np.uint8, copy=False).ravel()
                 ends = np.flatnonzero(flat[1:] != flat[:-1])  # of runs of equal values, of which labels have few
                 seen.small[flat[ends]] = seen.small[flat[-1:]] = True
         settled = not may_be_hu or seen.low < AIR_HU or not (seen.few or may_be_negative)
-        return settled and not may_be_whole
+        return settled and not may_be_label
 
     yield from reader.runs_steps(look)
-    if may_be_whole:
-        return ValueKind.LABEL
-    if may_be_hu and seen.integer and seen.low >= 0 and seen.high <= 255:
-        return ValueKind.LABEL if seen.few else ValueKind.GRAY
-    return ValueKind.HU if may_be_hu and seen.low < AIR_HU else ValueKind.GRAY
+    if seen.low <= seen.high and (may_be_label or (may_be_hu and seen.few)):
+        if not reader.is_whole:
+            labels = WholeLabels(reader, numbers)  # whose notes are those of this look
+            reader = labels if reader.own_bytes else (yield from labels.in_memory_steps())
+        return Meaning(ValueKind.LABEL, reader, numbers.notes)
+    return Meaning(ValueKind.HU if may_be_hu and seen.low < AIR_HU else ValueKind.GRAY, reader, notes)
 
 
 class NotAMask(Exception):
@@ -261,11 +304,12 @@ def two_values(values: NDArray[Any]) -> set[float]:
 def is_mask_steps(reader: SliceReader) -> Steps[int]:
     """The value inside, where all values are 0 and 1 or 0 and 255 and both occur, else 0; few slices settle it."""
     seen: set[float] = set()
+    numbers = WholeNumbers(reader.value_step, "")
     slices, rows, columns = reader.everything
     for number in slices:
         try:
-            seen.update(two_values(reader.read(range(number, number + 1), rows, columns)))
-        except NotAMask:
+            seen.update(two_values(numbers.of(reader.read(range(number, number + 1), rows, columns))))
+        except (NotAMask, NotWholeError):
             return 0
         if len(seen) > 2 or not seen <= {0.0, *map(float, MASK_VALUES)}:
             return 0

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Print how near the surface comes to the truth; with --write-docs also into docs/development/accuracy.md.
 
-Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumours over stride and alpha.
+Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumors over stride and alpha.
 The same numbers come on every machine. tests/core/test_accuracy.py holds them.
 """
 
@@ -38,7 +38,7 @@ def main() -> int:
         "geometry": geometry_table(),
         "alpha": alpha_table(),
         "normals": normals_table(),
-        "tumours": tumours_table(),
+        "tumors": tumors_table(),
     }
     for text in sections.values():
         print(text, end="\n\n")
@@ -99,8 +99,8 @@ def normal_angles(shape: Shape, spacing: tuple[float, float, float]) -> tuple[fl
     return float(off.mean()), float(off.max())
 
 
-def tumours_table() -> str:
-    """Volume of the phantom's tumours against their true volume."""
+def tumors_table() -> str:
+    """Volume of the phantom's tumors against their true volume."""
     rows = []
     for slices in (29, 250):
         made = phantom(slices)

@@ -31,7 +31,7 @@ PEERS = {
 
 def measure(session: Session) -> None:
     """Two rows for every bound: the greatest distance against the bound, and triangles against the best peer."""
-    mesh = marching_cubes(scenes.tumours(), scenes.EDGE, (2, 2, 2), normals=False)
+    mesh = marching_cubes(scenes.tumors(), scenes.EDGE, (2, 2, 2), normals=False)
     mesh = replace(mesh, vertices=mesh.vertices * np.array(scenes.FINE_MM, np.float32))
     tree, on_full = TriangleTree(mesh), np.concatenate([on_surface(mesh, SAMPLES), mesh.vertices])
     ladders = {name: [] for name in PEERS}

@@ -29,7 +29,7 @@ PREVIEW_MS = 100
 
 def measure(session: Session) -> None:
     """All rows of this part."""
-    sparse = scenes.tumours()
+    sparse = scenes.tumors()
     work = f"extraction, sparse, {sized(sparse, scenes.EDGE)}"
     against_vtk(session, work, sparse, scenes.EDGE, False, {1: 0.35, 2: 0.35, None: 0.33})
     against_vtk(session, f"{work}, normals", sparse, scenes.EDGE, True, {1: None, 2: None, None: None})

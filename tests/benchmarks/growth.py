@@ -34,7 +34,7 @@ def measure(session: Session) -> None:
     session.facts["triangles"] = [point(session, values, 1) | {"across": count} for count, values in balls.items()]
     session.say("growth over triangles measured")
     dense = scenes.abdomen(session.scratch)
-    sparse = scenes.tumours()
+    sparse = scenes.tumors()
     session.facts["threads"] = [
         threads_point(session, name, values, at, threads)
         for name, values, at in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD))

@@ -18,7 +18,7 @@ from .measuring import Session
 # name: threshold in HU; targets without and with normals
 TISSUES = {"bone": (scenes.BONE, 0.8, 1.0), "skin": (scenes.SKIN, 0.5, 0.8)}
 # name: label of the phantom; targets without and with normals
-MASKS = {"liver": (LIVER, 0.6, 0.8), "tumours": (TUMOR, 0.4, 0.4)}
+MASKS = {"liver": (LIVER, 0.6, 0.8), "tumors": (TUMOR, 0.4, 0.4)}
 TRILINEAR = 1.1  # of classic topology
 HALF = 0.5  # a mask's surface is half-way between 0 and 1
 BLENDER = "OpenVDB's convertToPolygons, as installed"

@@ -25,8 +25,8 @@ BONE, SKIN = 200, -300  # HU
 REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k", "ircadb01_abdomen")  # folders of 512 x 512 DICOM slices
 
 
-def tumours(seed: int = 0) -> NDArray[np.uint8]:
-    """The phantom's tumours alone, 250 slices of 512 x 512: 0 outside, 255 inside, an edge of a few pixels."""
+def tumors(seed: int = 0) -> NDArray[np.uint8]:
+    """The phantom's tumors alone, 250 slices of 512 x 512: 0 outside, 255 inside, an edge of a few pixels."""
     chance = np.random.Generator(np.random.PCG64(seed))
     liver = liver_shape(chance, 1.0, FINE_MM[2])
     axes = grid_about(liver, FINE_MM)

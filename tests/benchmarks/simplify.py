@@ -31,7 +31,7 @@ LARGE_BONE, LARGE_SECONDS, LARGE_SECOND_THREAD = 265, 9.0, 0.6  # HU, of all pix
 
 def measure(session: Session) -> None:
     """All rows of this part."""
-    mesh = marching_cubes(scenes.tumours(), scenes.EDGE, normals=False)
+    mesh = marching_cubes(scenes.tumors(), scenes.EDGE, normals=False)
     size = f"{len(mesh.faces) / 1e3:.0f}k triangles"
     repeats = max(1, session.repeats // 3)
     for reduction, target in ((0.9, 0.5), (0.5, None)):

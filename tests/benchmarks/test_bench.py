@@ -133,7 +133,7 @@ def test_only_what_stands_between_the_markers_is_replaced():
     ("page", "names"),
     [
         (documents.PAGE, ["run", "stages", "growth", *(f"the rows of {part}" for part in documents.WITH_ROWS)]),
-        (ACCURACY, ["geometry", "alpha", "normals", "tumours"]),
+        (ACCURACY, ["geometry", "alpha", "normals", "tumors"]),
     ],
     ids=lambda value: value.name if isinstance(value, Path) else "",
 )

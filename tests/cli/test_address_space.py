@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from ctmc_addon.core import ReconstructionSettings, finish, plan_steps
 from ctmc_addon.core.phantom import foam
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -48,6 +49,17 @@ def test_a_surface_under_a_limit_has_the_bytes_of_one_without(ctmc, volume, tmp_
         done = limited(mebibytes << 20, *words, tmp_path / "limited.stl")
         assert (done.returncode, done.stderr) == (0, "")
         assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
+
+
+@pytest.mark.once
+def test_a_simplified_surface_is_made_in_the_memory_that_its_plan_asks_for(ctmc, volume, tmp_path):
+    settings = ReconstructionSettings(threshold=132.0, reduction=0.95)
+    plan = finish(plan_steps(foam(100, 480, 150, 1), settings))
+    words = ["reconstruct", volume, "--threshold", "132", "--simplify", "0.95", "--threads", "1", "-o"]
+    assert ctmc(*words, tmp_path / "free.stl").code == 0
+    done = limited(plan.needed, *words, tmp_path / "limited.stl")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert (tmp_path / "limited.stl").read_bytes() == (tmp_path / "free.stl").read_bytes()
 
 
 def test_tiles_are_unpacked_without_a_thread_for_which_there_is_no_memory(ctmc, tmp_path):

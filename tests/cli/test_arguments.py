@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import argparse
+import re
 
 import pytest
 
@@ -9,11 +10,12 @@ from ctmc_addon.cli.arguments import (
     add_settings,
     command_of,
     flag_of,
+    kinds_of,
     overridden,
     settings_from,
 )
-from ctmc_addon.cli.described_flags import help_of
-from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.cli.described_flags import help_of, metavar_of
+from ctmc_addon.core import ReconstructionSettings, descriptions
 from ctmc_addon.core.settings import SETTINGS
 
 
@@ -37,6 +39,16 @@ def test_every_setting_has_its_flag_with_text_and_limits():
     for name, about in SETTINGS.items():
         assert flags[name] in shown
         assert about.text.split(". ")[0][:40] in shown
+
+
+def test_a_flags_value_is_named_by_a_word_or_its_parts():
+    names = {
+        metavar_of(about)
+        for kind in (ReconstructionSettings, *kinds_of("reading"))
+        for about in descriptions(kind).values()
+    }
+    assert "ALPHA" in names
+    assert not [name for name in names if re.search(r"[^A-Z0-9 /]", name)]
 
 
 def test_the_help_says_unit_limits_and_default():

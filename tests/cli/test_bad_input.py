@@ -144,7 +144,7 @@ DRAWER = [
     (noise_nrrd, ["noise.nrrd"]),
     (five_dimensions, ["film.nii", "5 dimensions"]),
     (color_voxels, ["RGB"]),
-    (flat_affine, ["singular"]),
+    (flat_affine, ["a spacing of 1 x 1 x 0 mm"]),
     (no_images, ["image"]),
     (words_only, ["none is a DICOM image or a slice"]),
 ]

@@ -111,7 +111,7 @@ def tumour_error(made, side, alpha, soften):
 
 @pytest.mark.parametrize("alpha", [0.0, 0.5, 1.0])
 @pytest.mark.parametrize("soften", [0.0, 1.5])
-def test_tumours_lose_a_little_volume_and_more_on_larger_voxels(made, alpha, soften):
+def test_tumors_lose_a_little_volume_and_more_on_larger_voxels(made, alpha, soften):
     one, two, three = (tumour_error(made, side, alpha, soften) for side in (1, 2, 3))
     assert -0.035 < one < 0
     assert -0.06 < three < two < one

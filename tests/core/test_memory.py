@@ -2,6 +2,8 @@
 """What memory there is: the machine's, the control group's, the process's, whichever is least."""
 
 import math
+import sys
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -32,7 +34,7 @@ def written(root, files):
                 "proc/self/cgroup": "0::/\n",
                 "sys/fs/cgroup/memory.max": f"{3 * GIB}\n",
                 "sys/fs/cgroup/memory.current": f"{2 * GIB}\n",
-                "sys/fs/cgroup/memory.stat": f"anon {GIB}\ninactive_file {GIB}\n",
+                "sys/fs/cgroup/memory.stat": f"anon {GIB}\ninactive_file {GIB // 2}\nactive_file {GIB // 2}\n",
             },
             2,
         ),
@@ -52,6 +54,15 @@ def written(root, files):
                 "sys/fs/cgroup/memory/memory.limit_in_bytes": f"{4 * GIB}\n",
                 "sys/fs/cgroup/memory/memory.usage_in_bytes": f"{GIB}\n",
                 "sys/fs/cgroup/memory/memory.stat": "cache 1\ntotal_inactive_file 0\n",
+            },
+            3,
+        ),
+        (  # version 1, most of whose memory caches a file that was read twice
+            {
+                "proc/self/cgroup": "4:memory:/\n",
+                "sys/fs/cgroup/memory/memory.limit_in_bytes": f"{4 * GIB}\n",
+                "sys/fs/cgroup/memory/memory.usage_in_bytes": f"{4 * GIB}\n",
+                "sys/fs/cgroup/memory/memory.stat": f"total_inactive_file {GIB}\ntotal_active_file {2 * GIB}\n",
             },
             3,
         ),
@@ -144,3 +155,30 @@ def test_the_system_is_asked_for_its_memory_now_and_then(monkeypatch):
     monkeypatch.setattr(memory, "_seen", (-math.inf, None))
     monkeypatch.setattr(memory.time, "monotonic", iter([1.0, 1.0 + memory.LOOK_AGAIN / 2, 2.0]).__next__)
     assert [memory.available_bytes() for _ in range(3)] == [1, 1, 2]
+
+
+def test_freed_pages_are_given_back_before_anything_is_refused(monkeypatch):
+    given_back = []
+    monkeypatch.setattr(memory, "give_back", lambda: given_back.append(None))
+    monkeypatch.setattr(memory, "available_bytes", lambda: 10 << 20)
+    monkeypatch.setattr(memory, "_available", lambda: 30 << 20)
+    memory.require(10 << 20, "this", "do that")
+    assert given_back == []
+    memory.require(30 << 20, "this", "do that")
+    assert given_back == [None]
+    with pytest.raises(
+        MemoryLimitError, match=r"^this needs about 31 MiB of memory and 30 MiB are available; do that$"
+    ):
+        memory.require(31 << 20, "this", "do that")
+
+
+@pytest.mark.parametrize(("gib", "limit", "little"), [(1, None, True), (8, None, False), (8, 8 * GIB, True)])
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="other systems have no glibc")
+def test_few_freed_pages_are_kept_where_memory_is_short(monkeypatch, gib, limit, little):
+    told = {}
+    library = SimpleNamespace(mallopt=told.__setitem__)
+    monkeypatch.setattr(memory.ctypes, "CDLL", lambda _: library)
+    monkeypatch.setattr(memory, "available_bytes", lambda: gib * GIB)
+    monkeypatch.setattr(memory, "address_space_available", lambda: limit)
+    memory.keep_little()
+    assert told == (memory.LITTLE if little else {})

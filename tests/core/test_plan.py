@@ -2,6 +2,7 @@
 """What is proposed where a surface does not fit was counted, and fits."""
 
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -173,3 +174,67 @@ def test_another_error_stays_what_it_is(file):
 
     with pytest.raises(RuntimeError, match=r"^other$"):
         finish(advised_steps(failing_steps(), file, SETTINGS))
+
+
+def refused_before_work(volume, settings, budget, monkeypatch):
+    """Return the refusal of a surface of which no piece was extracted."""
+
+    def never(*_):
+        raise AssertionError("work has begun")
+
+    with monkeypatch.context() as patched:
+        patched.setattr(sys.modules[reconstruct.__module__], "surface_pieces_steps", never)
+        with pytest.raises(MemoryLimitError) as said:
+            made(volume, settings, budget)
+    return str(said.value)
+
+
+def test_some_slabs_of_a_large_volume_tell_what_does_not_fit(monkeypatch):
+    large, settings = foam(96, 512, 128, 1), replace(SETTINGS, reduction=0.9)
+    budget = Budget(threads=1, work_bytes=0, whole_faces=4000, counted_slabs=3)
+    exact = finish(plan_steps(large, settings, budget))
+    some = finish(plan_steps(large, settings, budget, most_slabs=3))
+    assert (exact.counts.exact, some.counts.exact) == (True, False)
+    assert some.counts.voxels == exact.counts.voxels
+    assert some.counts.faces == pytest.approx(exact.counts.faces, rel=0.15)
+    assert finish(plan_steps(large, settings, budget, most_slabs=6)) == exact
+    budget = replace(budget, bytes=exact.needed // 3)
+    sentence = refused_before_work(large, settings, budget, monkeypatch)
+    assert sentence.startswith(f"a surface of about {some.counts.faces} triangles needs about ")
+    better = replace(settings, stride=proposed_stride(sentence))
+    assert finish(plan_steps(large, better, budget)).needed <= budget.bytes
+
+
+@pytest.mark.parametrize("more", [{}, {"reduction": 0.5}, {"reduction": 0.9}, {"close_border": True}])
+@pytest.mark.parametrize("share", [3, 12])
+def test_a_surface_that_does_not_fit_is_refused_before_work_with_settings_that_do(file, more, share, monkeypatch):
+    settings = replace(SETTINGS, **more)
+    budget = Budget(threads=1, work_bytes=0)
+    budget = replace(budget, bytes=finish(plan_steps(file, settings, budget)).needed // share)
+    sentence = refused_before_work(file, settings, budget, monkeypatch)
+    advised = [replace(settings, stride=proposed_stride(sentence))]
+    if target := re.search(r"target_faces (\d+)", sentence):
+        advised.append(replace(settings, reduction=None, target_faces=int(target[1])))
+    for better in advised:
+        assert finish(plan_steps(file, better, budget)).needed <= budget.bytes
+        assert len(made(file, better, budget).mesh.faces)
+
+
+def test_a_surface_in_batches_needs_what_its_largest_pass_does():
+    budget = Budget(work_bytes=100 << 20, whole_faces=1 << 20)
+    full = 60_000_000
+
+    def needed(left):
+        return planned(full, replace(SETTINGS, target_faces=left), budget).needed
+
+    batch, region = 380 << 18, 380 << 20  # bytes for a quarter of a million triangles, and for a million
+    assert needed(1000) == (100 << 20) + 36 * 1200 + batch  # the batches
+    assert needed(2_000_000) == 2 * 36 * 2_400_000 + region  # the last pass, with all that is left twice
+    assert needed(40_000_000) == 40_000_000 * FACE_BYTES  # what is measured at the end
+
+
+def test_simplification_of_a_surface_with_room_for_it_is_not_refused(file):
+    settings = replace(SETTINGS, reduction=0.9)
+    budget = Budget(threads=1, work_bytes=0)
+    budget = replace(budget, bytes=finish(plan_steps(file, settings, budget)).needed)
+    assert len(made(file, settings, budget).mesh.faces) in (6692, 6693)  # edges take two triangles with them

@@ -8,6 +8,7 @@ import pytest
 
 from ctmc_addon.core import (
     Budget,
+    LabelError,
     MeshError,
     ReconstructionSettings,
     Volume,
@@ -188,3 +189,14 @@ def test_a_layer_of_which_nothing_is_left_takes_no_other_with_it():
         shared_surfaces_steps(volume, ReconstructionSettings(min_part_mm3=1e9), (1, 2), Budget(threads=1), False)
     )
     assert (together.results, sorted(together.errors)) == ({}, [1, 2])
+
+
+@pytest.mark.parametrize("label", [-4, 2**31 + 5])
+def test_a_label_whose_number_an_interface_cannot_keep_is_refused_and_made_without(label):
+    values = np.zeros((12, 12, 12), np.int64)
+    values[1:5, 1:5, 1:5], values[6:11, 6:11, 6:11] = label, 7
+    volume = Volume(values, np.eye(4), kind="label")
+    with pytest.raises(LabelError, match=f"^label {label} cannot share .* from 1 to 2147483647; set interfaces to"):
+        reconstruct_labels(volume, ReconstructionSettings())
+    made = reconstruct_labels(volume, ReconstructionSettings(interfaces="separate")).surfaces
+    assert sorted(result.settings.label for result in made) == sorted([label, 7])

@@ -286,6 +286,9 @@ def by_tifffile(path: Path, volume: Volume) -> Peer:
                 return Peer(tiff_pages(path))
             if values.dtype == bool:
                 values = values * np.uint8(255)
+            about = tiff.imagej_metadata or {}
+            if about.get("cf") == 0 and values.dtype.kind == "u" and values.dtype.itemsize < 4:
+                values = values * float(about["c1"]) + float(about["c0"])
             return Peer(values.reshape(-1, *values.shape[-2:]))
     return Peer(tiff_pages(path))
 

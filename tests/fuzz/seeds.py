@@ -132,6 +132,14 @@ def tiff_pages(**options: Any) -> Seed:
     return write
 
 
+def tiff_calibrated(folder: Path) -> Path:
+    """A TIFF of ImageJ, whose unsigned numbers a straight line makes HU."""
+    about = {"axes": "ZYX", "cf": 0, "c0": -32768.0, "c1": 1.0, "vunit": "Gray Value"}
+    stored = (VALUES.astype(np.int32) + 32768).astype(np.uint16)
+    tifffile.imwrite(folder / "ct.tif", stored, imagej=True, metadata=about)
+    return folder / "ct.tif"
+
+
 def tiff_of_bits(bits: int, compression: int = NONE, palette: bool = False, **options: Any) -> Seed:
     """A TIFF of several pages with samples of so many bits, or with a palette of gray."""
 
@@ -238,6 +246,7 @@ SEEDS: dict[str, Seed] = {
     "nrrd layers": segment_layers,
     "label table": label_table,
     "imagej times": tiff_times("tif"),
+    "imagej calibrated": tiff_calibrated,
     "ome times": tiff_times("ome.tif"),
     "mha": metaimage("ct.mha"),
     "mha zlib": metaimage("ct.mha", True),

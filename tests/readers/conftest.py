@@ -37,7 +37,7 @@ def _dataset(stored: np.ndarray, syntax: str, sop_class: str, tags: dict[str, An
             delattr(dataset, name)
         elif value is not None:
             setattr(dataset, name, value)
-    dataset.HighBit = dataset.BitsStored - 1
+    dataset.HighBit = tags.get("HighBit", dataset.BitsStored - 1)
     order = ">" if syntax == uid.ExplicitVRBigEndian else "<"
     dataset.PixelData = stored.astype(stored.dtype.newbyteorder(order)).tobytes()
     dataset["PixelData"].VR = "OW" if stored.dtype.itemsize > 1 else "OB"

@@ -16,13 +16,17 @@ from ctmc_addon.readers import ReadingOptions, open_volume, read_volume, read_vo
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"spacing": (1, 0, 1)}, "spacing along y must be above 0 mm, not 0; measure it or leave it out"),
+        ({"spacing": (1, 0, 1)}, "spacing along y must be from 1e-06 to 10000 mm, not 0; measure it or leave it out"),
         ({"spacing": (1, 1)}, "spacing is three numbers x, y, z in mm, not 2: (1, 1)"),
         ({"flip": "xx"}, "flip takes the axes x, y and z, each at most once, such as 'xz', not 'xx'"),
         ({"time": 0}, "time must be 1 or more, not 0"),
         ({"time": 1.5}, "time must be a whole number, not 1.5"),
         ({"strict": "no"}, "strict is on or off, True or False, not 'no'"),
         ({"name": " "}, "name must be of letters that can be shown, not ' '"),
+        (
+            {"anatomy_colors": True, "file_colors": True},
+            "anatomy_colors and file_colors exclude each other; choose one",
+        ),
         ({"name": "a\nb"}, "name must be of letters that can be shown, not 'a\\nb'"),
     ],
 )
@@ -37,7 +41,7 @@ def test_options_take_their_own_types_and_survive_a_dictionary_and_pickle():
     assert options == ReadingOptions((2.0, 2.0, 2.0), "xz", "3", 4, None, True, True, "Head")
     assert options.to_dict() == {
         "spacing": [2.0, 2.0, 2.0], "flip": "xz", "series": "3", "time": 4, "strict": True, "allow_outside": True,
-        "name": "Head", "remove_table": False, "anatomy_colors": False,
+        "name": "Head", "remove_table": False, "anatomy_colors": False, "file_colors": False,
     }  # fmt: skip
     assert ReadingOptions.from_dict(options.to_dict()) == options
     assert pickle.loads(pickle.dumps(options)) == options

@@ -83,11 +83,13 @@ def test_threads_below_one_are_refused_in_every_format(oblique):
 @pytest.mark.parametrize(
     ("spacing", "text"),
     [
-        (0, "along x must be above 0 mm, not 0"),
-        ((1, 0, 1), "along y must be above 0 mm, not 0"),
-        ((1, 1, -2), "along z must be above 0 mm, not -2"),
-        ((1, float("nan"), 1), "along y must be above 0 mm"),
-        ((1, float("inf"), 1), "along y must be above 0 mm"),
+        (0, "along x must be from 1e-06 to 10000 mm, not 0"),
+        ((1, 0, 1), "along y must be from 1e-06 to 10000 mm, not 0"),
+        ((1, 1, -2), "along z must be from 1e-06 to 10000 mm, not -2"),
+        ((1, float("nan"), 1), "along y must be from 1e-06 to 10000 mm"),
+        (1e-7, "along x must be from 1e-06 to 10000 mm, not 1e-07"),
+        ((1, 1, 20000), "along z must be from 1e-06 to 10000 mm, not 20000"),
+        ((1, float("inf"), 1), "along y must be from 1e-06 to 10000 mm"),
         ((1, 1), "three numbers x, y, z in mm, not 2"),
         ("fine", "three numbers"),
     ],

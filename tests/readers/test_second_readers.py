@@ -16,6 +16,7 @@ from ctmc_addon.readers import read_volume
 
 COMPARED = ["nii", "nii.gz", "mgz", "analyze", "nrrd gzip", "npy", "dicom", "dicom rle", "pages zlib", "imagej times"]
 COMPARED += ["pages 1", "pages 2", "pages 4 packbits", "pages 12 lzw", "pages palette 1", "tif"]
+COMPARED += ["imagej calibrated"]
 
 
 @pytest.mark.parametrize("name", COMPARED)

@@ -225,6 +225,7 @@ def arrange(
     turning: bool = False,
 ) -> None:
     """Lay the page out, put the camera before it and every cell in its place, and write what is to be written."""
+    page = page.wide(sum(bool(surface.name) for surface in cells[0].surfaces))
     scene, axes = figure.scene, view_axes(style.azimuth, style.elevation)
     seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
     low, high = seen.min(axis=0), seen.max(axis=0)

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from ...core import SettingsError
 from .annotations import COLUMN_GAP_MM, LEADING, Board
 from .letters import CAP
-from .spec import Box, Cell, FigureStyle, Page
+from .spec import FEW_STRUCTURES, Box, Cell, FigureStyle, Page
 
 MARGIN_MM = 2.5
 GAP_MM = 3.0  # between cells side by side
@@ -20,8 +20,8 @@ FOOTER_GAP_MM = 2.0
 ROOM = 1.04  # around what a cell shows
 HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
 MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
+LEAST_OF_REST = 1.07  # A picture is at least this much taller than its legend and all else on the page.
 SMALLEST_MM = 8.0  # a picture
-MOST_BESIDE = 14  # names beside a picture
 LEADER_MM = 4.0  # from a name to the picture, at least
 LEAST_SHARE = 0.36  # of the width, which names leave the picture
 
@@ -116,11 +116,13 @@ def make_layout(
     )
     if page.height_mm is None:
         low, high = HEIGHTS
+        rest = below + rows * captions + (rows - 1) * ROW_GAP_MM + MARGIN_MM
         height = width * min(max(extent[1] / extent[0], low), high)
-        total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
-        if total > MOST_HEIGHT_MM:
-            height = max(height - (total - MOST_HEIGHT_MM) / rows, min(height, width * low))
-            total = below + rows * (height + captions) + (rows - 1) * ROW_GAP_MM + MARGIN_MM
+        if names:
+            height = max(height, LEAST_OF_REST * rest / rows)
+        if rest + rows * height > MOST_HEIGHT_MM:
+            height = max((MOST_HEIGHT_MM - rest) / rows, min(height, width * low))
+        total = rest + rows * height
     else:
         total = page.height_mm
         height = (total - below - MARGIN_MM - (rows - 1) * ROW_GAP_MM) / rows - captions
@@ -157,7 +159,7 @@ def make_layout(
 
 def names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
     """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
-    if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= MOST_BESIDE:
+    if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0
     wide = max(board.width_of(name) for name in names) + CAP * board.font_mm + LEADER_MM
     return wide if inner_mm - 2 * wide >= LEAST_SHARE * inner_mm else 0.0

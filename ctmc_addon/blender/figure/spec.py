@@ -6,7 +6,7 @@ No Blender here: the flags of the command line and the properties of the sidebar
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import Described, SettingsError, setting
@@ -16,6 +16,8 @@ from .comparison import Comparison as Comparison
 MM_PER_INCH = 25.4
 POINT_MM = MM_PER_INCH / 72
 PIXELS = 80_000_000  # what Cycles can hold on a usual machine
+COLUMN_MM = 85.0  # A column of most journals.
+FEW_STRUCTURES = 14  # Up to this many are named beside a picture; a page with more is two columns wide.
 AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
 
 WHITE: Color = (1.0, 1.0, 1.0)
@@ -80,13 +82,15 @@ class Page(Described):
         If a value lies outside its limits.
     """
 
-    width_mm: float = setting(
-        85.0,
+    width_mm: float | None = setting(
+        None,
         "Width as printed. A column of most journals is 85 mm, two are 170",
         label="Width",
         unit="mm",
         low=20.0,
         high=400.0,
+        start=COLUMN_MM,
+        without=f"a column, or two for more than {FEW_STRUCTURES} structures",
     )
     dpi: float = setting(
         300.0,
@@ -135,8 +139,20 @@ class Page(Described):
         """Return how many pixels a millimeter has."""
         return self.dpi / MM_PER_INCH
 
+    def wide(self, structures: int) -> Page:
+        """Return the page with a width: its own, else a journal's column, or two for a long legend.
+
+        Examples
+        --------
+        >>> Page().wide(3).width_mm, Page().wide(61).width_mm, Page(40.0).wide(61).width_mm
+        (85.0, 170.0, 40.0)
+        """
+        if self.width_mm is not None:
+            return self
+        return replace(self, width_mm=COLUMN_MM if structures <= FEW_STRUCTURES else 2 * COLUMN_MM)
+
     def pixels(self, height_mm: float, even: bool = False) -> tuple[int, int]:
-        """Width and height in pixels; videos need even ones.
+        """Return width and height in pixels; videos need even ones.
 
         Raises
         ------
@@ -144,9 +160,8 @@ class Page(Described):
             If that is more than a machine can be expected to render.
         """
         step = 2 if even else 1
-        width, height = (
-            max(step, step * round(side * self.pixels_per_mm / step)) for side in (self.width_mm, height_mm)
-        )
+        width_mm = self.width_mm or COLUMN_MM
+        width, height = (max(step, step * round(side * self.pixels_per_mm / step)) for side in (width_mm, height_mm))
         if width * height > PIXELS:
             raise SettingsError(
                 f"{width} x {height} pixels are more than {PIXELS // 10**6} million; choose a smaller width or dpi"

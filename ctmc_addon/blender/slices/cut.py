@@ -16,6 +16,7 @@ from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ...core import MeshError
+from ...core.volume import slice_normal
 from ..ct_box import link_beside_ct
 from .cut_nodes import cut_nodes
 from .cuttable import require_cuttable
@@ -89,13 +90,12 @@ def is_cut_in(scene: bpy.types.Scene, corners: NDArray[np.float64]) -> bool:
     corners : (4, 3) float64
         Of the slice, world space.
     """
-    normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-    normal /= np.linalg.norm(normal)
+    normal = slice_normal(corners)
     reach = float(np.linalg.norm(corners[2] - corners[0]))
     for cut in {cut for obj in scene.objects if obj.type == "MESH" and obj.visible_get() for cut in cuts_of(obj)}:
         plane = cut[CUT]
         others = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
-        if np.abs((others - corners[0]) @ normal).max() < IN_PLANE * reach:
+        if np.abs(((others - corners[0]) * normal).sum(axis=1)).max() < IN_PLANE * reach:
             return True
     return False
 
@@ -110,9 +110,8 @@ def frame(corners: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> frame(np.array([[-1, -2, 0], [-1, 2, 0], [1, 2, 0], [1, -2, 0.0]]))[:3, 2].tolist()
     [0.0, 0.0, 1.0]
     """
-    across, down = corners[1] - corners[0], corners[3] - corners[0]
-    normal = np.cross(across, down)
-    normal *= np.sign(normal[np.abs(normal).argmax()]) / np.linalg.norm(normal)
+    across, normal = corners[1] - corners[0], slice_normal(corners)
+    normal *= np.sign(normal[np.abs(normal).argmax()])
     across = across / np.linalg.norm(across)
     matrix = np.eye(4)
     matrix[:3, :3] = np.stack([across, np.cross(normal, across), normal], axis=1) + 0.0

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ...core.volume import determinant
 from ..ct_box import link_beside_ct
 from ..surface.mesh_data import NORMALS
 from .cuttable import BOX, is_cut_box, require_cuttable
@@ -57,7 +58,7 @@ def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprin
     """
     middle = corners.mean(axis=0)
     # In a mirrored space the faces would point inwards.
-    mirrored = np.linalg.det(corners[[1, 2, 4]] - corners[0]) < 0
+    mirrored = determinant(corners[[1, 2, 4]] - corners[0]) < 0
     mesh = bpy.data.meshes.new(CUT_AWAY)
     mesh.from_pydata((corners - middle).tolist(), [], [face[::-1] if mirrored else face for face in FACES])
     mesh.attributes.new(BOX, "BOOLEAN", "FACE").data.foreach_set("value", [True] * len(FACES))

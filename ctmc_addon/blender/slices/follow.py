@@ -11,7 +11,7 @@ from mathutils import Vector
 from numpy.typing import NDArray
 
 from ...core import Volume
-from ...core.volume import AIR, ValueKind, resliced, slice_corners, slice_through
+from ...core.volume import AIR, ValueKind, resliced, slice_corners, slice_normal, slice_through
 from .material import pack, paint, picture_of, set_window, show_in_solid
 from .plane import PLANE, SHOWN, SLICE, is_slice, outside_body
 
@@ -105,10 +105,9 @@ def cross_at(
         if plane is None or plane == kept:
             continue
         corners = corners_of(obj, scale)
-        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-        normal /= np.linalg.norm(normal)
+        normal = slice_normal(corners)
         target = slice_corners(volume, slice_through(volume, plane, point_mm)).mean(axis=0)
-        way = float(normal @ (target - corners[0]))
+        way = float((normal * (target - corners[0])).sum())
         if plane not in nearest or abs(way) < nearest[plane][0]:
             nearest[plane] = (abs(way), obj, Vector((normal * way * scale).tolist()))
     for _, obj, shift in nearest.values():

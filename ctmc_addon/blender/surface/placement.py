@@ -14,12 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import TriangleMesh
-from ...core.volume import transform_faces, transform_normals, transform_points
+from ...core.volume import (
+    determinant,
+    product,
+    to_index,
+    transform_faces,
+    transform_normals,
+    transform_points,
+)
 
 SCALE = 0.01
 ROUNDING = 4 * float(np.finfo(np.float32).eps)
 FIT_SAMPLES = 10_000  # vertices that decide whether a transform was applied to a mesh
 FEW = 0.1  # of them may have been left in place by chance: on the axis of a rotation, in the plane of a mirror
+FLAT = 1e-15  # Volume of the unit cube moved by a matrix, over its largest number cubed, that is rounding.
 Rows = tuple[tuple[float, ...], ...]
 
 
@@ -47,14 +55,14 @@ class Placement:
         out *= self.scale
         out -= self.origin
         if self.applied is not None:
-            out = out @ np.array(self.applied).T
+            out = transform_points(affine_of(self.applied), out)
         return out.astype(np.float32)
 
     def to_mm(self, local: NDArray[np.float32]) -> NDArray[np.float32]:
         """RAS+ millimeters (n, 3) float32 of local positions."""
         out = local.astype(np.float64)
         if self.applied is not None:
-            out = out @ np.linalg.inv(np.array(self.applied)).T
+            out = to_index(affine_of(self.applied), out)
         out += self.origin
         out /= self.scale
         return out.astype(np.float32)
@@ -63,8 +71,8 @@ class Placement:
         """Return what has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
         if self.applied is not None:
-            matrix[:3, :3] = matrix[:3, :3] @ np.array(self.applied)
-        own = matrix[:3, :3] @ np.array(self.origin)
+            matrix = product(matrix, affine_of(self.applied))
+        own = product(matrix[:3, :3], np.array(self.origin)[:, None])[:, 0]
         # An object that was only moved, or not at all, gets a matrix without rounding errors.
         matrix[:3, 3] = (matrix[:3, 3] - own) / self.scale
         return matrix
@@ -152,19 +160,48 @@ def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDA
 
     It is fitted twice again to the better half, so that a few vertices moved by hand do not count.
     """
-    points = np.c_[kept.astype(np.float64) * placement.scale - placement.origin, np.ones(len(kept))]
-    used = np.ones(len(kept), bool)
-    for _ in range(3):
-        solution, _, rank, _ = np.linalg.lstsq(points[used], local[used].astype(np.float64), rcond=None)
-        if rank < 4:
+    points = kept.astype(np.float64) * placement.scale - placement.origin
+    moved = local.astype(np.float64)
+    matrix = fitted_affine(points, moved)
+    for _ in range(2):
+        if matrix is None:
             return None
-        distances = np.abs(points @ solution - local).max(axis=1)
+        distances = np.abs(transform_points(matrix, points) - moved).max(axis=1)
         used = distances <= np.median(distances)
-    linear = solution[:3].T
-    if np.linalg.matrix_rank(linear) < 3:
+        matrix = fitted_affine(points[used], moved[used])
+    if matrix is None or is_flat(matrix[:3, :3]):
         return None
-    x, y, z = (float(value) for value in placement.origin - np.linalg.solve(linear, solution[3]))
-    return replace(placement, origin=(x, y, z), applied=tuple(tuple(float(value) for value in row) for row in linear))
+    x, y, z = (placement.origin + to_index(matrix, np.zeros((1, 3)))[0]).tolist()
+    return replace(placement, origin=(x, y, z), applied=tuple(map(tuple, matrix[:3, :3].tolist())))
+
+
+def fitted_affine(points: NDArray[np.float64], moved: NDArray[np.float64]) -> NDArray[np.float64] | None:
+    """Return the (4, 4) matrix that moves points (n, 3) nearest to others, by least squares; None for flat points.
+
+    By the normal equations about the middles, as sums in a fixed order, so every processor gives the same bits.
+    """
+    middle, moved_middle = points.mean(axis=0), moved.mean(axis=0)
+    apart, moved_apart = points - middle, moved - moved_middle
+    squares = np.array([[(apart[:, i] * apart[:, j]).sum() for j in range(3)] for i in range(3)])
+    products = np.array([[(moved_apart[:, i] * apart[:, j]).sum() for j in range(3)] for i in range(3)])
+    if is_flat(squares):
+        return None
+    matrix = np.eye(4)
+    matrix[:3, :3] = to_index(affine_of(squares), products)  # squares are symmetric
+    matrix[:3, 3] = moved_middle - transform_points(matrix, middle[None])[0]
+    return matrix
+
+
+def is_flat(linear: NDArray[np.float64]) -> bool:
+    """Return whether a (3, 3) matrix moves space into a plane, but for rounding."""
+    return bool(abs(determinant(linear)) <= FLAT * np.abs(linear).max() ** 3)
+
+
+def affine_of(linear: Any) -> NDArray[np.float64]:
+    """Return three rows of three as an affine, (4, 4)."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = linear
+    return matrix
 
 
 def matrix_of(matrix: Any) -> NDArray[np.float64]:

@@ -60,7 +60,7 @@ class CaseProcess:
         self.task: Task | None = None
         self.start = 0.0
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
-        self.errors_before = 0  # bytes of earlier cases
+        self.errors_before = 0  # bytes that earlier cases wrote, as the process says at the end of each
         self.folder = tempfile.mkdtemp(prefix="ctmc-")  # for temporary files, which a killed process leaves
         # Blender's own chatter is passed over; standard error is kept for a crash.
         try:
@@ -87,15 +87,18 @@ class CaseProcess:
             for line in stream:
                 # Blender may print without an end of line before it.
                 _, mark, words = line.decode("utf-8", "replace").rpartition(MARK)
+                words = words.strip()
+                if mark and words.startswith(OVER):
+                    self.errors_before = int(words.removeprefix(OVER))
+                    words = OVER
                 if mark:
-                    self.messages.put((self, words.strip()))
+                    self.messages.put((self, words))
         self.messages.put((self, None))
 
     def begin(self, task: Task) -> None:
         """Let the process make a case."""
         self.task = task
         self.start = time.perf_counter()
-        self.errors_before = os.fstat(self.errors.fileno()).st_size
         self.say({**task, "more": True})
 
     def say(self, content: Any) -> None:

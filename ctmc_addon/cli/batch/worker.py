@@ -15,6 +15,7 @@ import os
 import queue
 import shutil
 import signal
+import sys
 import threading
 from contextlib import suppress
 from pathlib import Path
@@ -58,7 +59,7 @@ def run(_args: argparse.Namespace) -> None:
         give_back()
         # A batch of another installation may wait for the end of this process.
         leaving = case_process_is_large(resident_bytes()) or not task.get("more")
-        batch.end_task(LEAVING if leaving else OVER)
+        batch.end_task(LEAVING if leaving else f"{OVER} {written_errors()}")
         if leaving:
             return
 
@@ -126,6 +127,15 @@ class Batch:
         """Write a line for the batch."""
         with suppress(OSError):  # it is gone, which standard input says too
             os.write(self.output, f"{MARK}{words}\n".encode("ascii"))
+
+
+def written_errors() -> int:
+    """Return the bytes in the file that standard error goes to: the next case's errors begin behind them.
+
+    The batch cannot look itself: the process may have died, and written why, by then.
+    """
+    sys.stderr.flush()
+    return os.fstat(2).st_size
 
 
 def own_output() -> int:

@@ -113,7 +113,7 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     place = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in sides)
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
     values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
-    values += f", {facts['kind']}{'s' if facts['kind'] != 'HU' else ''}"
+    values += f", {facts['kind'].plural}"
     if facts["not_finite"]:
         values += f"; {facts['not_finite']} are NaN or infinite, --nan-as gives them a value"
     labels = [

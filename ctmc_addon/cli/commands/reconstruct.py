@@ -27,7 +27,6 @@ from ...core import (
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
-from ...core.mesh import SMALL
 from ...core.volume import ValueKind, require_labels
 from ...reporting.formatting import count
 from ..arguments import (
@@ -261,14 +260,15 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
     LabelError
         If the volume cannot have a label.
     """
+    is_sibling = source.path == readers.segmentation_sibling(path)
     if label is not None:  # raises before the surface is made
-        names = readers.segmentation_names(path) if source.path == path else ()
+        names = () if is_sibling else readers.segmentation_names(path)
         if names and volume.kind == ValueKind.HU:
             raise LabelError(
                 f"{path.name} holds HU, and {names[0]} is not beside it; put it there, or give a threshold"
             )
         require_labels(volume)
-    if source.path != path:
+    if is_sibling:
         note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume
@@ -288,10 +288,10 @@ def source_of(path: Path, label: int | None) -> Path:
 def small_components_lines(result: Reconstruction) -> list[str]:
     """Return how many components are small and which flag removes them; empty where they are few or were removed."""
     measures = result.measures
-    if not measures.has_many_small_components or result.settings.min_part_mm3 >= SMALL:
+    if not measures.has_many_small_components or result.settings.min_part_mm3 >= measures.small:
         return []
     counts = f"{count(measures.small_components)} of {count(measures.components)} components"
-    return [f"{counts} are smaller than {SMALL:g} mm3; --min-part {SMALL:g} removes them"]
+    return [f"{counts} are smaller than {measures.small:g} mm3; --min-part {measures.small:g} removes them"]
 
 
 def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> str:

@@ -203,7 +203,8 @@ def size_of(page: Page, size: tuple[int, int]) -> str:
     size : (width, height) int
         Pixels.
     """
-    return f"{page.width_mm:g} x {size[1] / page.pixels_per_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
+    width_mm, height_mm = (side / page.pixels_per_mm for side in size)
+    return f"{width_mm:.4g} x {height_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
 
 
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:

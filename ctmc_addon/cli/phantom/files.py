@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...core import VERSION, CtmcError, OutputError, Step, Steps
 from ...core.files.atomic_write import made_folder, whole_file
 from ...core.phantom import Phantom
-from ...core.volume import Volume
+from ...core.volume import Volume, transform_points
 
 WINDOW = (-160, 240)  # HU that become 0 and 255 of a PNG
 CT_IMAGE_STORAGE = "1.2.840.10008.5.1.4.1.1.2"
@@ -144,7 +144,7 @@ def dicom_slice(pydicom: Any, volume: Volume, plane: NDArray[np.int16], k: int, 
     dataset.Modality, dataset.Manufacturer, dataset.SeriesNumber = "CT", "CTMC phantom", 1
     dataset.PatientPosition, dataset.InstanceNumber = "HFS", k + 1
     x, y, z = volume.spacing
-    right, front, height = (volume.affine[:3, :3] @ [0, 0, k] + volume.affine[:3, 3]).tolist()
+    right, front, height = transform_points(volume.affine, np.array([[0, 0, k]]))[0].tolist()
     dataset.ImagePositionPatient = [decimal(-right), decimal(-front), decimal(height)]  # PS3.3 C.7.6.2.1.1: LPS
     dataset.ImageOrientationPatient = [1, 0, 0, 0, 1, 0]
     # PS3.3 10.7.1.3: PixelSpacing is (between rows, between columns), so y before x.

@@ -33,6 +33,7 @@ from .scan import SCAN_STAGES, scan_steps
 
 WORK_BYTES, WORK_FACTOR = 32 << 20, 4  # of memory while a slab is extracted: these and so many times its values
 KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
+GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
 POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
 TASK_SLABS = 4  # slabs in a task of a worker, at most
 TASKS_PER_WORKER = 4  # at least, so that a lost one costs little and all are busy to the end
@@ -130,10 +131,22 @@ class FieldSlabs:
             yield (yield from stages.run(str(number), making))
         return self.field.wrong_side
 
-    def counts_steps(self) -> Steps[Counts]:
-        """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
+    def counts_steps(self, most_slabs: int | None = None) -> Steps[Counts]:
+        """Numbers of active voxels, vertices and triangles, by the first two passes alone.
+
+        Parameters
+        ----------
+        most_slabs : int, optional
+            Count in no more slabs than these, and take the others to be like them; without it the numbers are exact.
+        """
         active = vertices = faces = 0
         ranges, settings = self.ranges(), self.field.settings
+        share = 1.0
+        if most_slabs is not None and len(ranges) > most_slabs:
+            # Steps of the golden ratio meet no period of the volume.
+            numbers = {int(number * GOLDEN_RATIO % 1.0 * len(ranges)) for number in range(most_slabs)}
+            share = len(numbers) / len(ranges)
+            ranges = [ranges[number] for number in sorted(numbers)]
         for number, layers in enumerate(ranges):
             yield Step(number / len(ranges), COUNTING)
             grid = yield from self._grid_steps(*layers)
@@ -143,7 +156,8 @@ class FieldSlabs:
             active += sum(slab.cell_count for slab in slabs)
             vertices += sum(slab.vertex_count for slab in slabs)
             faces += sum(slab.face_count for slab in slabs)
-        return Counts(math.prod(axis.voxels for axis in self.axes), active, vertices, faces)
+        active, vertices, faces = (round(counted / share) for counted in (active, vertices, faces))
+        return Counts(math.prod(axis.voxels for axis in self.axes), active, vertices, faces, share == 1.0)
 
     def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
         """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""

@@ -54,12 +54,20 @@ ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the 
 
 @dataclass(frozen=True)
 class Counts:
-    """Exact size of a surface, known before any of it is made."""
+    """Size of a surface, known before any of it is made.
+
+    Parameters
+    ----------
+    voxels, active, vertices, faces : int
+    exact : bool
+        Whether all of the surface was counted, and not some slabs of it.
+    """
 
     voxels: int
     active: int
     vertices: int
     faces: int
+    exact: bool = True
 
 
 def marching_cubes(

@@ -20,6 +20,7 @@ from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_k
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 SMALL = 10.0  # components that enclose less are small, in the cube of the mesh's unit
+SMALL_SHARE = 0.001  # of the largest component, where that is small itself: to remove all would leave nothing
 MANY = 10  # small components are worth a word
 BLOCK = 1 << 15  # triangles whose volumes are worked out together: what fits the cache
 
@@ -43,7 +44,9 @@ class Measures:
     components : int
         Number of connected components.
     small_components : int
-        How many of them enclose less than `SMALL`, cavities among them; 0 where there are fewer than `MANY` components.
+        How many of them enclose less than `small`, cavities among them; 0 where there are fewer than `MANY` components.
+    small : float
+        The volume below which a component is small.
     vertices : int
         In use or not.
     borders : int
@@ -59,6 +62,7 @@ class Measures:
     euler: int
     components: int
     small_components: int = 0
+    small: float = SMALL
     borders: int = 0
     vertices: int = 0
     quality: TriangleQuality | None = None
@@ -154,6 +158,7 @@ class PieceMeasures:
             numbers, ends = np.unique(border, return_inverse=True)
             borders = yield from borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
         closed = self._closed and self._faces > 0
+        small = small_below(float(np.abs(volumes).max(initial=0.0)))
         return Measures(
             faces=self._faces,
             area=self._area,
@@ -161,7 +166,8 @@ class PieceMeasures:
             closed=closed,
             euler=self._used_vertices - self._edges + self._faces,
             components=count,
-            small_components=int((np.abs(volumes) < SMALL).sum()) if count >= MANY else 0,
+            small_components=int((np.abs(volumes) < small).sum()) if count >= MANY else 0,
+            small=small,
             borders=borders,
             vertices=self._vertices,
             quality=self._quality.quality(),
@@ -221,6 +227,17 @@ class PieceMeasures:
             sums[7] += np.bincount(component, minlength=count)
             yield Step((start + len(block)) / len(faces))
         self._sums.append(sums.T)
+
+
+def small_below(largest: float) -> float:
+    """Return the volume below which components are small, from that of the largest, which is never small.
+
+    Examples
+    --------
+    >>> small_below(5000.0), small_below(6.2)
+    (10.0, 0.006)
+    """
+    return SMALL if largest >= SMALL else float(f"{largest * SMALL_SHARE:.0e}")
 
 
 def _added(total: float, terms: NDArray[np.float64]) -> float:

@@ -6,7 +6,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 
 def distance_between(start: ArrayLike, end: ArrayLike) -> float:
@@ -17,7 +17,7 @@ def distance_between(start: ArrayLike, end: ArrayLike) -> float:
     >>> distance_between((0.0, 0.0, 0.0), (3.0, 4.0, 12.0))
     13.0
     """
-    return float(np.linalg.norm(np.subtract(end, start, dtype=np.float64)))
+    return _length(np.subtract(end, start, dtype=np.float64))
 
 
 def angle_at(first: ArrayLike, corner: ArrayLike, last: ArrayLike) -> float:
@@ -31,8 +31,12 @@ def angle_at(first: ArrayLike, corner: ArrayLike, last: ArrayLike) -> float:
     90.0
     """
     u, v = (np.subtract(point, corner, dtype=np.float64) for point in (first, last))
-    lengths = np.linalg.norm(u), np.linalg.norm(v)
+    lengths = _length(u), _length(v)
     if not min(lengths):
         return math.nan
     u, v = u / lengths[0], v / lengths[1]
-    return math.degrees(2 * math.atan2(np.linalg.norm(u - v), np.linalg.norm(u + v)))
+    return math.degrees(2 * math.atan2(_length(u - v), _length(u + v)))
+
+
+def _length(vector: NDArray[np.float64]) -> float:
+    return math.sqrt(float((vector * vector).sum()))

@@ -8,7 +8,6 @@ Only + - * / sqrt, whole numbers and halves decide a voxel, so every machine mak
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,6 +17,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..memory import require
 from ..progress import Step, Steps, finish
+from ..volume.affine import SPACING_LIMITS, is_spacing
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
 from .shapes import grow_tumors, liver_shape
@@ -166,8 +166,8 @@ def checked_grid(
     if spacing is None:
         pixel = 0.74 * 512 / size
         return (pixel, pixel, max(0.5, min(5.0, 145 / slices)))
-    if len(spacing) != 3 or not all(math.isfinite(gap) and gap > 0 for gap in spacing):
-        raise SettingsError(f"spacing is three lengths above 0 mm, not {spacing}")
+    if len(spacing) != 3 or not is_spacing(spacing):
+        raise SettingsError(f"spacing is three lengths {SPACING_LIMITS}, not {spacing}")
     return (float(spacing[0]), float(spacing[1]), float(spacing[2]))
 
 

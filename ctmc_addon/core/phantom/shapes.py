@@ -231,7 +231,7 @@ def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool
             / (tumor.half_axes[axis] * tumor.limits[1] + other.half_axes[axis] * other.limits[1])
             for axis in range(3)
         ]
-        if distance[0] ** 2 + distance[1] ** 2 + distance[2] ** 2 < 1.0:
+        if distance[0] * distance[0] + distance[1] * distance[1] + distance[2] * distance[2] < 1.0:
             return False
     return True
 

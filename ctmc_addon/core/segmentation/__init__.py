@@ -5,6 +5,7 @@ A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, han
 shape: nothing else is read or touched.
 """
 
+from .between_planes import Outline, between_planes_steps
 from .between_slices import between_slices_steps, drawn_axis
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
@@ -31,8 +32,10 @@ __all__ = [
     "Click",
     "Layers",
     "Mask",
+    "Outline",
     "Sample",
     "Window",
+    "between_planes_steps",
     "between_slices_steps",
     "brush",
     "brushed_window",

@@ -105,7 +105,7 @@ def _least_along(axis: int, squares: Floats, mm: float, limit_mm: float) -> Floa
         return squares
     most = math.inf if finite.size < nearest.size else float(finite.max())
     for step in range(1, squares.shape[axis]):
-        extra = np.float32((step * mm) ** 2)
+        extra = np.float32(step * mm * (step * mm))
         if extra > _farthest(limit_mm) or extra >= most:
             break
         head, tail = [slice(None)] * 3, [slice(None)] * 3
@@ -164,7 +164,7 @@ def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = F
             yield Step((known + low) / (2 * slices), "Measuring distances")
         near = squares[low - first : high - first] <= most
         for step in range(1, reach + 1):
-            extra = np.float32((step * spacing_mm[2]) ** 2)
+            extra = np.float32(step * spacing_mm[2] * (step * spacing_mm[2]))
             if extra > _farthest(limit_mm):
                 break
             for way in (-step, step):

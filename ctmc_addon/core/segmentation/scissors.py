@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..progress import Step, Steps
+from ..volume.affine import product
 from ..volume.volume import Placed
 from .distance import Mask, Window, window_of
 
@@ -64,10 +65,7 @@ def scissors_steps(
     window = window_of(mask)
     if window is None:
         return result
-    matrix = np.zeros((4, 4))
-    for row in range(4):  # view times affine, as sums in a fixed order
-        for column in range(4):
-            matrix[row, column] = sum(float(view[row, k]) * float(volume.affine[k, column]) for k in range(4))
+    matrix = product(view, volume.affine)
     has_depth, nearest = depth_mm < math.inf, math.inf
     low, high = lasso.min(axis=0), lasso.max(axis=0)
     for turn in range(2 if has_depth else 1):  # with a depth, first what the view sees first
@@ -124,5 +122,5 @@ def _depth_mm(view: Floats, volume: Placed, index: list[Indices]) -> Floats:
     """
     row = view[3] if np.abs(view[3, :3]).max() > 1e-12 else view[2]
     normal = row[:3] / math.sqrt(float((row[:3] * row[:3]).sum()))
-    along = [sum(float(normal[k]) * float(volume.affine[k, column]) for k in range(3)) for column in range(4)]
+    along = product(normal[None], volume.affine[:3])[0].tolist()
     return ((along[0] * index[0] + along[1] * index[1]) + along[2] * index[2]) + along[3]

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arithmetic import cube_root
 from ..mesh.topology import component_roots_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
@@ -101,7 +102,7 @@ class Cuts:
 
 def longest_loop_edge(face_cost: float) -> float:
     """Length up to which the edges of a loop may be cut when collapses cost so much for every triangle."""
-    return float((SAVED * face_cost) ** (1 / 3))
+    return float(cube_root(SAVED * face_cost))
 
 
 def least_face_cost(positions: Floats, edges: Ints) -> float:
@@ -203,7 +204,7 @@ def _loops_steps(
     short = np.flatnonzero((length <= longest) & (first != second) & ~np.take(locked, first) & ~np.take(locked, second))
     low, high = np.minimum(first[short], second[short]), np.maximum(first[short], second[short])
     keys = low.astype(np.int64) * count + high
-    order = np.argsort(keys)
+    order = np.argsort(keys, kind="stable")
     keys, low, high, length = keys[order], low[order], high[order], length[short[order]]
     yield PAUSE
     # Every pair of edges with the same lowest end, and the third edge between their other ends.

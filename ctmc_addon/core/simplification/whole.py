@@ -21,6 +21,8 @@ from .edge_collapse import CollapsingMesh
 from .uncrossing import uncross_steps
 
 FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
+HELD_FACE_BYTES = 36  # of a triangle between the passes: 12, and half a vertex with its normal and number of 64 bits
+SPARE = 1.2  # times as many triangles as wanted are left for the last pass
 SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
 TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
 FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
@@ -80,9 +82,27 @@ class Goal:
         """Return up to how many triangles a surface is one mesh for: simplified as a whole, or left as it is."""
         return math.inf if self.reduction == 0 else max(budget.whole_faces, self.target_faces or 0)
 
-    def at_once(self, face_count: int, budget: Budget) -> int:
-        """Return how many triangles of a surface of so many are simplified at once, at most."""
-        return face_count if face_count <= budget.whole_faces else self.most_at_once(budget)
+    def memory_needed(self, face_count: int, left: int, budget: Budget) -> int:
+        """Return the bytes that simplifying so many triangles takes on one thread.
+
+        Parameters
+        ----------
+        face_count : int
+            Triangles that come, in pieces.
+        left : int
+            Triangles that stay.
+        budget : Budget
+        """
+        if face_count <= self.most_whole(budget):
+            return budget.work_bytes + memory_needed(face_count, self.max_error)
+        spared = min(face_count, math.ceil(SPARE * left))
+        held = spared * HELD_FACE_BYTES
+        batch, _ = self.sizes(budget)
+        batches = budget.work_bytes + held + memory_needed(batch, self.max_error)
+        most = self.most_at_once(budget)
+        region = most if self.max_error is not None else min(spared, most)
+        # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
+        return max(batches, 2 * held + memory_needed(region, self.max_error))
 
 
 @dataclass(frozen=True, eq=False)

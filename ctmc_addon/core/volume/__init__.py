@@ -1,7 +1,22 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Gray values on a grid, their position in the patient, and what is found out about them before extraction."""
 
-from .affine import spacing_of, to_index, transform_faces, transform_normals, transform_points
+from .affine import (
+    LEAST_SPACING_MM,
+    MOST_SPACING_MM,
+    SPACING_LIMITS,
+    axis_codes,
+    determinant,
+    farthest_corner_mm,
+    index_to_index,
+    is_spacing,
+    product,
+    spacing_of,
+    to_index,
+    transform_faces,
+    transform_normals,
+    transform_points,
+)
 from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
@@ -25,6 +40,7 @@ from .labels import (
     existing_labels_steps,
     label_extents_steps,
     labels_region,
+    not_a_label_steps,
     require_labels,
 )
 from .outside import AIR, ends_of_body, outside_air
@@ -55,6 +71,7 @@ from .slices import (
     position_through,
     slice_at,
     slice_corners,
+    slice_normal,
     slice_position_text,
     slice_through,
     slice_values,
@@ -77,12 +94,16 @@ from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
 from .volume import Box, Placed, Volume
+from .whole_labels import NotWholeError, WholeLabels, WholeNumbers
 
 __all__ = [
     "AIR",
     "ALL",
     "EDGES",
+    "LEAST_SPACING_MM",
+    "MOST_SPACING_MM",
     "PLANES",
+    "SPACING_LIMITS",
     "TINT_SHARE",
     "TISSUES",
     "Anatomy",
@@ -92,6 +113,7 @@ __all__ = [
     "InsideValues",
     "LabelExtent",
     "Limits",
+    "NotWholeError",
     "Placed",
     "SliceIndex",
     "SliceReader",
@@ -100,15 +122,20 @@ __all__ = [
     "ValuesInMemory",
     "Volume",
     "VolumeStatistics",
+    "WholeLabels",
+    "WholeNumbers",
     "anatomy_of",
     "as_slice",
+    "axis_codes",
     "box_of",
     "chosen_labels_steps",
     "combined_labels",
     "converted_region",
     "default_window",
+    "determinant",
     "ends_of_body",
     "existing_labels_steps",
+    "farthest_corner_mm",
     "finish_of",
     "fitting_stride",
     "free_offset",
@@ -116,8 +143,10 @@ __all__ = [
     "histogram_bars",
     "histogram_picture",
     "in_label_colors",
+    "index_to_index",
     "inside_values_steps",
     "is_lesion",
+    "is_spacing",
     "label_extents_steps",
     "label_rgb",
     "label_slices",
@@ -126,10 +155,12 @@ __all__ = [
     "linear",
     "moved_limit",
     "moved_region",
+    "not_a_label_steps",
     "otsu",
     "outside_air",
     "placed_labels_steps",
     "position_through",
+    "product",
     "quick_threshold",
     "range_values_steps",
     "region_axes",
@@ -148,6 +179,7 @@ __all__ = [
     "slabs_of",
     "slice_at",
     "slice_corners",
+    "slice_normal",
     "slice_position_text",
     "slice_through",
     "slice_values",

@@ -6,6 +6,7 @@ An affine is a (4, 4) float64 matrix from the index (x, y, z) = (column, row, sl
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -14,6 +15,9 @@ from numpy.typing import NDArray
 from ..errors import VolumeError
 
 MOST_MM = 1e9
+LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
+ROUNDED = 1e-6  # of a spacing: the limits are in them as float32 too
+SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
@@ -31,11 +35,13 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():
         raise VolumeError(f"the last row of an affine is 0 0 0 1, not {matrix[3]}")
     lengths = spacing_of(matrix)
-    if (lengths == 0).any() or abs(determinant(matrix)) < 1e-6 * lengths.prod():
+    if (lengths < 1.0 / MOST_MM).any():
+        axes = ", ".join(axis for axis, length in zip("xyz", lengths.tolist(), strict=True) if length < 1.0 / MOST_MM)
         raise VolumeError(
-            "the affine is singular: its axes lie in one plane or have no length; "
-            "set the spacing, or repair the file's geometry"
+            f"the affine is singular: it has no length along {axes}; set the spacing, or repair the file's geometry"
         )
+    if abs(determinant(matrix)) < 1e-6 * lengths.prod():
+        raise VolumeError("the affine is singular: its axes lie in one plane; repair the file's geometry")
     matrix.flags.writeable = False
     return matrix
 
@@ -48,7 +54,21 @@ def spacing_of(affine: NDArray[np.float64]) -> NDArray[np.float64]:
     >>> spacing_of(np.diag([-0.5, 0.5, 2.0, 1.0])).tolist()
     [0.5, 0.5, 2.0]
     """
-    return np.sqrt((affine[:3, :3] ** 2).sum(axis=0))
+    axes = affine[:3, :3]
+    exponents = np.frexp(np.abs(axes).max(axis=0))[1]  # powers of two keep the bits, and the squares from underflow
+    return np.ldexp(np.sqrt((np.ldexp(axes, -exponents) ** 2).sum(axis=0)), exponents)
+
+
+def is_spacing(lengths_mm: Iterable[float]) -> bool:
+    """Return whether distances between samples are in the limits of a CT, `SPACING_LIMITS`; NaN is not.
+
+    Examples
+    --------
+    >>> is_spacing((0.5, 0.5, 2.0)), is_spacing((0.5, 0.5, 3e-150))
+    (True, False)
+    """
+    low, high = LEAST_SPACING_MM * (1 - ROUNDED), MOST_SPACING_MM * (1 + ROUNDED)
+    return all(low <= length <= high for length in lengths_mm)
 
 
 def determinant(affine: NDArray[np.float64]) -> float:
@@ -80,6 +100,48 @@ def to_index(affine: NDArray[np.float64], points_ras_mm: NDArray[Any]) -> NDArra
     inverse = np.eye(4)
     inverse[:3, :3] = cofactors(affine).T / determinant(affine)
     return transform_points(inverse, points_ras_mm - affine[:3, 3])
+
+
+def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) matrix from the index of a grid to the index of another one.
+
+    Examples
+    --------
+    >>> index_to_index(np.diag([-1.0, 2.0, 3.0, 1.0]), np.diag([1.0, 1.0, 1.0, 1.0])).diagonal().tolist()
+    [-1.0, 2.0, 3.0, 1.0]
+    """
+    ends = to_index(other, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
+    matrix = np.eye(4)
+    matrix[:3, :3], matrix[:3, 3] = (ends[:3] - ends[3]).T, ends[3]
+    return matrix
+
+
+def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
+    """Return by how many mm the corners of two grids of (x, y, z) samples differ at most, along an axis of the patient.
+
+    Examples
+    --------
+    >>> farthest_corner_mm(np.diag([1.0, 1.0, 1.0, 1.0]), np.diag([1.0, 1.0, 1.5, 1.0]), (9, 9, 4))
+    2.0
+    """
+    corners = np.array([(x, y, z) for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])])
+    return float(np.abs(transform_points(affine - other, corners)).max())
+
+
+def product(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:
+    """Return the product of two small matrices, (m, k) and (k, n), as sums in a fixed order.
+
+    `@` leaves the order to the processor's version of the library that NumPy calls.
+
+    Examples
+    --------
+    >>> product(np.array([[1.0, 2.0]]), np.array([[3.0, 4.0], [5.0, 6.0]])).tolist()
+    [[13.0, 16.0]]
+    """
+    total = first[:, :1] * second[:1]
+    for at in range(1, len(second)):
+        total = total + first[:, at, None] * second[at]
+    return total
 
 
 def cofactors(affine: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
-from .labels import existing_labels_steps, label_extent_steps, layer_of_label_steps, require_labels
+from .labels import existing_labels_steps, label_extent_steps, label_notes, layer_of_label_steps, require_labels
 from .region import box_slices, grown_box, region_box, relative_box
 from .smoothing import (
     REACH,
@@ -205,8 +205,8 @@ def field_steps(
         raise SettingsError(
             f"a label smoothed as {settings.smoothing_method} cannot be extracted by several machines; choose gaussian"
         )
-    if settings.label is not None and volume.layers:
-        region = region_box(volume, settings)
+    region = region_box(volume, settings)
+    if settings.label is not None:
         volume = yield from layer_of_label_steps(volume, settings.label, region, budget.threads)
     looking = VALUES_STAGE if settings.label is None else LABEL_STAGE
     stages = Stages({looking: 1} | ({SMOOTHING: smoothing.weight} if smoothing.weight else {}))
@@ -218,6 +218,8 @@ def field_steps(
     part = volume.part(box)
     threshold = yield from stages.run(looking, used_threshold_steps(volume, settings))
     notes = smoothing.notes(settings)
+    if settings.label is not None:
+        notes = (*label_notes(volume, region), *notes)
     if settings.label is None and settings.threshold is None:
         advice = "" if volume.kind != ValueKind.LABEL else " It tells no labels apart: give one, several or all."
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.{advice}", *notes)
@@ -260,7 +262,7 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget, with_surfac
         volumes = (
             f"; {words} {smooth.volume_mm3:.1f} mm3 at alpha 1 and stride 1, the samples {smooth.label_mm3:.1f} mm3"
         )
-    notes = [smoothed_note(slice_steps, volumes)]
+    notes = [*field.notes, smoothed_note(slice_steps, volumes)]
     if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
         notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")
     smoothed = replace(

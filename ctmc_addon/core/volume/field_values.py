@@ -22,6 +22,7 @@ from .statistics import slabs_of
 from .volume import Box, Volume
 
 SMOOTHING = "Smoothing"
+SLICES = 16  # A label is compared with so many at once: what is rounded as it is read takes memory for these alone.
 
 
 class FieldValues(Protocol):
@@ -130,7 +131,11 @@ class LabelMask:
 
     def slices_steps(self, numbers: Sequence[int]) -> Steps[NDArray[Any]]:
         """Fetch the values of slices with rising numbers, (slices, rows, columns)."""
-        return ((yield from fetched_steps(self.volume, numbers)) == self.label).view(np.uint8)
+        out = np.empty((len(numbers), *self.shape[1:]), bool)
+        for start in range(0, len(numbers), SLICES):
+            part = slice(start, start + SLICES)
+            np.equal((yield from fetched_steps(self.volume, numbers[part])), self.label, out=out[part])
+        return out.view(np.uint8)
 
 
 class HeldValues:

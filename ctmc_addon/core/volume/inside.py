@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from ..errors import LabelError
 from ..progress import Step, Steps
+from .affine import farthest_corner_mm, product
 from .label_sources import moved_box, samples_on_grid, turned_values
 from .labels import label_extent_steps
 from .volume import Box, Volume
@@ -64,6 +65,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     >>> finish(inside_values_steps(Volume(values, np.eye(4)), labels, 1))
     InsideValues(samples=2, mean=6.5, deviation=0.5)
     """
+    labels = labels.as_labels
     axes, shift = samples_on_grid(labels, ct)
     extent = yield from label_extent_steps(labels, label, box or whole_box(labels))
     if extent is None:
@@ -77,7 +79,8 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
 
     def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:
         part = (columns.start, columns.stop), (rows.start, rows.stop), (slab.start, slab.stop)
-        x, y, z = (range(low, stop) for low, stop in moved_box(part, axes.T, -axes.T @ shift))  # of the labels
+        of_labels = moved_box(part, axes.T, -product(shift[None], axes)[0])
+        x, y, z = (range(low, stop) for low, stop in of_labels)
         mask = np.zeros((len(slab), len(rows), len(columns)), bool)
         for layer in labels.each_layer:
             mask |= turned_values(layer.samples(z, y, x) == label, axes)
@@ -137,10 +140,5 @@ def _summed_steps(
 
 def lie_in_one_place(ct: Volume, labels: Volume) -> bool:
     """Return whether a CT and labels have the same samples."""
-    return ct.size == labels.size and _off_mm(ct, labels) <= SAME_PLACE * min(ct.spacing)
-
-
-def _off_mm(ct: Volume, labels: Volume) -> float:
-    """By how much the corners of two volumes of one size differ, along an axis of the patient."""
-    corners = np.array([(x, y, z, 1) for x in (0, 1) for y in (0, 1) for z in (0, 1)], float) * (*ct.size, 1)
-    return float(np.abs(corners @ (ct.affine - labels.affine).T).max())
+    most_mm = SAME_PLACE * min(ct.spacing)
+    return ct.size == labels.size and farthest_corner_mm(ct.affine, labels.affine, ct.size) <= most_mm

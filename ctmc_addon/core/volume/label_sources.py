@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import VolumeError
 from ..progress import Step, Steps
-from .affine import to_index, transform_points
+from .affine import index_to_index, product, to_index, transform_points
 from .slice_reader import SliceReader, ValuesInMemory
 from .volume import Box, Volume
 
@@ -32,6 +32,11 @@ class Renumbered(SliceReader):
         self.shape, self.thread_safe, self.chunk_slices = reader.shape, reader.thread_safe, reader.chunk_slices
         is_wide = reader.dtype.kind == "f" or reader.dtype.itemsize == 8
         self.dtype = reader.dtype if is_wide else np.dtype(np.int32)
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether those of the other reader are whole numbers."""
+        return self.reader.is_whole
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Write the values with the number added."""
@@ -64,7 +69,7 @@ def placed_labels_steps(labels: Volume, ct: Volume) -> Steps[Volume]:
     layers: list[SliceReader] = []
     for number, layer in enumerate(labels.each_layer):
         yield Step(number / len(labels.each_layer), "Placing the labels")
-        layers.append(ValuesInMemory(_on_grid(layer, ct, axes, shift)))
+        layers.append(ValuesInMemory(_on_grid(layer, ct, axes, shift), is_whole=layer.reader.is_whole))
     return replace(labels, reader=layers[0], layers=tuple(layers[1:]), affine=ct.affine, box=None)
 
 
@@ -80,18 +85,18 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     corners = np.array(np.meshgrid(*[(0, size - 1) for size in sizes], indexing="ij"), float).reshape(3, 8).T
     there_mm = transform_points(labels.affine, corners)  # (8, 3)
     found = to_index(ct.affine, there_mm)
-    ends = to_index(ct.affine, transform_points(labels.affine, np.vstack([np.zeros(3), np.eye(3)])))
-    axes = np.rint((ends[1:] - ends[0]).T).astype(np.int64)
-    if not np.array_equal(np.abs(axes) @ np.abs(axes).T, np.eye(3)):
+    matrix = index_to_index(labels.affine, ct.affine)
+    axes = np.rint(matrix[:3, :3]).astype(np.int64)
+    if np.abs(axes).max() > 1 or any((np.abs(axes).sum(axis=axis) != 1).any() for axis in (0, 1)):
         own, other = (" x ".join(f"{side:.3g}" for side in volume.spacing) for volume in (labels, ct))
         raise VolumeError(
             f"{labels.name} has samples every {own} mm along {labels.orientation}, the CT every {other} mm along "
             f"{ct.orientation}; resample it to the CT, or use it without this CT"
         )
-    shift = np.rint(ends[0]).astype(np.int64)
-    nearest = corners @ axes.T + shift
+    shift = np.rint(matrix[:3, 3]).astype(np.int64)
+    nearest = product(corners, axes.T) + shift
     if np.abs(found - nearest).max() > NEAR:
-        away = np.linalg.norm(transform_points(ct.affine, nearest) - there_mm, axis=1).max()
+        away = np.sqrt(((transform_points(ct.affine, nearest) - there_mm) ** 2).sum(axis=1)).max()
         raise VolumeError(
             f"{labels.name} lies up to {away:.3g} mm beside the samples of the CT; resample it to the CT, "
             "or use it without this CT"
@@ -123,7 +128,7 @@ def moved_box(box: Box, axes: NDArray[np.int64], shift: NDArray[np.int64]) -> Bo
     ((5, 7), (7, 10), (0, 4))
     """
     corners = np.array(box).T - ((0, 0, 0), (1, 1, 1))  # first and last sample
-    first, last = np.sort(corners @ axes.T + shift, axis=0).tolist()
+    first, last = np.sort(product(corners, axes.T) + shift, axis=0).tolist()
     x, y, z = ((low, high + 1) for low, high in zip(first, last, strict=True))
     return x, y, z
 

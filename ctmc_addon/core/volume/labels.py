@@ -17,10 +17,11 @@ from numpy.typing import NDArray
 
 from ..errors import AbsentLabelError, LabelError
 from ..parallel import map_steps, worker_count
-from ..progress import Steps, finish
+from ..progress import Step, Steps, finish
 from .region import Region, converted_region, region_limits
 from .value_kind import ValueKind
 from .volume import Box, Volume
+from .whole_labels import NotWholeError
 
 SLAB_VALUES = 1 << 20  # looked at in one go
 ALL = "all"  # the word for every label
@@ -44,18 +45,25 @@ class LabelExtent(NamedTuple):
 
 
 Extents = dict[int, LabelExtent]
-_extents: WeakKeyDictionary[Volume, dict[Box, Extents]] = WeakKeyDictionary()
+
+
+class _Found(NamedTuple):
+    """The labels of a box, and what was changed of the values to find them."""
+
+    extents: Extents
+    notes: tuple[str, ...]
+
+
+_found: WeakKeyDictionary[Volume, dict[Box, _Found]] = WeakKeyDictionary()
 
 
 def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | None = None) -> Steps[Extents]:
     """Return every label but 0 in a box, by default the whole volume, in the order of the values; looked for once.
 
-    Values that are not whole numbers are not labels.
-
     Raises
     ------
     LabelError
-        If there are more than 65,536.
+        If there are more than 65,536, or a value stands for no whole number.
 
     Examples
     --------
@@ -68,20 +76,37 @@ def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | N
     """
     x, y, z = volume.size
     box = box or ((0, x), (0, y), (0, z))
-    of_box = _extents.setdefault(volume, {})
+    volume = volume.as_labels
+    of_box = _found.setdefault(volume, {})
     if box not in of_box:
         found: Extents = {}
         for layer in volume.each_layer:
             found |= yield from _scan_steps(layer, box, None, threads)
-        of_box[box] = dict(sorted(found.items()))
-    return of_box[box]
+        of_box[box] = _Found(dict(sorted(found.items())), _notes_of(volume))
+    return of_box[box].extents
+
+
+def label_notes(volume: Volume, box: Box) -> tuple[str, ...]:
+    """Return what was changed of values to find the labels of a box: more than the volume's own notes say.
+
+    It is the same whatever was read of other boxes since, if all labels of this one were looked for.
+    """
+    volume = volume.as_labels
+    known = _found.get(volume, {}).get(box)
+    notes = _notes_of(volume) if known is None else known.notes
+    return tuple(note for note in notes if note not in volume.notes)
+
+
+def _notes_of(volume: Volume) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(note for layer in volume.each_layer for note in layer.reader.notes))
 
 
 def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[LabelExtent | None]:
     """Return one label's extent in a box, None where it has no voxel there."""
-    known = _extents.get(volume, {})
-    if box in known:
-        return known[box].get(label)
+    volume = volume.as_labels
+    known = _found.get(volume, {}).get(box)
+    if known is not None:
+        return known.extents.get(label)
     for layer in volume.each_layer:
         extent = (yield from _scan_steps(layer, box, label, threads)).get(label)
         if extent is not None:
@@ -91,6 +116,7 @@ def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None
 
 def layer_of_label_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[Volume]:
     """Return the layer of a volume that has a label in a box; the volume itself where none has it."""
+    volume = volume.as_labels
     if volume.layers:
         for layer in volume.each_layer:
             if (yield from label_extent_steps(layer, label, box, threads)) is not None:
@@ -103,7 +129,7 @@ def labels_by_layer_steps(
 ) -> Steps[list[tuple[Volume, list[int]]]]:
     """Return every layer that has some of the labels in a box, and these, in their order."""
     out = []
-    for layer in volume.each_layer:
+    for layer in volume.as_labels.each_layer:
         extents = yield from label_extents_steps(layer, box, threads)
         own = [label for label in labels if label in extents]
         if own:
@@ -158,6 +184,26 @@ def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) 
     return f"the labels are {', '.join(map(str, labels[:LISTED]))}{' and more' if len(labels) > LISTED else ''}"
 
 
+def not_a_label_steps(volume: Volume) -> Steps[str]:
+    """Return the first value of a volume that stands for no whole number, as text; empty where there is none.
+
+    Examples
+    --------
+    >>> finish(not_a_label_steps(Volume(np.full((2, 2, 2), 0.25), np.eye(4))))
+    '0.25'
+    """
+    labels, step = volume.as_labels, max(1, SLAB_VALUES // (volume.size[0] * volume.size[1]))
+    if labels is volume:
+        return ""
+    try:
+        for low in range(0, volume.size[2], step):
+            yield Step(low / volume.size[2], "Looking at the values")
+            labels.slab(low, min(low + step, volume.size[2]))
+    except NotWholeError as error:
+        return error.value_text
+    return ""
+
+
 def _labels_called(volume: Volume, name: str) -> list[int]:
     wanted = _plain(name)
     found = [label for label, known in volume.label_names.items() if _plain(known) == wanted]
@@ -178,7 +224,7 @@ def _plain(name: str) -> str:
 
 
 def _scan_steps(volume: Volume, box: Box, only: int | None, threads: int | None) -> Steps[Extents]:
-    """Return the extents in a box of all labels, or of only one."""
+    """Return the extents in a box of all labels, or of only one, of a volume whose values are whole."""
     inside = volume.part(box)
     slices, rows, columns = inside.shape
     step = max(1, SLAB_VALUES // (rows * columns))
@@ -223,6 +269,7 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     Parameters
     ----------
     slab : (slices, rows, columns)
+        Whole numbers.
     """
     _, rows, columns = slab.shape
     flat = slab.reshape(-1)
@@ -232,9 +279,6 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     start = np.flatnonzero(begins)
     value, length = flat[start], np.diff(start, append=flat.size)
     kept = value != 0
-    if value.dtype.kind == "f":
-        with np.errstate(invalid="ignore"):
-            kept &= np.isfinite(value) & (value == np.floor(value))
     start, value, length = start[kept], value[kept], length[kept]
     if not len(value):
         return [], np.zeros((0, 7), np.int64)

@@ -65,7 +65,7 @@ def ends_of_body(corners_mm: NDArray[np.float64]) -> int | None:
     0
     """
     sides = np.stack([corners_mm[3] - corners_mm[0], corners_mm[1] - corners_mm[0]])  # (2, 3)
-    along = np.abs(sides[:, 2]) / np.linalg.norm(sides, axis=1)
+    along = np.abs(sides[:, 2]) / np.sqrt((sides * sides).sum(axis=1))
     return int(along.argmax()) if along.max() > 0.7 else None
 
 

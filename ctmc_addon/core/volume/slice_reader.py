@@ -31,10 +31,22 @@ class SliceReader(ABC):
     """How many slices it decodes at once, however few of them are asked for; the first chunk begins at slice 0."""
     thread_safe: bool = False
     """Whether several threads may call `fill` at the same time."""
+    value_step: float = 0.0
+    """The distance between neighboring values of a file that stores integers with a scale, if it is not whole."""
 
     @abstractmethod
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Write the values into `out`, C order and of the reader's type; the ranges rise and lie within the shape."""
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every value is known to be a whole number, because of the type or because it is made one."""
+        return self.dtype.kind != "f"
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What was changed of the values read so far, in sentences for the user."""
+        return ()
 
     @property
     def at_once(self) -> int:
@@ -82,10 +94,15 @@ class ValuesInMemory(SliceReader):
 
     thread_safe = True
 
-    def __init__(self, values: NDArray[Any]) -> None:
-        self.values = values
+    def __init__(self, values: NDArray[Any], value_step: float = 0.0, is_whole: bool = False) -> None:
+        self.values, self.value_step, self._is_whole = values, value_step, is_whole
         self.shape = (values.shape[0], values.shape[1], values.shape[2])
         self.dtype = values.dtype.newbyteorder("=")
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether the type has whole numbers only, or the values are known to be such."""
+        return self._is_whole or super().is_whole
 
     @property
     def own_bytes(self) -> int:

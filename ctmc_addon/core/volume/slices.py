@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.vectors import cross, dot
 from .affine import axis_codes, to_index, transform_points
 from .value_kind import ValueKind
 from .volume import Volume
@@ -134,11 +135,27 @@ def where_ray_meets(corners: NDArray[np.float64], origin: Sequence[float], direc
     >>> where_ray_meets(square, (0.5, 0.5, 0.0), (0.0, 0.0, 0.5))
     4.0
     """
-    sides = np.stack([corners[1] - corners[0], corners[3] - corners[0], -np.array(direction, float)], axis=1)
-    if abs(np.linalg.det(sides)) < 1e-12:
+    across, down, back = corners[1] - corners[0], corners[3] - corners[0], -np.array(direction, float)
+    size = float(dot(across, cross(down, back)))
+    if abs(size) < 1e-12:
         return None
-    right, below, way = np.linalg.solve(sides, np.array(origin, float) - corners[0]).tolist()
-    return float(way) if 0 <= right <= 1 and 0 <= below <= 1 and way > 0 else None
+    apart = np.array(origin, float) - corners[0]
+    right = float(dot(apart, cross(down, back))) / size  # Cramer's rule
+    below = float(dot(across, cross(apart, back))) / size
+    way = float(dot(across, cross(down, apart))) / size
+    return way if 0 <= right <= 1 and 0 <= below <= 1 and way > 0 else None
+
+
+def slice_normal(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normal of a slice, (3,) of length 1, from its corners (4, 3) as `slice_corners` returns them.
+
+    Examples
+    --------
+    >>> slice_normal(np.array([[0.0, 0.0, 2.0], [3.0, 0.0, 2.0], [3.0, 2.0, 2.0], [0.0, 2.0, 2.0]])).tolist()
+    [0.0, 0.0, 1.0]
+    """
+    normal = cross(corners[1] - corners[0], corners[3] - corners[0])
+    return np.asarray(normal / np.sqrt(dot(normal, normal)), np.float64)
 
 
 def windowed(

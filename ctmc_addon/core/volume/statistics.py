@@ -93,7 +93,7 @@ def histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     if not low <= high:
         raise ThresholdError("the volume holds no finite value; no threshold can be found")
     exact = max(abs(low), abs(high)) < 2**53
-    whole = values.dtype.kind in "bui" and exact and high - low < MOST_INTEGERS
+    whole = _is_whole(values) and exact and high - low < MOST_INTEGERS
     bins = int(high - low) + 1 if whole else BINS
     width = 1.0 if whole else (high - low) / BINS or 1.0
     counts = np.zeros(bins, np.int64)
@@ -110,6 +110,10 @@ def histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
             index = np.minimum(((wide - low) / width).astype(np.int64), bins - 1)
         counts += np.bincount(index, minlength=bins)
     return counts, low - 0.5 if whole else low, width
+
+
+def _is_whole(values: NDArray[Any] | Volume) -> bool:
+    return values.dtype.kind in "bui" if isinstance(values, np.ndarray) else values.reader.is_whole
 
 
 def _narrow_histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
@@ -210,7 +214,7 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
     if histogram is not None:
         counts, start, width = histogram
         filled = np.flatnonzero(counts)
-        one_by_one = width == 1.0 and values.dtype.kind in "bui"
+        one_by_one = width == 1.0 and _is_whole(volume)
         low = start + width * (filled[0] + (0.5 if one_by_one else 0.0))
         high = start + width * (filled[-1] + (0.5 if one_by_one else 1.0))
         non_finite = values.size - int(counts.sum())

@@ -19,6 +19,11 @@ class ValueKind(StrEnum):
     GRAY = "gray value"
     LABEL = "label"
 
+    @property
+    def plural(self) -> str:
+        """Return the kind in the plural, for a message."""
+        return str(self) if self is ValueKind.HU else f"{self}s"
+
     @classmethod
     def _missing_(cls, value: object) -> ValueKind | None:
         """Accept the spelling of version 0.2."""

@@ -19,9 +19,10 @@ from numpy.typing import NDArray
 
 from ..errors import ReadError, SettingsError, VolumeError
 from ..progress import Steps
-from .affine import axis_codes, checked_affine, spacing_of, with_origin
+from .affine import axis_codes, checked_affine, determinant, spacing_of, with_origin
 from .slice_reader import SliceReader, ValuesInMemory
 from .value_kind import ValueKind
+from .whole_labels import WholeLabels, WholeNumbers
 
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Start and stop along x, y, z."""
@@ -69,7 +70,7 @@ class Placed(ABC):
         >>> Volume(np.zeros((2, 2, 2)), np.diag([0.5, 0.5, 2.0, 1.0])).voxel_mm3
         0.5
         """
-        return float(abs(np.linalg.det(self.affine[:3, :3])))
+        return abs(determinant(self.affine))
 
     @property
     def orientation(self) -> str:
@@ -158,6 +159,26 @@ class Volume(Placed):
             return (self,)
         return tuple(replace(self, reader=reader, layers=()) for reader in (self.reader, *self.layers))
 
+    @cached_property
+    def as_labels(self) -> Volume:
+        """The volume with each value as the whole number it stands for; itself if its values are known to be whole.
+
+        Nothing is read. A value that stands for none is a `LabelError` when it is read.
+
+        Examples
+        --------
+        >>> Volume(np.full((2, 2, 2), 5.9999995, np.float32), np.eye(4)).as_labels.values[0, 0].tolist()
+        [6.0, 6.0]
+        """
+        readers = (self.reader, *self.layers)
+        if all(reader.is_whole for reader in readers):
+            return self
+        whole = [
+            reader if reader.is_whole else WholeLabels(reader, WholeNumbers(reader.value_step, self.name))
+            for reader in readers
+        ]
+        return replace(self, reader=whole[0], layers=tuple(whole[1:]))
+
     @property
     def size(self) -> tuple[int, int, int]:
         """Number of samples along (x, y, z)."""
@@ -227,7 +248,8 @@ class Volume(Placed):
         read = []
         with self._readable():
             for reader in (self.reader, *self.layers):
-                read.append(ValuesInMemory((yield from reader.values_steps(*chosen))))
+                values = yield from reader.values_steps(*chosen)
+                read.append(ValuesInMemory(values, reader.value_step, reader.is_whole))
         affine = self.affine.copy()
         affine[:3, :3] *= stride
         return replace(self, reader=read[0], affine=affine, box=None, layers=tuple(read[1:]))
@@ -254,8 +276,10 @@ class Volume(Placed):
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
-        layers = tuple(ValuesInMemory(layer.values) for layer in self.each_layer[1:])
-        return (Volume, (self.values, self.affine, *words, None, layers))
+        first, *others = (
+            ValuesInMemory(layer.values, layer.reader.value_step, layer.reader.is_whole) for layer in self.each_layer
+        )
+        return (Volume, (first, self.affine, *words, None, tuple(others)))
 
 
 def _moved(numbers: range, by: int) -> range:

@@ -7,6 +7,7 @@ An enhanced multi-frame file keeps this in functional groups, per frame or share
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
@@ -14,6 +15,10 @@ MOST_MM = 1e6
 OWN_KEYWORDS = frozenset(  # in which a slice differs from the others of its series
     ("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient", "AcquisitionTime", "ContentTime", "TriggerTime")
 )
+
+
+class WrongGroups(ValueError):
+    """A file has more or fewer functional groups than frames; the text has both numbers."""
 
 
 class Moment(NamedTuple):
@@ -60,7 +65,7 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
         # A multi-frame file without groups has one position for all of its frames: no place for any.
         return (_geometry(dataset, (), count == 1),) * count
     if groups is not None and len(groups) != count:
-        raise ValueError(f"{len(groups)} functional groups for {count} frames")
+        raise WrongGroups(f"{len(groups)} functional groups for {count} frames")
     frames = [(group, shared) for group in groups] if groups is not None else [(shared,)] * count
     return tuple(_geometry(dataset, frame, count == 1) for frame in frames)
 
@@ -87,7 +92,7 @@ def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> F
     return FrameGeometry(
         _numbers(value_of("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
         _numbers(value_of("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
-        _numbers(value_of("PixelMeasuresSequence", "PixelSpacing"), 2),
+        _numbers(value_of("PixelMeasuresSequence", "PixelSpacing"), 2, sys.float_info.max),
         1.0 if slope is None else float(slope),
         0.0 if intercept is None else float(intercept),
         str(value_of("PixelValueTransformationSequence", "RescaleType") or ""),
@@ -113,11 +118,11 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
     )
 
 
-def _numbers(value: Any, count: int) -> tuple[float, ...] | None:
-    """`count` numbers of a size that occurs, or None where the file has none or others."""
+def _numbers(value: Any, count: int, most: float = MOST_MM) -> tuple[float, ...] | None:
+    """`count` numbers of a size up to `most`, or None where the file has none or others."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
         return None
     if None in value:
         return None
     numbers = tuple(float(number) for number in value)
-    return numbers if all(abs(number) <= MOST_MM for number in numbers) else None  # nor NaN
+    return numbers if all(abs(number) <= most for number in numbers) else None  # nor NaN

@@ -21,15 +21,15 @@ from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .deflated import DEFLATED, unpacks_without_end
-from .frames import FrameGeometry, frame_geometries, moved_geometry
+from .frames import FrameGeometry, WrongGroups, frame_geometries, moved_geometry
 from .labels.classes import label_class
+from .pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
 from .plain_header import (
     EXPLICIT_LITTLE,
     IMPLICIT_LITTLE,
     NOT_SLICES,
     OTHERS,
     PLAIN,
-    UNDEFINED_LENGTH,
     PlainHeader,
     PlainHeaders,
 )
@@ -49,19 +49,8 @@ OPTIONS = {  # of pydicom's decoders, by keyword
     "BitsStored": "bits_stored",
     "PixelRepresentation": "pixel_representation",
 }
+EXPORT = "export it again"  # the way out where a header, not the copy of a file, is wrong
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
-SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
-
-
-class Pixels(NamedTuple):
-    """How and where a file stores its pixels."""
-
-    syntax: str  # transfer syntax UID
-    compressed: bool
-    floating: bool
-    padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
-    start: int  # byte of the file where they begin
-    options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
 
 
 class Called(NamedTuple):
@@ -117,6 +106,7 @@ class Broken(NamedTuple):
     path: Path
     series: str  # empty where it is not known
     damage: str = ""  # what is wrong, where that is known
+    remedy: str = "copy it again"
     stray: bool = False  # nothing in it says that it is DICOM
 
 
@@ -233,6 +223,9 @@ def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
     series = elements.get("SeriesInstanceUID", None) or ""
     options = {option: elements[keyword] for keyword, option in OPTIONS.items()}
     options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
+    number = unusable_number(options, elements.get("HighBit"))
+    if number:
+        return Broken(path, series, number, EXPORT)
     padding = padding_ends(elements, options)
     pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options)
     end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, else it would not be plain
@@ -299,9 +292,15 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         if len(keywords) > 1:
             return Broken(path, series, f"both {keywords[0]} and {keywords[1]}")
         keyword = keywords[0]
-        pixels = pixels_of(dataset, syntax, keyword)
+        options = options_of(dataset, keyword)
+        number = unusable_number(options, elements.get("HighBit", None))
+        if number:
+            return Broken(path, series, number, EXPORT)
+        pixels = pixels_of(dataset, syntax, options)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
         return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
+    except WrongGroups as error:
+        return Broken(path, series, str(error), EXPORT)
     except unreadable:
         return Broken(path, series, stray=not (preamble or is_image))
 
@@ -339,30 +338,6 @@ def sop_class(dataset: Any) -> str:
     return str(getattr(kind, "name", ""))
 
 
-def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
-    """Return in words which pixels are missing from a file; empty where none are.
-
-    Parameters
-    ----------
-    pixels : Pixels
-        What the header says of them.
-    length : int
-        Bytes of the pixel element.
-    file_bytes : int
-        Bytes of the file.
-    """
-    options, frames = pixels.options, pixels.options["number_of_frames"]
-    if pixels.compressed:
-        return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
-    if length == UNDEFINED_LENGTH:
-        return f"compressed pixels called {pixels.syntax}"
-    halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
-    size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
-    needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
-    present_bytes = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
-    return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
-
-
 def image_file(path: Path, elements: Elements | Mapping[str, Any], series: str, pixels: Pixels) -> ImageFile:
     """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
@@ -391,59 +366,23 @@ def image_file(path: Path, elements: Elements | Mapping[str, Any], series: str, 
     )
 
 
-def pixels_of(dataset: Any, syntax: str, keyword: str) -> Pixels:
-    """Return how and where the pixels are stored."""
-    stored = dataset.get_item(keyword, keep_deferred=True)
+def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
+    """Return how the pixels under `keyword` are stored, as pydicom's decoders take it."""
     as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
-    options = as_options(dataset, pixel_keyword=keyword, pixel_vr=stored.VR)
+    vr = dataset.get_item(keyword, keep_deferred=True).VR
+    options: dict[str, Any] = as_options(dataset, pixel_keyword=keyword, pixel_vr=vr)
     sizes = {option: int(options[option]) for option in ("number_of_frames", "rows", "columns", "bits_allocated")}
-    if sizes["number_of_frames"] < 1:
-        raise ValueError(f"{sizes['number_of_frames']} frames")
+    return options | sizes
+
+
+def pixels_of(dataset: Any, syntax: str, options: Mapping[str, Any]) -> Pixels:
+    """Return how and where the pixels are stored."""
+    keyword = options["pixel_keyword"]
     return Pixels(
         syntax,
         syntax not in UNCOMPRESSED,
         keyword != "PixelData",
-        padding_ends(dataset, options | sizes),
-        stored.value_tell,
-        options | sizes,
+        padding_ends(dataset, options),
+        dataset.get_item(keyword, keep_deferred=True).value_tell,
+        options,
     )
-
-
-def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return the lowest and the highest stored value that means 'no pixel'."""
-    padding, limit = elements.get("PixelPaddingValue", None), elements.get("PixelPaddingRangeLimit", None)
-    signed = bool(options.get("pixel_representation", 0))
-    ends = [
-        as_stored(value, options["bits_allocated"], signed) for value in (padding, padding if limit is None else limit)
-    ]
-    whole = [end for end in ends if end is not None]
-    return (min(whole), max(whole)) if len(whole) == 2 else None
-
-
-def as_stored(value: Any, bits: int, signed: bool) -> int | None:
-    """Return a padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
-
-    Parameters
-    ----------
-    value : int or bytes or None
-        As pydicom gives it.
-    bits : int
-        Bits allocated to a pixel.
-    signed : bool
-        Whether pixels are signed.
-
-    Returns
-    -------
-    int or None
-        None where the element is missing or holds no number.
-
-    Examples
-    --------
-    >>> as_stored(63536, 16, True)
-    -2000
-    """
-    if value is None:
-        return None
-    number = int.from_bytes(value[: bits // 8], "little") if isinstance(value, bytes) else int(value)
-    number %= 1 << bits
-    return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number

@@ -3,11 +3,15 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
+from statistics import median
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..result import Series
@@ -17,6 +21,7 @@ from .stack_geometry import SAME_MM
 from .times import heights, times_of
 
 SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
+ROUNDED_DEGREES = 5e-4  # smaller turns come from rounded directions
 LONGEST_FOLDER = 64  # letters
 
 
@@ -100,7 +105,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     group = max(groups, key=len)  # the first of equals; but a file given by itself chooses its own
     if len(groups) > 1:
         group = next((own for own in groups if any(ct_slice.image.path == path for ct_slice in own)), group)
-    return sorted(group, key=lambda ct_slice: (ct_slice.image.instance, ct_slice.frame))
+    return sorted(group, key=in_order)
 
 
 def folder_of(folders: set[Path], path: Path) -> str:
@@ -137,13 +142,57 @@ def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 def alike(first: Slice, second: Slice) -> bool:
     """Return whether two slices can belong to one volume."""
+    a, b = first.geometry, second.geometry
+    if a.orientation == b.orientation:
+        return same_grid(first, second)
+    turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
+    return turn <= SAME_DIRECTION and same_grid(first, second)
+
+
+def same_grid(first: Slice, second: Slice) -> bool:
+    """Return whether two slices have the same size and spacing, in whatever direction."""
     if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
-    a, b = first.geometry, second.geometry
-    if a.orientation == b.orientation and a.spacing == b.spacing:
-        return True
-    if (a.spacing is None) != (b.spacing is None):
-        return False
-    turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
-    scale = max((abs(p - q) / max(p, 1e-9) for p, q in zip(a.spacing or (), b.spacing or (), strict=True)), default=0.0)
-    return turn <= SAME_DIRECTION and scale <= SAME_DIRECTION
+    a, b = first.geometry.spacing, second.geometry.spacing
+    if a == b or a is None or b is None:
+        return a == b
+    return max(abs(p - q) / max(p, 1e-9) for p, q in zip(a, b, strict=True)) <= SAME_DIRECTION
+
+
+def turning(slices: Sequence[Slice], best: Sequence[Slice]) -> str:
+    """Return in words how slices turn against each other, where that leaves few in one direction; else ''.
+
+    Parameters
+    ----------
+    slices : sequence of Slice
+        Of one series, all with a place, scouts left out.
+    best : sequence of Slice
+        The largest group of one direction.
+    """
+    ordered = sorted((ct_slice for ct_slice in slices if same_grid(best[0], ct_slice)), key=in_order)
+    steps = [turn_degrees(one, following) for one, following in pairwise(ordered)]
+    if not steps or (len(best) > 1 and (2 * len(best) >= len(ordered) or median(steps) < ROUNDED_DEGREES)):
+        return ""
+    first, last = ordered[0], max(ordered, key=lambda ct_slice: turn_degrees(ordered[0], ct_slice))
+    return (
+        f"the {len(ordered)} slices turn: ImageOrientationPatient differs by {median(steps):.2g} degrees from one to "
+        f"the next and by {turn_degrees(first, last):.2g} degrees between {first.name} and {last.name}, and slices of "
+        f"one volume differ by at most {math.degrees(SAME_DIRECTION):.1g} degrees"
+    )
+
+
+def turn_degrees(first: Slice, second: Slice) -> float:
+    """Return the angle of the turn that carries the axes of one slice to those of another."""
+    difference = axes_of(first) - axes_of(second)
+    return 2 * math.degrees(math.asin(min(1.0, math.sqrt(float((difference**2).sum()) / 8))))
+
+
+def axes_of(ct_slice: Slice) -> NDArray[np.float64]:
+    """Return the directions of a slice's rows, columns and normal, (3, 3)."""
+    row, column = np.array(ct_slice.geometry.orientation, np.float64).reshape(2, 3)
+    return np.stack([row, column, np.cross(row, column)])
+
+
+def in_order(ct_slice: Slice) -> tuple[int, int]:
+    """Return what slices are sorted by before their positions are looked at."""
+    return ct_slice.image.instance, ct_slice.frame

@@ -18,6 +18,7 @@ from .codestream import frame_damage
 from .deflated import DEFLATED
 from .frames import FrameGeometry
 from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
+from .pixel_format import value_bits
 from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 # The types of pixels by their representation, 1 with a sign, and their bits.
@@ -93,13 +94,15 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
                 if image.pixels.compressed:
                     check_codestreams(image, frames, file)
                 file.seek(image.pixels.start)
-            for stored, _ in decoder.iter_array(source, indices=frames, view_only=True, **options):
+            options = {**options, "view_only": True, "correct_unused_bits": False}
+            for stored, _ in decoder.iter_array(source, indices=frames, **options):
                 if stored.shape != (image.rows, image.columns):
                     raise ReadError(
                         f"the pixels of {image.path.name} are {stored.shape}, and its header says "
                         f"{(image.rows, image.columns)}; copy it again"
                     )
-                yield stored if stored.dtype.isnative else stored.astype(stored.dtype.newbyteorder("="))
+                native = stored if stored.dtype.isnative else stored.astype(stored.dtype.newbyteorder("="))
+                yield value_bits(native, image.pixels)
     except pydicom_errors() as error:
         if isinstance(error, OSError) and error.errno is not None:  # the system's
             raise
@@ -117,18 +120,12 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
 def plain_type(image: ImageFile) -> np.dtype[Any] | None:
     """Return the type of gray pixels that lie in the file as in memory; None of others, which pydicom decodes."""
     pixels, options = image.pixels, image.pixels.options
-    bits, stored, kind = (options.get(option) for option in ("bits_allocated", "bits_stored", "pixel_representation"))
     as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
-    if not (as_in_memory and isinstance(bits, int) and isinstance(stored, int) and isinstance(kind, int)):
-        return None
-    if (kind, bits) not in LITTLE_ENDIAN or not 1 <= stored <= bits or not image.rows * image.columns:
-        return None
-    return LITTLE_ENDIAN[kind, bits]
+    return LITTLE_ENDIAN.get((options["pixel_representation"], options["bits_allocated"])) if as_in_memory else None
 
 
 def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) -> Iterator[NDArray[Any]]:
     """Yield `stored_frames` of the type that `plain_type` gives."""
-    shape, unused = (image.rows, image.columns), 8 * dtype.itemsize - int(image.pixels.options["bits_stored"])
     count = image.rows * image.columns
     with image.path.open("rb", buffering=0) as file:
         for number in frames:
@@ -139,10 +136,8 @@ def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) 
                     f"the pixels of {image.path.name} ({syntax_name(image.pixels.syntax)}) are truncated or damaged "
                     f"({stored.size} of {count}); copy it again"
                 )
-            if unused:  # bits that may hold anything
-                np.left_shift(stored, unused, out=stored)
-                np.right_shift(stored, unused, out=stored)
-            yield stored.reshape(shape).astype(dtype.newbyteorder("="), copy=False)
+            plane = stored.reshape(image.rows, image.columns).astype(dtype.newbyteorder("="), copy=False)
+            yield value_bits(plane, image.pixels)
 
 
 def check_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> None:

@@ -57,6 +57,7 @@ PLAIN = {  # keyword and value representation by tag
     0x00280030: ("PixelSpacing", "DS"),
     0x00280100: ("BitsAllocated", "US"),
     0x00280101: ("BitsStored", "US"),
+    0x00280102: ("HighBit", "US"),
     0x00280103: ("PixelRepresentation", "US"),
     0x00280120: ("PixelPaddingValue", "US"),
     0x00280121: ("PixelPaddingRangeLimit", "US"),

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ...core import ReadError, Stages, Steps
-from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ...core.volume import SPACING_LIMITS, ValueKind, is_spacing
 from ..file_formats import files_below, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..options import ReadingOptions
@@ -33,7 +33,7 @@ from .header import (
     read_header,
     read_other,
 )
-from .listing import is_placed, is_scout, largest_group, listed
+from .listing import is_placed, is_scout, largest_group, listed, turning
 from .pixels import check_codec
 from .slices import values_steps
 from .stack_geometry import Stack, stack_up
@@ -115,10 +115,9 @@ class DicomSource(VolumeSource):
         decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
         kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
-        reader = values if isinstance(values, SliceReader) else ValuesInMemory(values)
         mask = 0
         if not request.mask:
-            mask = yield from stages.run("Looking at the values", is_mask_steps(reader))
+            mask = yield from stages.run("Looking at the values", is_mask_steps(values))
         notes += [*([] if mask or request.mask else meaning(ordered)), *stack.notes, *padding_notes]
         names = {mask: self.name} if mask else {}
         return RawValues(
@@ -150,10 +149,15 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
     """Return how the slices become a volume, and words about a spacing of the file that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
-    if pixel_spacing is None or min(pixel_spacing) <= 0:
-        unusable = "no PixelSpacing" if pixel_spacing is None else f"a PixelSpacing of {min(pixel_spacing):g} mm"
+    if pixel_spacing is None or not is_spacing(pixel_spacing):
+        unusable = "no PixelSpacing"
+        if pixel_spacing is not None:
+            wrong = next(length for length in pixel_spacing if not is_spacing([length]))
+            unusable = f"a PixelSpacing of {wrong:g} mm"
         if request.spacing is None:
-            raise ReadError(f"the series has {unusable}, and it must be above 0 mm; give the spacing x, y, z in mm")
+            raise ReadError(
+                f"the series has {unusable}, and it must be {SPACING_LIMITS}; give the spacing x, y, z in mm"
+            )
         pixel_spacing = (request.spacing[1], request.spacing[0])
     positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     orientation = first.orientation or ()
@@ -290,7 +294,7 @@ def check_whole(content: FolderContent, uid: str) -> None:
 def truncated(broken: Broken) -> ReadError:
     """Return the error for a DICOM file that cannot be read to its end."""
     damage = broken.damage or f"{broken.path.stat().st_size} bytes"
-    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); copy it again")
+    return ReadError(f"{broken.path.name} is a truncated or damaged DICOM file ({damage}); {broken.remedy}")
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
@@ -314,12 +318,20 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     if not best:
         if scouts:
             raise ReadError(f"{path.name} has only scouts ({scouts}); choose the series of slices")
+        if any(ct_slice.geometry.position for ct_slice in slices):
+            raise ReadError(
+                f"no image in {path.name} has a position and a direction (ImageOrientationPatient), which put slices "
+                "in order; export the series again, or as NIfTI"
+            )
         none = f"the image in {path.name} has no position"
         if len(slices) > 1:
             none = f"none of the {len(slices)} slices or frames in {path.name} has a position"
         raise ReadError(
             f"{none} (ImagePositionPatient), which puts slices in order; export the series again, or as NIfTI"
         )
+    turn = turning([ct_slice for ct_slice in placed if not is_scout(ct_slice)], best)
+    if turn:
+        raise ReadError(f"{turn}; resample the series to parallel slices (MPR) and export these")
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
@@ -335,7 +347,7 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
         if not (0 < abs(slope) <= STEEPEST and abs(intercept) <= STEEPEST):  # nor NaN
             raise ReadError(
                 f"the series has a RescaleSlope of {slope:g} and a RescaleIntercept of {intercept:g}, which give no "
-                "usable values; export it again"
+                f"usable values: the slope must not be 0, and both at most {STEEPEST:g}; export it again"
             )
     return best, notes
 

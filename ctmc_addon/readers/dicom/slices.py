@@ -16,9 +16,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import Budget, ReadError, Step, Steps, finish
-from ...core.volume import SliceReader, as_slice
-from ..value_kind import require_volume_memory
+from ...core.volume import SliceReader, ValuesInMemory, as_slice
+from ..value_kind import require_volume_memory, step_of_scale
 from .header import Slice
+from .pixel_format import value_range
 from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mark, plain_type, real_ends
 from .stack_geometry import Stack
 from .stored import StoredPixels
@@ -41,6 +42,9 @@ class DicomSlices(SliceReader):
         image = slices[0].image
         self.slices, self.stack, self.lowest = slices, stack, lowest
         self.shape, self.dtype = (len(stack.below), image.rows, image.columns), np.dtype(dtype)
+        if self.dtype.kind == "f" and not any(one.image.pixels.floating for one in slices):
+            scales = {(one.geometry.slope, one.geometry.intercept) for one in slices}
+            self.value_step = min(step_of_scale(np.dtype(np.int32), *scale) for scale in scales)
         self._fits = fit_by_headers(slices, dtype) and all(plain_type(one.image) is not None for one in slices)
         self._pixels = StoredPixels(slices)
         finalize(self, self._pixels.close)
@@ -92,7 +96,7 @@ class DicomSlices(SliceReader):
 
 def values_steps(
     slices: Sequence[Slice], stack: Stack, whole: bool, budget: Budget
-) -> Steps[tuple[NDArray[Any] | SliceReader, list[str]]]:
+) -> Steps[tuple[SliceReader, list[str]]]:
     """Return the values in the smallest type that holds them, and notes about padding.
 
     Parameters
@@ -108,7 +112,7 @@ def values_steps(
 
     Returns
     -------
-    (slices, rows, columns) int16, int32 or float32 array or SliceReader, and notes
+    The reader of (slices, rows, columns) int16, int32 or float32, and notes
 
     Raises
     ------
@@ -133,7 +137,7 @@ def values_steps(
         notes = padding_notes(seen)
         if notes:
             yield from clear_padding_steps(values, seen.lowest)
-        return values, notes
+        return ValuesInMemory(values, reader.value_step), notes
     raise AssertionError("float32 holds every value")
 
 
@@ -157,19 +161,11 @@ def fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
     """Return whether the headers say that all values fit into a type, and that none of them is padding."""
     if any(one.image.pixels.padding is not None for one in slices):
         return False
-    scales = {(limits(one), one.geometry.slope, one.geometry.intercept) for one in slices}
+    if any(one.image.pixels.floating for one in slices):
+        return np.dtype(dtype).kind == "f"
+    scales = {(value_range(one.image.pixels), one.geometry.slope, one.geometry.intercept) for one in slices}
     ends = [end * slope + intercept for both, slope, intercept in scales for end in both]
     return fits(min(ends), max(ends), dtype)
-
-
-def limits(ct_slice: Slice) -> tuple[float, float]:
-    """Lowest and highest value that a stored pixel can have, as wide as its bits allow."""
-    options = ct_slice.image.pixels.options
-    bits, stored, signed = (options.get(name) for name in ("bits_allocated", "bits_stored", "pixel_representation"))
-    if not (isinstance(bits, int) and isinstance(stored, int | None) and isinstance(signed, int | None)):
-        return -math.inf, math.inf  # a damaged header has texts or lists there
-    bits = min(bits, stored or bits)
-    return (-(2.0 ** (bits - 1)), 2.0 ** (bits - 1) - 1) if signed else (0.0, 2.0**bits - 1)
 
 
 def fits(low: float, high: float, dtype: Any) -> bool:

@@ -94,7 +94,7 @@ def stack_up(
     if len(order) < 2:
         reason = f"there is one slice only ({names[order[0]]})"
         if len(along) > 1:
-            reason = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place"
+            reason = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place to within {SAME_MM:g} mm"
         raise ReadError(
             f"{reason}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
         )

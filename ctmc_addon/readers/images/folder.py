@@ -3,13 +3,11 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
@@ -18,33 +16,48 @@ from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .decoded import DecodedSlices
+from .ome_files import ome_files_among, ome_files_of, slices_of_ome_steps
 from .pillow import DECODED, Picture, gray_slice, picture
-from .tiff import opened_stack, page_count, tiff_picture, tiff_slice
+from .skyscan_log import skyscan_spacing
+from .slice_names import check_numbers, slices_by_name
+from .tiff import opened_stack, page_count, raw_values_steps, tiff_picture, tiff_slice
+from .tiff_axes import TiffMetadata
 
 
 class ImageFolder(VolumeSource):
-    """The slices of one format in a folder."""
+    """The slices of one format in a folder.
+
+    Parameters
+    ----------
+    folder : Path
+    headers : sequence of Picture
+        Of each slice, time after time.
+    notes : sequence of str
+    times : int
+        Volumes at the same place.
+    """
 
     has_geometry = False
 
-    def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str]) -> None:
+    def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str], times: int = 1) -> None:
         self.headers = headers
         self.notes = tuple(notes)
         self.format = format_by_name(headers[0].path)
         first = headers[0]
-        series = Series(1, "", len(headers), (first.columns, first.rows), "", first.dtype.name)
-        super().__init__(folder, (series,), [header.path for header in headers], stem(folder.absolute()))
+        series = Series(1, "", len(headers) // times, (first.columns, first.rows), "", first.dtype.name, times)
+        files = list(dict.fromkeys(header.path for header in headers))
+        super().__init__(folder, (series,), files, stem(folder.absolute()))
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
-        first = self.headers[0]
+        first, earlier = self.headers[0], (request.time - 1) * slices
         if first.mode:
             yield from imported_steps("imageio.v3", "imageio", DECODED)
 
         def decode(number: int) -> NDArray[Any]:
-            header = self.headers[number]
-            pixels = gray_slice(header) if header.mode else tiff_slice(header.path)
+            header = self.headers[earlier + number]
+            pixels = gray_slice(header) if header.mode else tiff_slice(header)
             if pixels.shape != (rows, columns) or pixels.dtype.itemsize > first.dtype.itemsize:
                 raise ReadError(
                     f"{header.path.name} is {pixels.shape} {pixels.dtype}, not as its header says; save it again"
@@ -53,7 +66,20 @@ class ImageFolder(VolumeSource):
 
         reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, request.budget.thread_count)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
-        return RawValues(reader, None, (*self.notes, *([lossy] if self.format == "JPEG" else ())))
+        notes = (*self.notes, *([lossy] if self.format == "JPEG" else ()))
+        metadata = common_metadata(self.headers)
+        if metadata.spacing is None:
+            spacing, log_notes = skyscan_spacing(self.files)
+            metadata = metadata._replace(spacing=spacing, notes=(*metadata.notes, *log_notes))
+        return (yield from raw_values_steps(reader, metadata, notes, self.path.name, request))
+
+
+def common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
+    """Return what the files of all slices say; where they differ in spacing, a note instead of it."""
+    first = headers[0].metadata
+    if all(header.metadata.spacing == first.spacing for header in headers):
+        return first
+    return first._replace(spacing=None, notes=("the slices say different spacings, of which none is taken",))
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -69,13 +95,13 @@ def header_of(path: Path) -> Picture:
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
     """The pages of a file of several, else the stack that a slice is one of: those of its format in its folder."""
-    stack = opened_stack(path) if format_of(path) == "TIFF" else None
+    stack = opened_stack(path) if is_alone(path) else None
     return stack or (yield from open_folder_steps(path.parent, path))
 
 
 def is_alone(path: Path) -> bool:
-    """Return whether a file is a volume by itself, and not a slice of its folder."""
-    return format_of(path) == "TIFF" and page_count(path) > 1
+    """Return whether a file is a volume by itself, and not a slice of its folder or one of the files of an OME-TIFF."""
+    return format_of(path) == "TIFF" and page_count(path) > 1 and ome_files_of(path) is None
 
 
 def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
@@ -85,10 +111,23 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
             f"{own_slice.name} holds a picture; give it and its neighbors the suffix "
             f"{FORMATS[format_of(own_slice)].suffixes[0]}"
         )
-    images, notes = one_format(images_in(folder), own_slice)
-    stages = Stages({"Reading headers": 1})
-    headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
     name = folder.absolute().name
+    images = images_in(folder)
+    own_slice = own_slice and listed(own_slice, images)
+    images, notes = one_format(images, own_slice)
+    stages = Stages({"Reading headers": 1})
+    ome = None
+    if suffix(images[0]) in PAGE_SUFFIXES:
+        ome = ome_files_among(images, name) if own_slice is None else ome_files_of(own_slice)
+    if ome is not None:
+        headers, ome_notes = yield from stages.run("Reading headers", slices_of_ome_steps(ome, images))
+        check_alike(headers)
+        if own_slice is not None:
+            notes.insert(0, f"{own_slice.name} belongs to an OME-TIFF of several files, which was read")
+        return ImageFolder(folder, headers, [*notes, *ome_notes], ome.pages.times)
+    images, left_out = slices_by_name(images, own_slice, name)
+    notes += left_out
+    headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
         if stack is None:
@@ -100,6 +139,15 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     if own_slice is not None:
         notes.insert(0, f"{own_slice.name} is one slice: its folder was read, {len(headers)} slices")
     return ImageFolder(folder, headers, notes)
+
+
+def listed(own_slice: Path, images: Sequence[Path]) -> Path:
+    """Return a picture as its folder lists it, where the path may be spelled in another way; hidden ones are not."""
+    same = next((path for path in images if path.name == own_slice.name), None)
+    same = same or next((path for path in images if path.samefile(own_slice)), None)
+    if same is None:
+        raise ReadError(f"{own_slice.name} is a hidden file, and those are no slices; give it a name without the dot")
+    return same
 
 
 def format_by_name(path: Path) -> str:
@@ -125,7 +173,7 @@ def check_alike(headers: Sequence[Picture]) -> None:
         raise ReadError(
             f"{pages.path.name} has {pages.pages} pages among {len(headers)} TIFF files; choose one multi-page file"
         )
-    for text_of, what in ((_size, "size"), (_depth, "depth")):
+    for text_of, what in ((_size, "size"), (_depth, "depth"), (_calibration, "calibration")):
         counts = Counter(map(text_of, headers))
         usual = counts.most_common(1)[0][0]
         odd = next((header for header in headers if text_of(header) != usual), None)
@@ -136,32 +184,13 @@ def check_alike(headers: Sequence[Picture]) -> None:
             )
 
 
-def check_numbers(images: Sequence[Path]) -> None:
-    """Refuse slices numbered in even steps of which some are missing: their neighbors would seem adjacent.
-
-    Names whose numbers differ in more than one place, or in no even step, say nothing about missing slices.
-    """
-    pieces = [re.split(r"(\d+)", path.stem) for path in images]
-    if len({len(each) for each in pieces}) > 1:
-        return
-    varying = [at for at in range(len(pieces[0])) if len({each[at] for each in pieces}) > 1]
-    if len(varying) != 1 or not varying[0] % 2:
-        return
-    numbers = np.array([int(each[varying[0]][:15]) for each in pieces])
-    steps = np.diff(numbers)
-    usual = int(steps.min(initial=1 << 60))
-    gaps = np.flatnonzero(steps != usual)
-    if usual > 0 and len(gaps) and 2 * len(gaps) < len(steps) + 1 and not (steps % usual).any():
-        before, after = images[gaps[0]], images[gaps[0] + 1]
-        raise ReadError(
-            f"slices are missing between {before.name} and {after.name}, as the others are numbered in steps of "
-            f"{usual}; add them, or number the slices without a gap"
-        )
-
-
 def _size(header: Picture) -> str:
     return f"{header.columns} x {header.rows} pixels"
 
 
 def _depth(header: Picture) -> str:
     return f"{header.dtype}"
+
+
+def _calibration(header: Picture) -> str:
+    return header.metadata.calibration.text

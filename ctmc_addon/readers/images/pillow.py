@@ -20,6 +20,7 @@ from ..file_formats import suffix
 from ..optional_imports import needed, reason
 from ..registry import FORMATS
 from .jpeg2000 import check_pixels, depth_of
+from .tiff_axes import TiffMetadata
 
 DECODED = "PNG, JPEG, JPEG 2000 and BMP"
 JPEG, JPEG_2000 = FORMATS["JPEG"].suffixes, FORMATS["JPEG 2000"].suffixes
@@ -52,6 +53,8 @@ class Picture(NamedTuple):
     pages: int
     mode: str  # Pillow's; empty for TIFF
     spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
+    metadata: TiffMetadata = TiffMetadata()
+    page: int = 0  # of a TIFF
 
 
 def picture(path: Path) -> Picture:

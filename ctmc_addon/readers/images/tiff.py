@@ -7,6 +7,7 @@ import lzma
 import math
 import struct
 import zlib
+from collections.abc import Sequence
 from contextlib import ExitStack
 from pathlib import Path
 from threading import Lock
@@ -18,12 +19,13 @@ from numpy.typing import NDArray
 
 from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
-from ..optional_imports import needed, reason
+from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices, TimeSlices
+from ..value_kind import scaled_steps
 from .decoded import DecodedSlices
 from .pillow import JPEG_NOISE, Picture, gray
-from .tiff_axes import Pages, pages_of_axes, spacing_of_tiff
+from .tiff_axes import Pages, TiffMetadata, metadata_of_tiff, pages_of_axes
 from .tiff_pixels import UNPACKED_HERE, page_pixels
 from .tiff_tags import (
     BLACK_IS_ZERO,
@@ -59,6 +61,7 @@ class PageStack(NamedTuple):
     total: int  # pages of it
     layout: Pages
     notes: tuple[str, ...]
+    metadata: TiffMetadata
 
 
 class TiffStack(VolumeSource):
@@ -79,9 +82,7 @@ class TiffStack(VolumeSource):
         with ExitStack() as on_error:
             on_error.callback(tiff.close)
             stack = page_stack(tiff, self.path)
-            spacing, notes = spacing_of_tiff(tiff)
             on_error.pop_all()
-        notes = (*stack.notes, *notes)
         slices, pages = stack.shape[0], stack.layout
         first = pages.first(request.time)
         if stack.start is not None:
@@ -89,7 +90,7 @@ class TiffStack(VolumeSource):
             plain: SliceReader = RawSlices(self.path, stack.start, (stack.total, *stack.shape[1:]), stack.dtype)
             if stack.total != slices:
                 plain = TimeSlices(plain, first, slices, pages.step)
-            return RawValues(plain, None, notes, spacing=spacing)
+            return (yield from raw_values_steps(plain, stack.metadata, stack.notes, self.path.name, request))
 
         lock = Lock()
 
@@ -106,7 +107,28 @@ class TiffStack(VolumeSource):
 
         reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="), request.budget.thread_count)
         finalize(reader, tiff.close)
-        return RawValues(reader, None, notes, spacing=spacing)
+        return (yield from raw_values_steps(reader, stack.metadata, stack.notes, self.path.name, request))
+
+
+def raw_values_steps(
+    reader: SliceReader, metadata: TiffMetadata, notes: Sequence[str], what: str, request: ReadRequest
+) -> Steps[RawValues]:
+    """Return values with their calibration applied, and their spacing.
+
+    Parameters
+    ----------
+    reader : SliceReader
+        The numbers as they are stored.
+    metadata : TiffMetadata
+    notes : sequence of str
+        Other notes, which come first.
+    what : str
+        What is read, for messages.
+    request : ReadRequest
+    """
+    slope, intercept, calibration_notes = metadata.calibration
+    values = yield from scaled_steps(reader, slope, intercept, request.whole, what, request.budget)
+    return RawValues(values, None, (*notes, *calibration_notes, *metadata.notes), spacing=metadata.spacing)
 
 
 def opened_stack(path: Path) -> TiffStack | None:
@@ -126,13 +148,36 @@ def pages_of(tiff: Any) -> int:
     return max(len(tiff.pages), stack_sides(tiff.series[0]))
 
 
-def open_tiff(path: Path) -> Any:
-    """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found."""
+def ome_text(path: Path) -> str:
+    """Return the OME-XML of a TIFF, '' where it has none or is damaged: reading its pages tells."""
+    tifffile = needed("tifffile", "tifffile", "TIFF")
+    try:
+        with quiet(), tifffile.TiffFile(path, **without_companions(tifffile)) as tiff:
+            return str(tiff.ome_metadata or "")
+    except (*DAMAGE, tifffile.TiffFileError):
+        return ""
+
+
+def plain_page_count(path: Path) -> int:
+    """Return the number of pages in a file, whatever its OME-XML says of those in others."""
+    with open_tiff(path, as_ome=False) as tiff:
+        return len(tiff.pages)
+
+
+def open_tiff(path: Path, as_ome: bool = True) -> Any:
+    """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found.
+
+    Parameters
+    ----------
+    path : Path
+    as_ome : bool
+        Whether its OME-XML orders its pages.
+    """
     tifffile = needed("tifffile", "tifffile", "TIFF")
     tiff: Any = None
     damage = ""
     try:
-        tiff = tifffile.TiffFile(path, **without_companions(tifffile))
+        tiff = tifffile.TiffFile(path, **without_companions(tifffile), **({} if as_ome else {"is_ome": False}))
         damage = chain_damage(tiff)
         tiff.pages[0], tiff.series[0]  # found when asked for
     except (*DAMAGE, tifffile.TiffFileError) as error:
@@ -166,17 +211,20 @@ def chain_damage(tiff: Any) -> str:
     return ""
 
 
-def tiff_picture(path: Path) -> Picture:
+def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
     """Return what the header says of the first page, and how many pages there are."""
-    with open_tiff(path) as tiff:
+    with open_tiff(path, as_ome) as tiff:
         layout = page_layout(tiff, tiff.pages[0], path)
-        return Picture(path, *layout.shape, gray_dtype(layout), pages_of(tiff), "")
+        pages = pages_of(tiff)
+        metadata = metadata_of_tiff(tiff, layout, pages > 1)
+        return Picture(path, *layout.shape, gray_dtype(layout), pages, "", metadata=metadata)
 
 
-def tiff_slice(path: Path) -> NDArray[Any]:
-    """Gray values (rows, columns) of a TIFF of one page."""
-    with open_tiff(path) as tiff:
-        page = tiff.pages[0]
+def tiff_slice(header: Picture) -> NDArray[Any]:
+    """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
+    path = header.path
+    with open_tiff(path, as_ome=False) as tiff:
+        page = tiff.pages[header.page]
         return page_slice(tiff, page, page_layout(tiff, page, path), path, Lock())
 
 
@@ -194,6 +242,7 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     """Return the first series of pages, or all pages where each is a series of its own."""
     first, every = tiff.series[0], list(tiff.series)
     layout = page_layout(tiff, first.keyframe, path)
+    metadata = metadata_of_tiff(tiff, layout, several=True)
     size = layout.shape
     dtype = gray_dtype(layout).newbyteorder(tiff.byteorder)
     count = stack_sides(first)
@@ -202,9 +251,9 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
             text = ", ".join(sorted({" x ".join(map(str, series.shape)) for series in every})[:3])
             raise ReadError(f"{path.name} has pages of different sizes or types ({text}); save pages of one size")
         single = [page for series in every for page in pages_in(series, path)]
-        return PageStack(
-            (len(single), *size), dtype, layout.depth, single, None, len(single), Pages(len(single), 1, 1, 0), ()
-        )
+        count = len(single)
+        pages = Pages(count, 1, 1, 0)
+        return PageStack((count, *size), dtype, layout.depth, single, None, count, pages, (), metadata)
     check_left_out(tiff, every, path)
     layout_of_pages = pages_of_axes(first.axes, first.shape, path)
     shape = (layout_of_pages.slices, *size)
@@ -212,10 +261,12 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     notes = (*notes, *layout_of_pages.notes)
     plain = (layout.samples, layout.photometric, layout.bits) == (1, BLACK_IS_ZERO, 8 * dtype.itemsize)
     if first.dataoffset is not None and plain:
-        return PageStack(shape, dtype, layout.depth, [], layout.offsets[0], count, layout_of_pages, notes)
+        start = layout.offsets[0]
+        return PageStack(shape, dtype, layout.depth, [], start, count, layout_of_pages, notes, metadata)
     if len(first.pages) < count:
         raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
-    return PageStack(shape, dtype, layout.depth, pages_in(first, path)[:count], None, count, layout_of_pages, notes)
+    pages_read = pages_in(first, path)[:count]
+    return PageStack(shape, dtype, layout.depth, pages_read, None, count, layout_of_pages, notes, metadata)
 
 
 def pages_in(series: Any, path: Path) -> list[Any]:

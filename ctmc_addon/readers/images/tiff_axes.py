@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ImageJ and OME write into a TIFF: which page is which slice, time and channel, and the spacing.
+"""What ImageJ and OME write into a TIFF: which page is which slice, time and channel, spacing and calibration.
 
 Axes are tifffile's letters: Z slices, T times, C channels, S samples of a pixel.
 """
@@ -8,24 +8,16 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...core import ReadError
+from ..length_units import mm_of, unknown_notes
+from .imagej_calibration import Calibration, calibration_of
+from .tiff_tags import PageLayout
 
-TO_MM = {
-    **{
-        "nm": 1e-6,
-        "µm": 1e-3,
-        "\u03bcm": 1e-3,
-        "um": 1e-3,
-        "micron": 1e-3,
-        "microns": 1e-3,
-        "micrometer": 1e-3,
-        "mm": 1.0,
-    },
-    **{"millimeter": 1.0, "cm": 10.0, "centimeter": 10.0, "m": 1e3, "meter": 1e3, "inch": 25.4, "in": 25.4, "Å": 1e-7},
-}
+PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
 MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
 LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
 
@@ -83,28 +75,69 @@ def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
     return Pages(lengths[depth], times, steps[depth], steps.get("T", 0) if times > 1 else 0, notes)
 
 
-def spacing_of_tiff(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Spacing along x, y and z in mm where ImageJ or OME wrote it, and what was assumed."""
+class TiffMetadata(NamedTuple):
+    """What ImageJ or OME says of the pixels of a TIFF.
+
+    Parameters
+    ----------
+    spacing : (x, y, z) float or None
+        Millimeters.
+    notes : tuple of str
+        What was assumed about the spacing.
+    calibration : Calibration
+        From stored numbers to gray values.
+    """
+
+    spacing: tuple[float, float, float] | None = None
+    notes: tuple[str, ...] = ()
+    calibration: Calibration = Calibration()
+
+
+def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetadata:
+    """Return what ImageJ or OME wrote into a TIFF.
+
+    Parameters
+    ----------
+    tiff : tifffile.TiffFile
+    layout : PageLayout
+        Of its first page.
+    several : bool
+        Whether it has several pages; of a single one ImageJ leaves the distance of slices out.
+    """
     if tiff.is_ome:
-        return ome_spacing(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
+        return metadata_of_ome(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
     if tiff.is_imagej:
-        return imagej_spacing(tiff)
-    return None, ()
+        about = tiff.imagej_metadata or {}
+        return TiffMetadata(*imagej_spacing(tiff, about, several), calibration_of(about, layout))
+    return TiffMetadata()
 
 
-def ome_spacing(text: str) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Return the PhysicalSize of the first `Pixels` of OME-XML; its unit is µm where none is given."""
+def metadata_of_ome(text: str) -> TiffMetadata:
+    """Return what OME-XML says of its first `Pixels`; a note where it lies in another file."""
+    elsewhere = re.search(r"<(?:\w+:)?BinaryOnly\s[^<>]*MetadataFile\s*=\s*[\"']([^\"']*)", text)
+    if elsewhere:
+        return TiffMetadata(notes=(f"spacing and order of the TIFF are in {elsewhere[1]}, which was not read",))
     element = re.search(r"<(?:\w+:)?Pixels\s[^<>]*>", text)
-    words = dict(re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else ""))
-    sizes = [words.get(f"PhysicalSize{axis}") for axis in "XYZ"]
-    units = [words.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
+    words = re.findall(r"(PhysicalSize[XYZ](?:Unit)?)\s*=\s*[\"']([^\"']*)[\"']", element[0] if element else "")
+    return TiffMetadata(*spacing_of_ome(dict(words)))
+
+
+def spacing_of_ome(pixels: Mapping[str, str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Return the PhysicalSize among the attributes of OME's `Pixels`; its unit is µm where none is given."""
+    sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
+    units = [pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
     return in_mm([number_of(size) for size in sizes], units)
 
 
-def imagej_spacing(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """ImageJ's spacing of slices, 1 where it is left out, and the resolution of the first page, in ImageJ's unit."""
-    about = tiff.imagej_metadata or {}
-    unit = re.sub(r"\\u([0-9A-Fa-f]{4})", lambda code: chr(int(code[1], 16)), str(about.get("unit", ""))).strip()
+def imagej_spacing(
+    tiff: Any, about: Mapping[str, Any], several: bool
+) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Return ImageJ's spacing of slices and the resolution of the first page, each axis in its own unit.
+
+    ImageJ writes yunit and zunit where they differ from unit, and leaves a spacing of slices of 1 out.
+    """
+    unit = unit_of(about, "unit", "")
+    units = [unit, unit_of(about, "yunit", unit), unit_of(about, "zunit", unit)]
     tags = tiff.pages[0].tags
     sizes = []
     for name in ("XResolution", "YResolution"):
@@ -112,8 +145,14 @@ def imagej_spacing(tiff: Any) -> tuple[tuple[float, float, float] | None, tuple[
         pair = value if isinstance(value, tuple) and len(value) == 2 else (0, 0)
         is_fraction = all(isinstance(part, int) and part > 0 for part in pair)
         sizes.append(pair[1] / pair[0] if is_fraction else None)
-    depth = number_of(about.get("spacing", 1.0))
-    return in_mm([*sizes, depth], [unit] * 3)
+    depth = number_of(about.get("spacing", 1.0 if several else None))
+    return in_mm([*sizes, depth], units)
+
+
+def unit_of(about: Mapping[str, Any], key: str, default: str) -> str:
+    r"""Return a unit as ImageJ writes it, in which \u00B5 is a letter."""
+    text = str(about.get(key, default)).strip()
+    return re.sub(r"\\u([0-9A-Fa-f]{4})", lambda code: chr(int(code[1], 16)), text) or default
 
 
 def number_of(value: Any) -> float | None:
@@ -126,16 +165,19 @@ def number_of(value: Any) -> float | None:
 
 
 def in_mm(sizes: list[float | None], units: list[str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Lengths in mm; none where x, y or a unit is not known."""
+    """Lengths in mm; none where x or y is not known or the unit is a pixel, and those of an unknown unit as mm."""
     x, y, z = sizes
-    if x is None or y is None or not all(unit in TO_MM for unit in units):
+    units = [unit.strip() for unit in units]
+    if x is None or y is None or not all(units) or any(unit.lower() in PIXELS for unit in units):
         return None, ()
     notes = []
     if z is None:
         z, units = x, [units[0], units[1], units[0]]
         notes.append("the TIFF has no spacing between slices: that between columns is taken; give the spacing in mm")
-    others = sorted({unit for unit in units if TO_MM[unit] != 1.0})
+    known = {unit: mm_of(unit) for unit in units}
+    others = sorted(unit for unit, mm in known.items() if mm not in (None, 1.0))
     if others:
         notes.append(f"the TIFF's spacing is in {' and '.join(others)} and was converted to mm")
-    lengths = [size * TO_MM[unit] for size, unit in zip((x, y, z), units, strict=True)]
+    notes += unknown_notes(sorted(unit for unit, mm in known.items() if mm is None))
+    lengths = [size * (known[unit] or 1.0) for size, unit in zip((x, y, z), units, strict=True)]
     return (lengths[0], lengths[1], lengths[2]), tuple(notes)

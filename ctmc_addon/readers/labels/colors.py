@@ -8,12 +8,41 @@ highdicom; sRGB is that of IEC 61966-2-1.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 RGB = tuple[int, int, int]
 WHITE = (0.95047, 1.0, 1.08883)  # XYZ of D65
 TO_LINEAR_RGB = ((3.2406, -1.5372, -0.4986), (-0.9689, 1.8758, 0.0415), (0.0557, -0.2040, 1.0570))
 MOST = 0xFFFF
+CYCLE: tuple[RGB, ...] = (
+    *((255, 0, 0), (0, 255, 0), (0, 0, 255), (255, 255, 0), (255, 0, 255), (0, 255, 255), (255, 128, 0)),
+    *((255, 0, 128), (128, 255, 128), (0, 128, 255), (128, 128, 128), (185, 170, 155)),
+)
+"""The colors that TotalSegmentator 2 gives to the labels 0, 1, 2, ... and again from 12 on."""
+
+
+def is_palette(colors: Mapping[int, RGB]) -> bool:
+    """Return whether a program chose the colors: by the number of the label, in a cycle, not by what it is.
+
+    Colors are TotalSegmentator's cycle, or repeat at least twice over all labels.
+
+    Examples
+    --------
+    >>> is_palette({5: (0, 255, 255), 2: (0, 0, 255)}), is_palette({1: (200, 30, 30), 2: (250, 220, 200)})
+    (True, False)
+    >>> is_palette({label: [(250, 0, 0), (0, 99, 0), (0, 0, 99)][label % 3] for label in range(1, 10)})
+    True
+    """
+    if not colors:
+        return False
+    if all(color == CYCLE[label % len(CYCLE)] for label, color in colors.items()):
+        return True
+    for length in range(3, (max(colors) - min(colors) + 1) // 2 + 1):
+        cycle: dict[int, RGB] = {}
+        repeated = [cycle.setdefault(label % length, color) == color for label, color in colors.items()]
+        if all(repeated) and 2 * len(cycle) <= len(colors) and len(set(cycle.values())) >= 3:
+            return True
+    return False
 
 
 def rgb_of_shares(words: Sequence[str]) -> RGB | None:

@@ -28,6 +28,20 @@ class Filled(NamedTuple):
     mask: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
 
 
+class Traced(NamedTuple):
+    """The pixels inside an odd number of contours, and those on one, within the box around them."""
+
+    top: int  # first row
+    left: int  # first column
+    odd: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
+    on: NDArray[np.bool_]  # (rows, columns)
+
+    @property
+    def filled(self) -> Filled:
+        """Return both together."""
+        return Filled(self.top, self.left, self.odd | self.on)
+
+
 class Edges(NamedTuple):
     """Edges of contours, and the rows of the picture that they touch: none where `last` is less than `first`."""
 
@@ -82,10 +96,22 @@ def filled_steps(edges: Edges, columns: int) -> Steps[Filled]:
     Filled(top=1, left=0, mask=array([[False,  True,  True, False],
            [False,  True,  True, False]]))
     """
+    return (yield from traced_steps(edges, columns)).filled
+
+
+def traced_steps(edges: Edges, columns: int) -> Steps[Traced]:
+    """Do what `filled_steps` does, and keep the pixels on contours apart.
+
+    Parameters
+    ----------
+    edges : Edges
+    columns : int
+        Of the picture.
+    """
     count = edges.crossings
     x = edges.start[:, 0]
     if not count.any() or x.max() < -ON_CONTOUR or x.min() > columns - 1 + ON_CONTOUR:
-        return Filled(0, 0, np.zeros((0, 0), np.bool_))
+        return Traced(0, 0, np.zeros((0, 0), np.bool_), np.zeros((0, 0), np.bool_))
     touching = count > 0
     top, bottom = int(edges.first[touching].min()), int(edges.last[touching].max())
     left = int(np.clip(np.floor(x.min()), 0, columns - 1))
@@ -100,7 +126,7 @@ def filled_steps(edges: Edges, columns: int) -> Steps[Filled]:
         cross(edges.part(slice(done, stop)), (top, left), odd, on)
         done = stop
         yield Step(done / len(count), "Filling contours")
-    return Filled(top, left, (np.logical_xor.accumulate(odd, axis=1) | on)[:, :-1])
+    return Traced(top, left, np.logical_xor.accumulate(odd, axis=1)[:, :-1], on[:, :-1])
 
 
 def cross(edges: Edges, corner: tuple[int, int], odd: NDArray[np.bool_], on: NDArray[np.bool_]) -> None:

@@ -16,7 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import CtmcError, OutputError, ReadError, Stages, Step, Steps
-from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ...core.volume import (
+    NotWholeError,
+    SliceReader,
+    ValueKind,
+    ValuesInMemory,
+    WholeNumbers,
+    farthest_corner_mm,
+    spacing_of,
+)
 from ..dicom.series import DicomSource, FolderContent
 from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
@@ -26,6 +34,7 @@ from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
 FEWEST = 2  # masks that make a folder of them
+MOST_OTHERS = 2  # files among masks that are named; with more it is not a folder of masks
 SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
 
 
@@ -68,13 +77,13 @@ class MaskFolder(VolumeSource):
             elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
                 raise other_grid(self.path, first_name, name)
             try:
-                yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
+                rounded = yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
             except NotAMask as error:
                 raise ReadError(
-                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask and the folder not "
-                    f"one of masks; choose one of its files"
+                    f"'{name}' in the folder {self.path.name} holds {error}, so it is not a mask; move it out of the "
+                    "folder to read the masks, or choose one file"
                 ) from error
-            notes += [note for note in raw.notes if note not in notes]
+            notes += [note for note in (*raw.notes, *rounded) if note not in notes]
         assert label_map is not None, "there are masks"
         notes += label_map.overlap_note("masks")
         notes += label_map.empty_note("masks")
@@ -82,18 +91,19 @@ class MaskFolder(VolumeSource):
         return RawValues(first, affine, tuple(notes), ValueKind.LABEL, label_map.names, layers=tuple(further))
 
 
-def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[None]:
-    """Read a mask some slices at a time and give its voxels `label`.
+def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps[tuple[str, ...]]:
+    """Read a mask some slices at a time and give its voxels `label`; return what was changed of its values.
 
     Outside is 0 where it occurs, as -1 may be 255 in 8 bits with a sign; else the lower of two values, as DICOM's
     intercept may have moved both. Slices of one value below 0 wait until the other is known, and are outside without.
     """
     seen: set[float] = set()
     done = waiting = 0
+    numbers = WholeNumbers(reader.value_step, "")
 
     def look(values: NDArray[Any]) -> bool:
         nonlocal done, waiting
-        for plane in values:
+        for plane in whole_if_nearly(values, numbers):
             before = next(iter(seen), 0.0)
             own = two_values(plane)
             seen.update(own)
@@ -113,6 +123,15 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
         return False
 
     yield from reader.runs_steps(look)
+    return numbers.notes
+
+
+def whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
+    """Return values of a mask as the whole numbers they stand for; themselves where one stands for none."""
+    try:
+        return numbers.of(values)
+    except NotWholeError:
+        return values
 
 
 def same_place(
@@ -121,9 +140,8 @@ def same_place(
     """Return whether two volumes (slices, rows, columns) have their corners at the same places."""
     if affine is None or other is None:
         return affine is other
-    ends = np.array([(x, y, z, 1) for x in (0, shape[2]) for y in (0, shape[1]) for z in (0, shape[0])], np.float64)
-    apart = np.abs((ends @ (affine - other).T)[:, :3]).max()
-    return bool(apart <= SAME_GRID * float(np.sqrt((other[:3, :3] ** 2).sum(axis=0)).min()))
+    apart_mm = farthest_corner_mm(affine, other, (shape[2], shape[1], shape[0]))
+    return apart_mm <= SAME_GRID * float(spacing_of(other).min())
 
 
 def other_grid(folder: Path, first: str, name: str) -> ReadError:
@@ -138,46 +156,69 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
     """Return the masks that lie as files in a folder, one in each; None where they are something else.
 
     Bytes are taken for masks until they are read; wider numbers are looked at, which is short for anything else.
+
+    Raises
+    ------
+    ReadError
+        If a file or two beside more masks hold something else, as a CT or a map of probabilities.
     """
     files = sorted((file for file in folder.iterdir() if suffix(file) in MASK_SUFFIXES), key=natural_key)
     files = [file for file in files if not file.name.startswith(".") and file.is_file()]
     if len(files) < FEWEST or any(map(segmentation_sibling, files)):
         return None
     masks: dict[str, VolumeSource] = {}
+    others: dict[str, str] = {}
     for number, file in enumerate(files):
         yield Step(number / len(files), "Reading headers")
         try:
             source = yield from open_steps(file)
-            if source.series[0].times > 1 or not (yield from may_be_mask_steps(source)):
-                return None
+            reason = yield from no_mask_steps(source)
         except OutputError:
             raise
         except CtmcError:
             return None
-        masks[stem(file) if stem(file) not in masks else file.name] = source
-    return checked(folder, masks)
+        if reason:
+            others[file.name] = reason
+        else:
+            masks[stem(file) if stem(file) not in masks else file.name] = source
+        if len(others) > MOST_OTHERS:
+            return None
+    if others and len(masks) > len(others):
+        names = " and ".join(f"'{name}' holds {reason}" for name, reason in others.items())
+        so, them = ("it is not a mask", "it") if len(others) == 1 else ("they are not masks", "them")
+        raise ReadError(
+            f"the folder {folder.name} has {len(masks)} masks, and {names}, so {so}; move {them} out of the folder to "
+            "read the masks, or choose one file"
+        )
+    return None if others else checked(folder, masks)
 
 
-def may_be_mask_steps(source: VolumeSource) -> Steps[bool]:
-    """Return whether a file may hold a mask: bytes by their type, other numbers by all of them."""
-    dtype = source.series[0].dtype
-    if dtype in ("uint8", "int8", "bool"):
-        return True
+def no_mask_steps(source: VolumeSource) -> Steps[str]:
+    """Return what a file holds instead of a mask, '' where it may be one: bytes by type, other numbers by all."""
+    line = source.series[0]
+    if line.times > 1:
+        return f"{line.times} times"
+    if line.dtype in ("uint8", "int8", "bool"):
+        return ""
     raw = yield from source.read_raw_steps(ReadRequest(whole=False))
     if raw.label_names:
-        return False
+        return f"{len(raw.label_names)} labels with names"
     reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
     seen: set[float] = set()
+    numbers, reason = WholeNumbers(reader.value_step, ""), ""
 
     def look(values: NDArray[Any]) -> bool:
+        nonlocal reason
         try:
-            seen.update(two_values(values))
-        except NotAMask:
-            seen.update((-1.0, -2.0, -3.0))
-        return len(seen) > 2
+            seen.update(two_values(whole_if_nearly(values, numbers)))
+        except NotAMask as error:
+            reason = str(error)
+        return bool(reason) or len(seen) > 2
 
     yield from reader.runs_steps(look)
-    return len(seen) <= 2 and 0.0 in seen
+    if not reason and (len(seen) > 2 or 0.0 not in seen):
+        reason = "the values " + limited(f"{value:g}" for value in sorted(seen))
+    return reason
 
 
 def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:

@@ -18,7 +18,8 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
-from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size
+from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, mended_notes
+from .nifti_header import mended_sides
 
 HEADER = 348  # bytes
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
@@ -49,6 +50,8 @@ class AnalyzeFile(VolumeSource):
         offset = float(self.header["vox_offset"])
         if not (math.isfinite(offset) and 0 <= offset <= MOST_OFFSET):
             raise ReadError(f"{self.path.name} says that its values begin at byte {offset:g}; export it again")
+        pixdim = np.array(self.header["pixdim"][1:4], np.float64)
+        self.header["pixdim"][1:4] = mended_sides(pixdim)
         with quiet():  # of numbers that overflow
             affine = np.array(self.header.get_best_affine(), np.float64)
         matrix = " (the .mat beside it is not read)" if self.path.with_suffix(".mat").is_file() else ""
@@ -60,7 +63,7 @@ class AnalyzeFile(VolumeSource):
             self.data_path, int(offset), self.size[::-1], self.dtype, request.time, self.series[0].times
         )
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
-        return RawValues(values, affine, (note,))
+        return RawValues(values, affine, (note, *mended_notes(pixdim)))
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:

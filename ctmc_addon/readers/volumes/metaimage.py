@@ -19,19 +19,25 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
+from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..value_kind import require_text_memory
 from ..zlib_stream import ZlibFile
 from .grid import check_bytes
-from .nrrd import data_files, open_data_file, words_steps
+from .nrrd import data_files, header_text, open_data_file, words_steps
 
 MOST_HEADER = 1 << 20  # bytes, names of data files included
 TYPES = {
     **{"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4"},
     **{"ULONG": "u4", "LONG_LONG": "i8", "ULONG_LONG": "u8", "FLOAT": "f4", "DOUBLE": "f8"},
 }
-TO_MM = {"um": 0.001, "micron": 0.001, "cm": 10.0, "m": 1000.0}
+
+
+# Names of one field, the first of which is taken.
+MATRIX = ("TransformMatrix", "Rotation", "Orientation")
+SPACING = ("ElementSpacing", "ElementSize")
+OFFSET = ("Offset", "Position", "Origin")
 
 
 class MetaImageFile(VolumeSource):
@@ -54,7 +60,7 @@ class MetaImageFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
-        affine, notes = self.geometry
+        affine, directions, notes = self.geometry
         columns, rows, slices = self.size
         times = self.series[0].times
         files, count = self.data_files or [self.path], slices * times
@@ -67,7 +73,7 @@ class MetaImageFile(VolumeSource):
         stored = readers[0] if len(readers) == 1 else JoinedSlices(readers)
         if times > 1:
             stored = TimeSlices(stored, (request.time - 1) * slices, slices)
-        return RawValues(stored, affine, notes)
+        return RawValues(stored, affine, notes, directions=directions)
 
     def _stored_steps(self, file: Path, shape: tuple[int, int, int]) -> Steps[SliceReader]:
         """Return the reader of the values of one file."""
@@ -113,7 +119,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
     """
     fields: dict[str, str] = {}
     while line := stream.readline(MOST_HEADER):
-        key, separator, value = re.sub(r"[=:]", "\0", line.decode("utf-8", "replace"), count=1).partition("\0")
+        key, separator, value = re.sub(r"[=:]", "\0", header_text(line), count=1).partition("\0")
         if not separator or stream.tell() > MOST_HEADER or not key.isprintable():
             break
         fields[key.strip().lower()] = value.strip()
@@ -123,7 +129,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
             return fields, []
         if not value.strip().upper().startswith("LIST"):
             return fields, [value.strip()]
-        listed = stream.read(MOST_HEADER).decode("utf-8", "replace").splitlines()
+        listed = header_text(stream.read(MOST_HEADER)).splitlines()
         return fields, [text.strip() for text in listed if text.strip()]
     raise ReadError(f"{name} is not a readable MetaImage: its header lacks ElementDataFile; export or copy it again")
 
@@ -141,6 +147,33 @@ def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: st
     if len(values) != count or not all(map(math.isfinite, values)):
         raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {count} numbers; export it again")
     return values
+
+
+def told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
+    """Return a note for each of `keys` that says something else than the first one, which is taken."""
+    first, *others = [key for key in keys if key.lower() in fields] or [""]
+    return [
+        f"the file has {first} {fields[first.lower()][:60]} and {key} {fields[key.lower()][:60]}: {first} is taken"
+        for key in others
+        if words_of(fields[key.lower()]) != words_of(fields[first.lower()])
+    ]
+
+
+def words_of(text: str) -> list[float | str]:
+    """Return the words of a field, as numbers where they are.
+
+    Examples
+    --------
+    >>> words_of("1.0 2 x")
+    [1.0, 2.0, 'x']
+    """
+    words: list[float | str] = []
+    for word in text.split():
+        try:
+            words.append(float(word))
+        except ValueError:
+            words.append(word)
+    return words
 
 
 def whole(text: str, key: str, name: str) -> int:
@@ -195,29 +228,30 @@ def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
     return np.dtype((">" if big else "<") + code)
 
 
-def placed(fields: Mapping[str, str], name: str) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
-    """Affine to RAS+ mm and what was assumed; None where the file has neither spacing nor direction."""
+def placed(
+    fields: Mapping[str, str], name: str
+) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, tuple[str, ...]]:
+    """Affine to RAS+ mm, directions and what was assumed; no affine where the file has no spacing and direction."""
     count = len(fields["dimsize"].split())
-    matrix = numbers(fields, ("TransformMatrix", "Rotation", "Orientation"), count * count, name)
-    spacing = numbers(fields, ("ElementSpacing", "ElementSize"), count, name)
-    offset = numbers(fields, ("Offset", "Position", "Origin"), count, name)
-    if spacing is None and matrix is None:
-        return None, ()
-    axes = np.eye(count) if matrix is None else np.array(matrix).reshape(count, count)
-    lengths = np.array(spacing) if spacing is not None else np.ones(count)  # below 0 turns the axis round
-    affine = np.eye(4)
-    affine[:3, :3] = (axes[:3, :3] * lengths[:3, None]).T
-    affine[:3, 3] = (offset or [0.0] * count)[:3]
-    affine[:2] *= -1.0  # LPS to RAS
-    notes = []
-    if spacing is None:
-        notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
-    unit = fields.get("distanceunits", "").lower()
-    if unit in TO_MM:
-        affine[:3] *= TO_MM[unit]
-        notes.append(f"the file's positions are in {unit} and were converted to mm")
+    matrix = numbers(fields, MATRIX, count * count, name)
+    spacing = numbers(fields, SPACING, count, name)
+    offset = numbers(fields, OFFSET, count, name)
+    notes = [note for keys in (MATRIX, SPACING, OFFSET) for note in told_twice(fields, keys)]
     slope = numbers(fields, ("ElementToIntensityFunctionSlope",), 1, name) or [1.0]
     intercept = numbers(fields, ("ElementToIntensityFunctionOffset",), 1, name) or [0.0]
     if (slope, intercept) != ([1.0], [0.0]):
         notes.append("the file's ElementToIntensityFunction is not applied, as in ITK: the values are those stored")
-    return affine, tuple(notes)
+    if spacing is None and matrix is None:
+        return None, None, tuple(notes)
+    axes = np.eye(count) if matrix is None else np.array(matrix).reshape(count, count)
+    directions = axes[:3, :3].T * [[-1.0], [-1.0], [1.0]]  # LPS to RAS
+    lengths = np.array(spacing) if spacing is not None else np.ones(count)  # below 0 turns the axis round
+    affine = np.eye(4)
+    affine[:3, :3] = directions * lengths[:3]
+    affine[:3, 3] = (offset or [0.0] * count)[:3]
+    affine[:2, 3] *= -1.0
+    if spacing is None:
+        notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
+    lengths_mm, said = in_mm([fields.get("distanceunits", "")])
+    affine[:3] *= lengths_mm[0]
+    return affine, directions, (*notes, *said)

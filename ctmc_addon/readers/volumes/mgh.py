@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""FreeSurfer's `.mgh` and `.mgz`; header and affine by nibabel, values from byte 284 on.
+"""FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
 
 surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat is the format's description.
 """
@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from ...core import ReadError, Steps
+from ...core.volume import transform_points
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
@@ -46,12 +47,13 @@ class MghFile(VolumeSource):
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time."""
         line = self.series[0]
+        affine, notes = np.eye(4), []
+        # nibabel's own affine is rounded to float32, from a product whose last bit depends on the processor.
         with quiet():  # of numbers that overflow
-            affine = np.array(self.header.get_affine(), np.float64)
-        notes = []
+            affine[:3, :3] = self.header["Mdc"].T * self.header["delta"] if self.is_placed else CORONAL
+            half = transform_points(affine, self.header["dims"][None, :3])[0] / 2  # of the volume
+            affine[:3, 3] = (self.header["Pxyz_c"] if self.is_placed else 0.0) - half
         if not self.is_placed:
-            affine[:3, :3] = CORONAL
-            affine[:3, 3] = -CORONAL @ self.header["dims"][:3] / 2
             notes.append(
                 "the file has no orientation: taken as FreeSurfer does, columns towards the patient's left, "
                 "rows towards the feet, slices towards the front; flip x, y or z changes it"

@@ -16,15 +16,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
-from ..labels.colors import RGB, rgb_of_shares
+from ...core.volume import ValueKind, axis_codes, determinant, farthest_corner_mm, spacing_of
+from ..geometry import differ, lengths_text
+from ..labels.colors import RGB, is_palette, rgb_of_shares
+from ..length_units import in_mm
 from ..optional_imports import reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
-from .nifti_header import SIZES, NiftiHeader, nifti_header
+from .nifti_header import SIZES, NiftiHeader, mended_sides, nifti_header
 
-TO_MM = {"unknown": 1.0, "mm": 1.0, "meter": 1000.0, "micron": 0.001}
 MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
 MOST_SCALE = 1e20  # slope or intercept; its product with a value must be a float32
 TABLE_END = b"</LabelTable>"
@@ -50,11 +52,14 @@ class NiftiFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
-        affine, notes = placed(self.header, self.path.name)
+        with np.errstate(all="ignore"):  # of numbers that overflow, which Volume refuses
+            affine, notes = placed(self.header, self.path.name)
         start = int(self.header.start)
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
-        return RawValues(values, affine, notes, None, *label_table(self.extensions))
+        kind = ValueKind.LABEL if self.header.holds_labels else None
+        names, colors = label_table(self.extensions)
+        return RawValues(values, affine, notes, kind, names, colors, is_palette(colors))
 
 
 def open_steps(path: Path) -> Steps[NiftiFile]:
@@ -168,10 +173,50 @@ def placed(header: NiftiHeader, name: str) -> tuple[NDArray[np.float64], tuple[s
             "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
             "rows towards the front, slices towards the head; flip x, y or z changes it"
         )
-    if TO_MM[header.unit] != 1.0:
-        affine[:3] *= TO_MM[header.unit]
-        notes.append(f"the file's positions are in {header.unit}s and were converted to mm")
-    return affine, tuple(notes)
+    (mm,), said = in_mm(["" if header.unit == "unknown" else header.unit])
+    affine[:3] *= mm
+    return affine, (*notes, *geometry_notes(header, mm), *said)
+
+
+def geometry_notes(header: NiftiHeader, mm: float) -> tuple[str, ...]:
+    """Return what the file says of its place in two ways that differ, or in none that can be.
+
+    Parameters
+    ----------
+    header : NiftiHeader
+    mm : float
+        The header's unit.
+    """
+    has_qform, has_sform = header.codes
+    if not has_sform:
+        return mended_notes(header.pixdim * mm)
+    affine = header.sform
+    lengths, others = spacing_of(affine) * mm, np.abs(header.pixdim) * mm
+    parts = [f"spacing {lengths_text(lengths)} and {lengths_text(others)} mm"] * differ(others, lengths)
+    if not has_qform:
+        return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
+    try:
+        qform = header.qform
+    except ValueError as error:
+        return (f"the file's qform is broken ({reason(error)}): sform is taken",)
+    if not np.isfinite([affine, qform]).all() or not lengths.all():
+        return ()  # refused, or without directions
+    axes = [f"{axis_codes(place)}, {'left' if determinant(place) < 0 else 'right'}-handed" for place in (affine, qform)]
+    if axes[0] != axes[1]:
+        parts.append(f"axes to {axes[0]}, and to {axes[1]}")
+    columns, rows, slices = header.sides[:3]
+    away_mm = farthest_corner_mm(affine, qform, (columns, rows, slices)) * mm
+    if not parts and away_mm > lengths.min():  # float32 rounds quaternions of half turns badly
+        parts.append(f"places up to {away_mm:.3g} mm apart")
+    return (f"the file's sform and qform differ ({'; '.join(parts)}): sform is taken",) if parts else ()
+
+
+def mended_notes(pixdim_mm: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the note on distances between samples, (3,) mm, that are not above 0."""
+    if not (pixdim_mm <= 0).any():
+        return ()
+    taken = lengths_text(mended_sides(pixdim_mm))
+    return (f"the file's pixdim is {lengths_text(pixdim_mm)}: taken as {taken} mm; give the spacing in mm for another",)
 
 
 def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:

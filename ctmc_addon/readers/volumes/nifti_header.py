@@ -18,6 +18,7 @@ SIZES = (348, 540)  # bytes of a header of version 1 and 2, which begins with th
 # The byte where a field begins and its type as `struct` writes it, in version 1 and 2.
 FIELDS = {
     "dim": ((40, "8h"), (16, "8q")),
+    "intent": ((68, "h"), (504, "i")),
     "datatype": ((70, "h"), (12, "h")),
     "pixdim": ((76, "8f"), (104, "8d")),
     "vox_offset": ((108, "f"), (168, "q")),
@@ -37,8 +38,9 @@ TYPES = {
     2: "u1", 4: "i2", 8: "i4", 16: "f4", 32: "c8", 64: "f8", 128: "u1,u1,u1", 256: "i1", 512: "u2", 768: "u4",
     1024: "i8", 1280: "u8", 1536: "g", 1792: "c16", 2048: "G", 2304: "u1,u1,u1,u1",
 }  # fmt: skip
-UNITS = {1: "meter", 2: "mm", 3: "micron"}
+UNITS = {0: "unknown", 1: "meter", 2: "mm", 3: "micron"}
 LAST_CODE = 5  # of an orientation; 0 is none
+LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL: each value is the number of a label
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,15 +103,47 @@ class NiftiHeader:
         return slope, intercept
 
     @property
+    def holds_labels(self) -> bool:
+        """Return whether the file says that its values are labels."""
+        return bool(self["intent"] == (LABEL_INTENT,))
+
+    @property
     def unit(self) -> str:
-        """Return the unit of positions: mm, meter, micron or unknown."""
-        return UNITS.get(self["xyzt_units"][0] & 7, "unknown")
+        """Return the unit of positions: mm, meter, micron or unknown; of another code its number."""
+        code = self["xyzt_units"][0] & 7
+        return UNITS.get(code, f"xyzt_units {code}")
 
     @property
     def codes(self) -> tuple[int, int]:
         """Return the codes of qform and sform; 0 says that there is none."""
         qform, sform = (code if 0 <= code <= LAST_CODE else 0 for code in self["codes"])
         return qform, sform
+
+    @property
+    def pixdim(self) -> NDArray[np.float64]:
+        """Return the distance between samples along each axis, (3,) in the file's unit, as it is written."""
+        return np.array(self["pixdim"][1:4])
+
+    @property
+    def sform(self) -> NDArray[np.float64]:
+        """Return what maps (i, j, k) to RAS+ in the file's unit by its rows, whether they are in use or not."""
+        return np.array([*np.reshape(self["srow"], (3, 4)), (0.0, 0.0, 0.0, 1.0)])
+
+    @property
+    def qform(self) -> NDArray[np.float64]:
+        """Return what maps (i, j, k) to RAS+ in the file's unit by quaternion and pixdim, in use or not.
+
+        Raises
+        ------
+        ValueError
+            If the quaternion is longer than 1.
+        """
+        sides = mended_sides(self.pixdim)
+        sides[2] *= -1.0 if self["pixdim"][0] == -1 else 1.0
+        affine = np.eye(4)
+        affine[:3, :3] = self._rotation() * sides
+        affine[:3, 3] = self["qoffset"]
+        return affine
 
     @property
     def affine(self) -> NDArray[np.float64]:
@@ -121,21 +155,13 @@ class NiftiHeader:
             If the quaternion is longer than 1.
         """
         qform, sform = self.codes
-        affine = np.eye(4)
         if sform:
-            affine[:3] = np.reshape(self["srow"], (3, 4))
-            return affine
-        sides_mm = np.abs(self["pixdim"][1:4])
-        sides_mm[sides_mm == 0] = 1.0
+            return self.sform
         if qform:
-            sides_mm[2] *= -1.0 if self["pixdim"][0] == -1 else 1.0
-            affine[:3, :3] = self._rotation() * sides_mm
-            affine[:3, 3] = self["qoffset"]
-            return affine
-        sides_mm[0] *= -1.0  # columns run towards the patient's left
-        sides = np.array([*self.sides, 1, 1][:3])
-        affine[:3, :3] = np.diag(sides_mm)
-        affine[:3, 3] = -(sides - 1) / 2.0 * sides_mm
+            return self.qform
+        lengths = mended_sides(self.pixdim) * (-1.0, 1.0, 1.0)  # columns run towards the patient's left
+        affine = np.diag([*lengths, 1.0])
+        affine[:3, 3] = -(np.array([*self.sides, 1, 1][:3]) - 1) / 2.0 * lengths
         return affine
 
     def _rotation(self) -> NDArray[np.longdouble]:
@@ -155,6 +181,18 @@ class NiftiHeader:
                 [x * z2 - w * y2, y * z2 + w * x2, 1.0 - (x * x2 + y * y2)],
             ]
         )
+
+
+def mended_sides(pixdim: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the distance between samples along each axis (3,), above 0: 1 where the header has 0.
+
+    Examples
+    --------
+    >>> mended_sides(np.array([0.5, -0.5, 0.0])).tolist()
+    [0.5, 0.5, 1.0]
+    """
+    sides = np.abs(pixdim)
+    return np.where(sides == 0.0, 1.0, sides)
 
 
 def nifti_header(content: bytes) -> NiftiHeader:

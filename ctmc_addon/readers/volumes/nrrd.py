@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """NRRD with its data inside, in one other file or in many; its header by pynrrd.
 
-The first axis is the fastest, so the values are (third, second, first) in C order. The named spaces
-are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is the format's description.
+The first axis is the fastest, so the values are (third, second, first) in C order.
+teem.sourceforge.net/nrrd/format.html is the format's description.
 """
 
 from __future__ import annotations
@@ -20,27 +20,20 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps, equal_part
 from ...core.volume import SliceReader, ValueKind, ValuesInMemory
+from ..geometry import AXIAL
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
 from ..streams import skip_steps, unpacked
 from ..value_kind import require_text_memory
+from .nrrd_place import placed
 
 Result = TypeVar("Result")
 
 MOST_HEADER = 2**24  # bytes
 MOST_SKIP = 1 << 62  # bytes; no file is that long
 HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
-# Signs that turn a named space's axes to right, anterior, superior.
-SPACES = {
-    "right-anterior-superior": (1.0, 1.0, 1.0),
-    "left-anterior-superior": (-1.0, 1.0, 1.0),
-    "left-posterior-superior": (-1.0, -1.0, 1.0),
-    "ras": (1.0, 1.0, 1.0),
-    "las": (-1.0, 1.0, 1.0),
-    "lps": (-1.0, -1.0, 1.0),
-}
 TYPES = {
     "i1": ("signed char", "int8", "int8_t"),
     "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
@@ -57,10 +50,6 @@ _outside: ContextVar[bool] = ContextVar("outside", default=False)
 TEXT_ENCODINGS = ("ascii", "text", "txt")
 LONGEST_WORD = 400  # letters of a number: a double written without exponent has 309
 WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
-# Of micrometers once with the micro sign, once with the Greek letter.
-TO_MM = {"mm": 1.0, "millimeter": 1.0, "cm": 10.0, "m": 1000.0} | dict.fromkeys(
-    ("um", "\u00b5m", "\u03bcm", "micron"), 0.001
-)
 
 
 class NrrdFile(VolumeSource):
@@ -85,7 +74,9 @@ class NrrdFile(VolumeSource):
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values of one time, or all layers of a segmentation."""
-        affine, notes = placed(self.header, self.kept_axes)
+        with np.errstate(all="ignore"):  # of numbers that overflow, which Volume refuses
+            affine, notes = placed(self.header, self.kept_axes)
+        directions = None if "space directions" in self.header else AXIAL
         if self.segments and self.times > 1:
             layers = []
             for layer in range(self.times):
@@ -93,11 +84,20 @@ class NrrdFile(VolumeSource):
             made = yield from layered_steps(layers, self.segments, self.path.name)
             first, *further = made.layers
             said = (*notes, *made.notes)
-            return RawValues(first, affine, said, ValueKind.LABEL, made.names, made.colors, layers=tuple(further))
+            return RawValues(
+                first,
+                affine,
+                said,
+                ValueKind.LABEL,
+                made.names,
+                made.colors,
+                directions=directions,
+                layers=tuple(further),
+            )
         values = yield from self._time_steps(request.time - 1)
         segments = [segment for segment in self.segments if not segment.layer]
         names, colors = names_and_colors(segments, [segment.value for segment in segments])
-        return RawValues(values, affine, notes, None, names, colors)
+        return RawValues(values, affine, notes, None, names, colors, directions=directions)
 
     def _time_steps(self, time: int) -> Steps[SliceReader]:
         """Return the reader of the values of one time, counted from 0."""
@@ -384,45 +384,3 @@ def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[Non
         if not exact:
             raise ReadError(f"{name} has values outside its type {values.dtype}; export it again")
         done = end
-
-
-def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
-    """Affine to RAS+ mm and what was assumed; a file without directions is taken as axial."""
-    space = str(header.get("space", "")).strip().lower()
-    if "space directions" in header:
-        directions = np.asarray(header["space directions"], np.float64)
-        origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), np.float64)
-        notes = []
-        if directions.shape[1:] == origin.shape == (4,) and not directions[kept, 3].any():  # the fourth is time
-            directions, origin = directions[:, :3], origin[:3]
-            if not space:
-                space = "left-posterior-superior"
-                notes.append("the file's space has no name: taken as left-posterior-superior, as ITK writes times")
-        if directions.ndim != 2 or directions.shape[1] != 3 or len(directions) <= max(kept) or origin.shape != (3,):
-            raise ReadError(
-                f"'space directions' {directions.shape} and 'space origin' {origin.shape} of the NRRD do not place "
-                "three axes in space; export it again"
-            )
-        affine = np.eye(4)
-        affine[:3, :3] = directions[kept].T
-        affine[:3, 3] = origin
-        signs = SPACES.get(space.removesuffix("-time"))
-        if signs is None:
-            signs = (1.0, 1.0, 1.0)
-            notes.append(
-                f"the file's space '{space or 'none'}' names no side of the patient: taken as right-anterior-superior"
-            )
-        affine[:3] *= np.array(signs)[:, None]
-        units = {str(unit).strip('" ').lower() for unit in header.get("space units", ())}
-        if len(units) == 1 and TO_MM.get(min(units), 1.0) != 1.0:
-            affine[:3] *= TO_MM[min(units)]
-            notes.append(f"the file's positions are in {min(units)} and were converted to mm")
-        return affine, tuple(notes)
-    spacings = np.asarray(header.get("spacings", ()), np.float64)
-    if len(spacings) <= max(kept) or not np.isfinite(spacings[kept]).all():
-        return None, ()
-    affine = np.diag([-spacings[kept[0]], -spacings[kept[1]], spacings[kept[2]], 1.0])
-    return affine, (
-        "the NRRD has spacings but no orientation: taken as axial, columns towards the patient's left, "
-        "rows towards the back, slices towards the head; flip x, y or z changes it",
-    )

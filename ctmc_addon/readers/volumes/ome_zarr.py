@@ -19,21 +19,18 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ...core.volume import ValueKind
 from ..file_formats import natural_key
+from ..geometry import AXIAL, taken_as_axial
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
+from ..length_units import in_mm
 from ..optional_imports import imported_steps
-from ..result import RawValues, ReadRequest, Series, VolumeSource, taken_as_axial
+from ..result import RawValues, ReadRequest, Series, VolumeSource
 from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_note, read_json
 
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"
 VERSIONS = ("0.4", "0.5")
 MOST_LEVELS, MOST_CHANNELS = 64, 1000
 MOST_NAMED = 5  # in one message
-TO_MM = {
-    **{"angstrom": 1e-7, "nanometer": 1e-6, "micrometer": 1e-3, "millimeter": 1.0, "centimeter": 10.0},
-    **{"decimeter": 100.0, "meter": 1000.0, "inch": 25.4, "foot": 304.8},
-    **{"nm": 1e-6, "um": 1e-3, "µm": 1e-3, "micron": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1000.0},
-}
 NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # of a label's properties, which may have any
 
 
@@ -120,8 +117,8 @@ class OmeZarr(VolumeSource):
             count = len(self.series)
             notes.append(f"{count} channels found: channel 1 was read; give its number as the series, 1 to {count}")
         names, colors = label_facts(self.image.labels or {})
-        kind = ValueKind.LABEL if self.image.labels is not None and header.dtype.kind in "bui" else None
-        return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors)
+        kind = None if self.image.labels is None else ValueKind.LABEL
+        return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors, directions=AXIAL)
         yield  # the values are read where they are wanted
 
     @property
@@ -134,25 +131,17 @@ class OmeZarr(VolumeSource):
         lengths, shifts, is_scaled = scale_and_shift(self.image.transforms[level], len(self.image.axes), name)
         if not is_scaled:
             return None, []
-        affine, units = np.eye(4), set()
-        for row, axis in enumerate(reversed(self.image.space)):
-            unit = self.image.axes[axis].get("unit")
-            word = "" if unit is None else str(unit)
-            if word and word.lower() not in TO_MM:
-                raise ReadError(
-                    f"{self.path.name} has the unit '{word[:60]}'; write millimeter or micrometer into its metadata"
-                )
-            units.add(word.lower())
-            mm = TO_MM.get(word.lower(), 1.0)
-            mm *= -1.0 if row < 2 else 1.0  # columns to the left, rows to the back
-            affine[row, row], affine[row, 3] = lengths[axis] * mm, shifts[axis] * mm + 0.0
+        space = self.image.space[::-1]
+        words = [self.image.axes[axis].get("unit") for axis in space]
+        units = ["" if word is None else str(word).strip() for word in words]
+        lengths_mm, said = in_mm(units)
+        affine = np.eye(4)
+        affine[:3, :3] = AXIAL * lengths[list(space)] * lengths_mm
+        affine[:3, 3] = AXIAL.diagonal() * shifts[list(space)] * lengths_mm + 0.0
         notes = [taken_as_axial(self.format)]
         if "" in units:
             notes.append("the file's axes have no unit: taken as mm; give the spacing in mm for another")
-        odd = sorted(unit for unit in units if TO_MM.get(unit, 1.0) != 1.0)
-        if odd:
-            notes.append(f"the file's positions are in {' and '.join(odd)} and were converted to mm")
-        return affine, notes
+        return affine, [*notes, *said]
 
 
 def open_steps(path: Path) -> Steps[OmeZarr]:
@@ -230,10 +219,11 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     """Return the first image that the metadata of a group tell of."""
     found = about["multiscales"]
     first = found[0] if isinstance(found[0], dict) else {}
-    version = str(about.get("version", first.get("version", VERSIONS[0])))
+    version = str(about.get("version", first.get("version", version_by_axes(first))))
     if not version.startswith(VERSIONS):
         raise ReadError(
-            f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; convert it to one of them"
+            f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; write it again as one of them, "
+            "which ome-zarr-py and bioformats2raw from 0.5 on do"
         )
     axes = listed(first, "axes")
     datasets = listed(first, "datasets")
@@ -263,6 +253,14 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     image = Multiscale(axes, levels, transforms, labels, notes)
     check_axes(image, name)
     return image
+
+
+def version_by_axes(multiscales: Mapping[str, Any]) -> str:
+    """Return the version of metadata that name none: axes came with 0.3, as words, and are objects since 0.4."""
+    if "axes" not in multiscales and listed(multiscales, "datasets"):
+        return "0.2 or older"
+    axes = listed(multiscales, "axes")
+    return "0.3" if axes and all(isinstance(axis, str) for axis in axes) else VERSIONS[0]
 
 
 def check_axes(image: Multiscale, name: str) -> None:

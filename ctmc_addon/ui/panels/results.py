@@ -97,11 +97,12 @@ def components_text(measures: Measures | None) -> str:
     """Of how many components a surface is, and how many are small."""
     if measures is None:
         return translate("Components: not counted")
-    text = (
-        "{count} components" if not measures.has_many_small_components else "{count} components, {small} below 10 mm3"
-    )
+    text = "{count} components"
+    if measures.has_many_small_components:
+        text = "{count} components, {small} below {volume} mm3"
     text = translate("1 component" if measures.components == 1 else text)
-    return text.format(count=count(measures.components), small=count(measures.small_components))
+    small = count(measures.small_components)
+    return text.format(count=count(measures.components), small=small, volume=f"{measures.small:g}")
 
 
 FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area", "Self-Intersections")

@@ -25,6 +25,7 @@ from ...core.volume import (
     combined_labels,
     free_offset,
     label_extents_steps,
+    not_a_label_steps,
     placed_labels_steps,
     volume_statistics_steps,
 )
@@ -149,6 +150,10 @@ def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
     source = yield from stages.run(headers, readers.open_volume_steps(path))
     labels = yield from stages.run(reading, source.read_steps(ReadingOptions(), budget=machine().budget))
     if labels.kind != ValueKind.LABEL:
+        value = yield from not_a_label_steps(labels)
+        if value:
+            what = labels.kind.plural
+            raise LabelError(f"{labels.name} holds {what}, such as {value}, and not labels; load it as a CT")
         raise LabelError(f"{labels.name} holds {labels.kind} and not labels; load it as a CT")
     if not source.has_geometry and labels.shape == ct.shape:  # such as slices painted over those of the CT
         labels = replace(labels, affine=ct.affine)

@@ -18,7 +18,7 @@ from ...blender.surface import require_provenance
 from ...blender.viewport import WHOLE, Picture, PreviewSurface
 from ...core import CtmcError, Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
-from ...core.volume import resliced, slice_at, slice_corners, slice_values
+from ...core.volume import resliced, slice_at, slice_corners, slice_normal, slice_values
 from .. import jobs
 from ..properties.preferences import machine
 from ..state import change_events, drawings, session, surfaces, volumes
@@ -150,8 +150,7 @@ def plane_of(context: Any) -> tuple[float, float, float, float]:
     best, most = WHOLE, EDGE
     for corners_mm in slices_in(context.scene, context.space_data):
         corners = corners_mm * machine().scale
-        normal = np.cross(corners[1] - corners[0], corners[3] - corners[0])
-        normal /= np.linalg.norm(normal)
+        normal = slice_normal(corners)
         facing = abs(float(normal @ eye[:3, 2]))
         if facing > most:
             side = normal @ (eye[:3, 3] - corners[0]) if region.is_perspective else normal @ eye[:3, 2]

@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 
 from ...blender.rulers import hit, patient_mm
 from ...blender.slices import corners_of, slices_of
-from ...core.volume import slice_at, slice_corners, where_ray_meets
+from ...core.mesh import distance_between
+from ...core.volume import slice_at, slice_corners, slice_normal, where_ray_meets
 from ..properties.preferences import machine
 from ..state import surfaces, volumes
 from .mouse import ray_under, window_under
@@ -33,8 +34,7 @@ class SliceHit:
     @property
     def normal(self) -> NDArray[np.float64]:
         """The slice's normal, of length 1."""
-        normal = np.cross(self.corners_mm[1] - self.corners_mm[0], self.corners_mm[3] - self.corners_mm[0])
-        return np.asarray(normal / np.linalg.norm(normal), np.float64)
+        return slice_normal(self.corners_mm)
 
 
 def slices_in(scene: bpy.types.Scene, space: Any) -> Iterator[NDArray[np.float64]]:
@@ -82,7 +82,7 @@ def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, A
         return slice_hit
     hits = [one for one in (slice_hit, surface_along(scene, ray)) if one is not None]
     eye = np.array(ray[0]) / machine().scale
-    return min(hits, key=lambda one: float(np.linalg.norm(np.array(one.point_mm) - eye)), default=None)
+    return min(hits, key=lambda one: distance_between(eye, one.point_mm), default=None)
 
 
 def slice_under(scene: bpy.types.Scene, area: Any, event: Any) -> SliceHit | None:

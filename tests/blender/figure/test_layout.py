@@ -61,6 +61,26 @@ def test_a_long_legend_takes_the_width_of_the_page(thing):
     assert (few.legend_columns, few.legend_above_mm) == (1, 0)
 
 
+@pytest.mark.parametrize("count", [15, 61, 117])
+def test_many_structures_have_two_columns_wide_of_which_the_picture_takes_half(thing, count):
+    shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(count))
+    figure = finish(compose_steps([Cell(shown)], Page(dpi=72.0), FigureStyle(caption="A caption.")))
+    layout, width = figure.layout, figure.size[0]
+    figure.remove()
+    assert width == round(170.0 / 25.4 * 72.0)
+    left, bottom, right, top = layout.pictures[0]
+    assert (right - left) * (top - bottom) >= 0.5 * 170.0 * layout.height_mm
+    assert layout.height_mm <= 231.0
+
+
+def test_up_to_fourteen_structures_have_one_column(thing):
+    shown = tuple(ShownSurface(thing, name=f"structure {at}") for at in range(14))
+    figure = finish(compose_steps([Cell(shown)], Page(dpi=72.0), FigureStyle()))
+    width = figure.size[0]
+    figure.remove()
+    assert width == round(85.0 / 25.4 * 72.0)
+
+
 @pytest.mark.parametrize(("width_mm", "dpi"), [(40.0, 72.0), (25.4, 300.0), (20.0, 600.0)])
 def test_a_png_has_the_asked_size_in_millimeters(thing, tmp_path, width_mm, dpi):
     page = Page(width_mm, dpi, height_mm=20.0)

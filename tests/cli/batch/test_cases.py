@@ -9,8 +9,7 @@ from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch.cases import collect, values_of
 from ctmc_addon.cli.batch.command import need_of
 from ctmc_addon.core import ReconstructionSettings
-from ctmc_addon.core.errors import CtmcError
-from ctmc_addon.core.plan import (
+from ctmc_addon.core.case_plan import (
     BLENDER_PROCESS_BYTES,
     CASE_VOXEL_BYTES,
     PROCESS_BYTES,
@@ -18,6 +17,7 @@ from ctmc_addon.core.plan import (
     asks_for_memory,
     case_bytes,
 )
+from ctmc_addon.core.errors import CtmcError
 from ctmc_addon.readers import ReadingOptions
 
 READING = ReadingOptions()
@@ -149,7 +149,7 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ),
         ("input,close_border\na.nii,perhaps\n", ["line 2", "write true or false"]),
         ("input,stride\na.nii,1 2\n", ["line 2", "write 3 numbers"]),
-        ("input,spacing\na.nii,0\n", ["line 2", "above 0 mm"]),
+        ("input,spacing\na.nii,0\n", ["line 2", "from 1e-06 to 10000 mm"]),
         ("input,label,threshold\na.nii,1,5\n", ["line 2", "choose one"]),
         ("input\na.nii,5\n", ["line 2", "2 cells", "1 column"]),
         ("input,spacing\na.nii,0.7 a 2\n", ["m.csv, line 2", "spacing cannot be '0.7 a 2'; write a number, not 'a'"]),

@@ -14,7 +14,7 @@ from batches import FLAGS, ball, in_place_of_a_case, states, summary, whole
 from ctmc_addon import core, readers
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import THUMBNAIL
-from ctmc_addon.cli.batch.process import run_here
+from ctmc_addon.cli.batch.process import CaseProcess, run_here
 from ctmc_addon.cli.batch.summary.rows import COLUMNS
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -152,6 +152,15 @@ def test_a_crash_takes_nothing_with_it_but_its_case(tmp_path, monkeypatch, scrip
     assert ("traceback" in record) == ("ValueError" in script)
 
 
+def test_a_case_that_dies_at_once_says_why_however_late_it_begins(tmp_path, monkeypatch):
+    in_place_of_a_case(monkeypatch, "raise ValueError('x')")
+    begin = CaseProcess.begin
+    monkeypatch.setattr(CaseProcess, "begin", lambda self, task: (self.process.wait(60), begin(self, task)))
+    assert [event.status for event in run_here([plain_task(tmp_path, "a")], 1, [0], None) if event][-1] == "ended"
+    record = json.loads((tmp_path / "a.json").read_text("utf-8"))
+    assert record["error"] == "the case's process ended with exit code 1: ValueError: x"
+
+
 def most_at_once(tmp_path, jobs, needs, limit):
     tasks = [plain_task(tmp_path, f"c{number}") for number in range(len(needs))]
     running = most = 0
@@ -204,7 +213,7 @@ def test_an_interrupted_batch_is_quiet_and_says_nothing_is_running(ctmc, cases, 
         (["--jobs", "0"], "--jobs: must be 1 or more, not 0"),
         (["--threads", "0"], "--threads: must be 1 or more"),
         (["--alpha", "2"], "--alpha: must be from 0 to 1"),
-        (["--spacing", "0"], "above 0 mm"),
+        (["--spacing", "0"], "from 1e-06 to 10000 mm"),
     ],
 )
 def test_flags_outside_their_limits_are_wrong_usage(misused, cases, tmp_path, flags, words):

@@ -19,11 +19,11 @@ from ctmc_addon.cli.batch.files import remove_own_unfinished, unfinished_folder
 from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
 from ctmc_addon.core import VERSION, CtmcError, MemoryLimitError
+from ctmc_addon.core.case_plan import PROCESS_BYTES
 from ctmc_addon.core.memory import peak_bytes, reset_peak_bytes, resident_bytes
-from ctmc_addon.core.plan import PROCESS_BYTES
 
 # Says that it is over after every task; ends at a task called "bad", makes one called "long" without end, and asks for
-# memory where a task says how much.
+# memory where a task says how much. After one called "last" it dies before it is given another.
 SCRIPT = f"""
 import json, os, sys
 for line in sys.stdin:
@@ -36,7 +36,10 @@ for line in sys.stdin:
     if task.get("bytes", 0) > task["reserved"]:
         print(f"chatter{MARK}{NEEDS} {{task['bytes']}}", flush=True)
         sys.stdin.readline()
-    print("{MARK}{OVER}", flush=True)
+    print("chatter", file=sys.stderr, flush=True)
+    print("{MARK}{OVER}", os.fstat(2).st_size, flush=True)
+    if task["case"] == "last":
+        raise ValueError("x")
 """
 
 
@@ -88,6 +91,21 @@ def test_a_crash_takes_one_case_and_a_new_process_the_others(started, tmp_path):
     errors = {name: json.loads((tmp_path / f"{name}.json").read_text("utf-8"))["error"] for name in names}
     assert errors.pop("bad").startswith("the case's process was ended by signal 6")
     assert set(errors.values()) == {"the case left no record"}  # of a script that makes nothing
+
+
+def test_a_process_that_dies_before_its_case_begins_says_why(started, tmp_path, monkeypatch):
+    begin = CaseProcess.begin
+
+    def begin_late(self, task):
+        if task["case"] == "b":
+            self.process.wait(60)  # so that all it has to say is written
+        begin(self, task)
+
+    monkeypatch.setattr(CaseProcess, "begin", begin_late)
+    events_of([task_of(tmp_path, name) for name in ("last", "b")], 1, [0, 0], None)
+    record = json.loads((tmp_path / "b.json").read_text("utf-8"))
+    assert record["error"] == "the case's process ended with exit code 1: ValueError: x"
+    assert record["traceback"][0].startswith("Traceback ")  # without the chatter of the case before
 
 
 def test_where_all_wait_for_memory_the_last_is_put_back_and_begins_with_what_it_asked_for(started, tmp_path):

@@ -52,6 +52,13 @@ def test_it_says_what_was_assumed(ctmc, phantom_folder):
     assert "1 mm is assumed" not in facts(ctmc("info", phantom_folder / "png", "--spacing", "2"))
 
 
+def test_a_slice_of_a_folder_is_not_said_to_hold_its_labels(ctmc, phantom_folder):
+    first = sorted((phantom_folder / "png").iterdir())[0]
+    out = facts(ctmc("info", first))
+    assert f"{first.name} is one slice: its folder was read" in out
+    assert "labels are taken from" not in out
+
+
 def test_flip_and_spacing_change_what_is_said(ctmc, phantom_folder):
     out = facts(ctmc("info", phantom_folder / "png", "--spacing", "0.7", "0.7", "5", "--flip", "z"))
     assert "0.7 x 0.7 x 5 mm" in out

@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 import json
+import re
 import struct
 import subprocess
 import sys
@@ -125,6 +126,19 @@ def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_pa
     outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "liver.ply", "--label", "1")
     assert outcome.code == 0, outcome.errors
     assert "labels are taken from segmentation-4.nii.gz beside it" in outcome.out
+
+
+def test_one_slice_of_a_folder_takes_no_labels_from_it(ctmc, tmp_path):
+    from PIL import Image
+
+    for number in range(4):
+        plane = np.zeros((6, 7), np.uint8)
+        plane[2:4, 2:5] = 200 * (number in (1, 2))
+        Image.fromarray(plane).save(tmp_path / f"s{number}.png")
+    outcome = ctmc("reconstruct", tmp_path / "s2.png", "--threshold", "100", "-o", tmp_path / "s.stl")
+    assert outcome.code == 0, outcome.errors
+    assert "s2.png is one slice: its folder was read, 4 slices" in outcome.out
+    assert "labels" not in outcome.out
 
 
 def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path):
@@ -286,6 +300,21 @@ def test_many_small_components_are_counted_with_the_flag_that_removes_them(ctmc,
     outcome = ctmc(*words, "-o", tmp_path / "one.stl", "--min-part", "10")
     assert "smaller than" not in outcome.out
     assert ", 1 component, " in outcome.out
+
+
+def test_the_minimum_volume_that_is_proposed_leaves_the_largest_component(ctmc, tmp_path):
+    values = np.zeros((16, 40, 40), np.int16)
+    values[4:12, 14:26, 14:26] = 200
+    values[1:15:3, 1:10:3, 1:39:3] = 200
+    np.save(tmp_path / "noise.npy", values)
+    words = ["reconstruct", tmp_path / "noise.npy", "--spacing", "0.1", "0.1", "0.1", "--threshold", "100"]
+    outcome = ctmc(*words, "-o", tmp_path / "all.stl")
+    found = re.search(r"195 of 196 components are smaller than (\S+) mm3; (--min-part) (\S+) removes them", outcome.out)
+    assert found[1] == found[3] == "0.001"
+    outcome = ctmc(*words, "-o", tmp_path / "one.stl", found[2], found[3])
+    assert outcome.code == 0, outcome.errors
+    assert ", 1 component, " in outcome.out
+    assert "smaller than" not in outcome.out
 
 
 def test_a_given_name_takes_the_place_of_the_files(ctmc, misused, tmp_path):

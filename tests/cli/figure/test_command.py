@@ -29,7 +29,7 @@ def test_one_command_makes_a_figure_and_its_blend(ctmc, ct, tmp_path):
 
 
 def test_several_labels_stand_in_one_figure(ctmc, ct, tmp_path):
-    words = ("--label", 1, 2, "--names", "liver", "tumours", "--transparent", "--no-blend", "--caption", "")
+    words = ("--label", 1, 2, "--names", "liver", "tumors", "--transparent", "--no-blend", "--caption", "")
     done = ctmc("figure", *words[:3], ct, *words[3:], *SMALL, "-o", tmp_path / "a.png")
     assert done.code == 0, done.errors
     assert [one.name for one in tmp_path.iterdir()] == ["a.png"]

@@ -93,7 +93,7 @@ def test_one_format_alone_leaves_the_others_out(tmp_path, ctmc):
         (["--slices", "2"], "--slices: must be 3 or more, not 2"),
         (["--size", "4"], "--size: must be 16 or more, not 4"),
         (["--seed", "-1"], "--seed: must be 0 or more, not -1"),
-        (["--spacing", "1", "0", "1"], "above 0 mm"),
+        (["--spacing", "1", "0", "1"], "from 1e-06 to 10000 mm"),
     ],
 )
 def test_an_impossible_phantom_is_refused_and_leaves_no_file(tmp_path, misused, flags, words):

@@ -110,3 +110,13 @@ def test_borders_and_vertices_without_a_triangle_are_counted_across_seams():
     cut = mesh.measures.faces
     holed = type(mesh)(mesh.vertices, mesh.faces[np.arange(cut) != 12])
     assert (holed.measures.borders, holed.measures.euler) == (2, 0)
+
+
+@pytest.mark.parametrize("scale", [0.3, 1.0])
+def test_where_all_components_are_below_10_mm3_the_largest_is_not_small(scale):
+    mesh = marching_cubes(with_specks(200), 0.5, normals=False)
+    measures = finish(measures_steps(mesh.vertices * np.float32(scale / 8), mesh.faces))
+    largest = mesh.measures.volume * (scale / 8) ** 3
+    assert largest < 10
+    assert 0.0005 * largest < measures.small < 0.0015 * largest
+    assert measures.small_components == 200  # a speck has a thirteen thousandth of the ball

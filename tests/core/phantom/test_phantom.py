@@ -126,7 +126,7 @@ def test_a_seed_always_gives_the_same_bytes():
         ({"slices": 2}, "3 slices or more, not 2"),
         ({"size": 8}, "16 rows and columns or more, not 8"),
         ({"seed": -1}, "0 or more, not -1"),
-        ({"spacing": (1.0, 0.0, 1.0)}, "above 0 mm"),
+        ({"spacing": (1.0, 0.0, 1.0)}, "from 1e-06 to 10000 mm"),
     ],
 )
 def test_an_impossible_grid_is_refused_with_its_limit(wrong, words):

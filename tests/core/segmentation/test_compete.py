@@ -13,7 +13,7 @@ import pytest
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps
 from ctmc_addon.core.segmentation.competition.blocks import factors_of
-from ctmc_addon.core.segmentation.competition.border import _least_steps
+from ctmc_addon.core.segmentation.competition.border import _least_steps, _prices
 from ctmc_addon.core.segmentation.competition.claims import _first_cut, _is_bone, _reach_mm
 from ctmc_addon.core.segmentation.competition.geodesic import BLOCKED, NEVER, cost_of, heights_of, sweep_steps
 
@@ -274,3 +274,13 @@ def test_a_bone_is_told_by_a_tenth_of_its_values():
     assert _is_bone(known, 94.0)
     assert not _is_bone(known[:-2], 94.0)
     assert not _is_bone(known, np.inf)  # values that are not HU
+
+
+def test_a_border_costs_less_where_values_change_by_a_gaussian_of_the_change():
+    changes = np.concatenate([[0], np.linspace(0, 90, 500)]).astype(np.float32)
+    values = np.stack([0 * changes, changes, 2 * changes])[:, None]  # along z by `changes`, along x by little
+    prices = _prices(np.repeat(values, 2, axis=1))[1, 0]
+    along_x = np.gradient(values[1, 0])
+    exact = 0.1 + 0.9 * np.exp(-(changes.astype(float) ** 2 + along_x**2) / 400)
+    assert np.abs(prices - exact).max() < 0.9 / 256
+    assert (prices[0], prices[-1]) == (1.0, np.float32(0.1))

@@ -9,6 +9,9 @@ from ctmc_addon.core.volume.affine import (
     axis_codes,
     cofactors,
     determinant,
+    farthest_corner_mm,
+    index_to_index,
+    product,
     to_index,
     transform_faces,
     transform_normals,
@@ -71,3 +74,24 @@ def test_axes_are_named_after_the_sides_they_run_towards(diagonal, codes):
 def test_permuted_and_tilted_axes_are_named_right():
     sagittal = np.array([[0, 0, 2, 0], [-1, 0, 0, 0], [0, -1, 0.3, 0], [0, 0, 0, 1.0]])
     assert axis_codes(sagittal) == "PIR"
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_products_and_ways_between_grids_are_numpys(seed):
+    affine, other = random_affine(seed), random_affine(seed + 50)
+    np.testing.assert_allclose(product(affine, other), affine @ other, rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(index_to_index(affine, other), np.linalg.inv(other) @ affine, rtol=1e-9, atol=1e-9)
+
+
+def test_a_product_adds_from_left_to_right():
+    # 1e16 + 1 is 1e16 in float64, so every other order gives 1 or 2.
+    assert product(np.array([[1.0, 1.0, 1.0]]), np.array([[1e16], [1.0], [-1e16]])).tolist() == [[0.0]]
+
+
+def test_corners_of_grids_differ_by_the_shift_and_by_what_a_longer_step_adds_up_to():
+    affine = np.diag([0.5, 0.5, 2.0, 1.0])
+    moved = affine.copy()
+    moved[1, 3] = -0.25
+    assert farthest_corner_mm(affine, moved, (10, 20, 30)) == 0.25
+    moved[2, 2] = 2.5
+    assert farthest_corner_mm(affine, moved, (10, 20, 30)) == 15.0

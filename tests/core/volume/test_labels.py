@@ -33,7 +33,7 @@ def test_every_label_has_the_box_and_the_voxels_that_a_plain_search_finds(dtype,
     if values.dtype.kind == "i":
         values[4, 5, 6:] = -3
     if values.dtype.kind == "f":
-        values[2, 3, 4:9] = np.nan, np.inf, 2.5, -1.0, 7.0
+        values[2, 3, 4:7] = np.nan, -1.0, 7.0
     volume = Volume(values, np.eye(4), kind="label")
     for box in (((0, 13), (0, 9), (0, 11)), ((2, 7), (1, 9), (3, 8))):
         found = finish(label_extents_steps(volume, box, threads))

@@ -8,7 +8,17 @@ import pytest
 
 from ctmc_addon.core import Volume
 from ctmc_addon.core.volume.affine import transform_points
-from ctmc_addon.core.volume.slices import PLANES, TINT, TINT_SHARE, slice_at, slice_corners, slice_values, windowed
+from ctmc_addon.core.volume.slices import (
+    PLANES,
+    TINT,
+    TINT_SHARE,
+    slice_at,
+    slice_corners,
+    slice_normal,
+    slice_values,
+    where_ray_meets,
+    windowed,
+)
 
 # Oblique, sheared and mirrored; columns towards the left, rows to the back, slices to the feet.
 SHEARED = np.array([[-0.7, 0.05, 0.3, 40.0], [0.1, -0.8, 0.4, -12.0], [0.02, 0.1, -2.5, 90.0], [0.0, 0.0, 0.0, 1.0]])
@@ -30,6 +40,29 @@ def test_every_pixel_stands_where_its_sample_does(volume, plane, position):
         pixel = first + (right - first) * (column + 0.5) / columns + (down - first) * (row + 0.5) / rows
         z, y, x = np.unravel_index(int(values[row, column]), volume.values.shape)
         assert pixel == pytest.approx(transform_points(volume.affine, np.array([[x, y, z]]))[0], abs=1e-9)
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_ray_meets_a_slice_at_the_point_that_it_was_sent_to(volume, plane):
+    corners, draw = slice_corners(volume, slice_at(volume, plane, 0.4)), np.random.default_rng(0)
+    across, down = corners[1] - corners[0], corners[3] - corners[0]
+    for right, below in draw.uniform(-0.5, 1.5, (40, 2)):
+        target = corners[0] + right * across + below * down
+        origin = draw.normal(0, 100, 3)
+        inside = 0 < right < 1 and 0 < below < 1
+        way = where_ray_meets(corners, origin, (target - origin) / 4)
+        assert way == (pytest.approx(4.0) if inside else None)
+    assert where_ray_meets(corners, corners[0] - across, across) is None  # along it
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_normal_stands_on_its_slice(volume, plane):
+    corners = slice_corners(volume, slice_at(volume, plane, 0.4))
+    normal = slice_normal(corners)
+    sides = np.array([corners[1] - corners[0], corners[3] - corners[0]])
+    assert np.abs(sides @ normal).max() < 1e-12
+    assert normal @ normal == pytest.approx(1.0, rel=1e-15)
+    assert np.linalg.det([*sides, normal]) > 0
 
 
 @pytest.mark.parametrize(("plane", "axis"), [("sagittal", 0), ("coronal", 1), ("axial", 2)])

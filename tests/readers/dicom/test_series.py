@@ -223,7 +223,7 @@ def test_a_missing_pixel_spacing_is_refused_unless_one_is_given(tmp_path, save_s
 
 def test_a_pixel_spacing_of_zero_is_refused(tmp_path, save_stack):
     save_stack(tmp_path, range(3), PixelSpacing=[0, 0])
-    with pytest.raises(CtmcError, match=r"PixelSpacing of 0 mm.*above 0 mm"):
+    with pytest.raises(CtmcError, match=r"PixelSpacing of 0 mm.*from 1e-06 to 10000 mm"):
         read_volume(tmp_path)
     assert said(read_volume(tmp_path, spacing=1), "1 x 1 x 1 mm as asked, where the series has a PixelSpacing of 0 mm")
 
@@ -357,3 +357,56 @@ def test_values_not_in_hu_are_said(tmp_path, save_stack):
     volume = read_volume(tmp_path)
     assert volume.kind == "gray value"
     assert said(volume, "not in HU")
+
+
+def turned_slices(folder, save_slice, degrees, count=20):
+    for number in range(count):
+        turn = np.radians(degrees * number)
+        save_slice(
+            folder / f"{number}.dcm",
+            np.ones((4, 5), np.uint16),
+            (0, 0, 2 * number),
+            InstanceNumber=number + 1,
+            ImageOrientationPatient=[
+                f"{value:.9f}" for value in (np.cos(turn), np.sin(turn), 0, -np.sin(turn), np.cos(turn), 0)
+            ],
+        )
+
+
+@pytest.mark.parametrize(
+    ("degrees", "count", "one", "most"),
+    [(0.1, 20, "0.1", "1.9"), (0.1, 2, "0.1", "0.1"), (5, 20, "5", "95"), (0.003, 40, "0.003", "0.12")],
+)
+def test_slices_that_turn_are_refused_for_their_turn(tmp_path, save_slice, degrees, count, one, most):
+    turned_slices(tmp_path, save_slice, degrees, count)
+    with pytest.raises(CtmcError) as caught:
+        read_volume(tmp_path)
+    assert str(caught.value) == (
+        f"the {count} slices turn: ImageOrientationPatient differs by {one} degrees from one to the next and by {most} "
+        f"degrees between 0.dcm and {count - 1}.dcm, and slices of one volume differ by at most 0.006 degrees; "
+        "resample the series to parallel slices (MPR) and export these"
+    )
+
+
+def test_frames_that_turn_are_refused_for_their_turn(tmp_path, save_frames):
+    dataset = save_frames(tmp_path / "ct.dcm", np.ones((6, 4, 5), np.uint16), [(0, 0, z) for z in range(6)])
+    for number, frame in enumerate(dataset.PerFrameFunctionalGroupsSequence):
+        turn = np.radians(0.1 * number)
+        item = pydicom.Dataset()
+        item.ImageOrientationPatient = [1, 0, 0, 0, round(np.cos(turn), 9), round(np.sin(turn), 9)]
+        frame.PlaneOrientationSequence = [item]
+    dataset.save_as(tmp_path / "ct.dcm")
+    with pytest.raises(CtmcError, match=r"6 slices turn: .* 0\.5 degrees between ct\.dcm frame 1 and ct\.dcm frame 6"):
+        read_volume(tmp_path / "ct.dcm")
+
+
+def test_stacks_of_three_directions_are_read_as_the_first(tmp_path, save_slice):
+    ways = [(1, 0, 0, 0, 1, 0), (1, 0, 0, 0, 0, -1), (0, 1, 0, 0, 0, -1)]
+    for number in range(9):
+        place = [0.0, 0.0, 0.0]
+        place[(2, 1, 0)[number // 3]] = number
+        tags = {"ImageOrientationPatient": list(ways[number // 3]), "InstanceNumber": number + 1}
+        save_slice(tmp_path / f"{number}.dcm", np.full((4, 5), number, np.uint16), place, RescaleIntercept=0, **tags)
+    volume = read_volume(tmp_path)
+    assert volume.values[:, 0, 0].tolist() == [0, 1, 2]
+    assert "6 slices of another size, orientation or spacing left out" in volume.notes

@@ -76,12 +76,48 @@ def test_imagej_says_its_spacing(tmp_path, unit, mm):
     assert any("in place of the file's own" in note for note in given.notes)
 
 
-@pytest.mark.parametrize("metadata", [{}, {"unit": "pixel", "spacing": 3}, {"unit": "parsec"}])
+@pytest.mark.parametrize("metadata", [{}, {"unit": "pixel", "spacing": 3}])
 def test_a_unit_that_is_no_length_gives_no_spacing(tmp_path, metadata):
     path = saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", imagej=True, resolution=(4.0, 2.0), metadata=metadata)
     volume = read_volume(path)
     assert volume.spacing == (1, 1, 1)
     assert any("1 mm is assumed" in note for note in volume.notes)
+
+
+@pytest.mark.parametrize(
+    ("units", "expected"),
+    [
+        ({"unit": "um", "zunit": "mm"}, (0.00025, 0.0005, 3.9)),
+        ({"unit": "um", "yunit": "cm"}, (0.00025, 5.0, 0.0039)),
+        ({"unit": "mm", "yunit": "\\u00B5m", "zunit": "nm"}, (0.25, 0.0005, 3.9e-6)),
+    ],
+)
+def test_each_axis_of_imagej_has_its_own_unit(tmp_path, units, expected):
+    options = {"imagej": True, "resolution": (4.0, 2.0), "metadata": {"spacing": 3.9, **units}}
+    volume = read_volume(saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", **options))
+    assert volume.spacing == pytest.approx(expected)
+    assert any("converted to mm" in note for note in volume.notes)
+
+
+def test_a_length_of_imagej_in_an_unknown_unit_is_taken_as_mm_with_a_note(tmp_path):
+    metadata = {"unit": "mm", "zunit": "parsec", "spacing": 2}
+    path = saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", imagej=True, resolution=(4.0, 2.0), metadata=metadata)
+    volume = read_volume(path)
+    assert volume.spacing == (0.25, 0.5, 2.0)
+    assert any("'parsec'" in note for note in volume.notes)
+
+
+def test_single_slices_of_imagej_say_the_size_of_their_pixels(tmp_path):
+    options = {"imagej": True, "resolution": (4.0, 2.0), "metadata": {"unit": "mm"}}
+    for number, plane in enumerate(numbers(4, 8, 9)):
+        saved(tmp_path / f"{number}.tif", plane, "YX", **options)
+    volume = read_volume(tmp_path)
+    assert volume.spacing == (0.25, 0.5, 0.25)
+    assert any("no spacing between slices: that between columns is taken" in note for note in volume.notes)
+    saved(tmp_path / "3.tif", numbers(8, 9), "YX", **{**options, "resolution": (5.0, 2.0)})
+    other = read_volume(tmp_path)
+    assert other.spacing == (1, 1, 1)
+    assert any("the slices say different spacings, of which none is taken" in note for note in other.notes)
 
 
 def test_ome_says_its_spacing_in_units_of_its_own(tmp_path):

@@ -180,3 +180,25 @@ def test_many_masks_take_the_memory_of_their_layers_and_little_more(tmp_path):
     tracemalloc.stop()
     assert len(volume.each_layer) == 2  # neighbors share a slice
     assert peak < 1.75 * 2 * volume.values.nbytes
+
+
+@pytest.mark.parametrize("dtype", [np.uint8, np.int16])
+@pytest.mark.parametrize(
+    ("values", "other", "holds"),
+    [
+        (np.arange(210).reshape(SHAPE) - 1000, np.int16, "the values -1000, -999 and -791"),
+        (np.linspace(0, 1, 210).reshape(SHAPE), np.float32, r"the values 0, 0\.00478\d+ and 1"),
+        (np.arange(210).reshape(SHAPE) % 4, np.uint16, "the values 0, 1 and 3"),
+    ],
+    ids=["CT", "probabilities", "labels"],
+)
+def test_what_is_no_mask_among_masks_is_named_with_its_values(tmp_path, dtype, values, other, holds):
+    liver, spleen = boxes()
+    save(tmp_path / "case" / "liver.nii.gz", liver, dtype)
+    save(tmp_path / "case" / "spleen.nii.gz", spleen, dtype)
+    save(tmp_path / "case" / "more.nii.gz", values, other)
+    sentence = rf"^the folder case has 2 masks, and 'more\.nii\.gz' holds {holds}, so it is not a mask; move it out of "
+    with pytest.raises(CtmcError, match=sentence + "the folder to read the masks, or choose one file$"):
+        read_volume(tmp_path / "case")
+    (tmp_path / "case" / "more.nii.gz").rename(tmp_path / "more.nii.gz")
+    assert read_volume(tmp_path / "case").label_names == {1: "liver", 2: "spleen"}

@@ -28,6 +28,10 @@ def test_values_and_place_are_nibabels(tmp_path, name, dtype):
     volume = read_volume(tmp_path / name)
     np.testing.assert_array_equal(volume.values.T, values)
     np.testing.assert_allclose(volume.affine, AFFINE, atol=1e-6)
+    # nibabel rounds its affine to float32.
+    np.testing.assert_array_equal(
+        volume.affine.astype(np.float32), nibabel.MGHImage(values, AFFINE).header.get_affine()
+    )
     assert (volume.values.dtype, volume.name, volume.notes) == (np.dtype(dtype), "ct", ())
 
 

@@ -160,7 +160,7 @@ def test_a_singular_affine_is_refused(tmp_path):
     image.header["srow_y"] = 0
     nibabel.save(image, tmp_path / "ct.nii")
     content = bytearray((tmp_path / "ct.nii").read_bytes())
-    content[296:312] = bytes(16)
+    content[280:312] = np.array([1, 1, 0, 0, 0, 0, 0, 0], "<f4").tobytes()  # x and y run the same way
     (tmp_path / "ct.nii").write_bytes(content)
     with pytest.raises(CtmcError, match="affine is singular"):
         read_volume(tmp_path / "ct.nii")
@@ -212,7 +212,7 @@ def test_positions_in_other_units_become_millimeters(tmp_path):
     nibabel.save(image, tmp_path / "ct.nii")
     volume = read_volume(tmp_path / "ct.nii")
     assert volume.spacing == pytest.approx((1, 1, 2))
-    assert any("meters and were converted" in note for note in volume.notes)
+    assert any("in meter and were converted" in note for note in volume.notes)
 
 
 def test_label_names_come_from_the_header_extension(tmp_path):
@@ -223,6 +223,39 @@ def test_label_names_come_from_the_header_extension(tmp_path):
     volume = read_volume(tmp_path / "organs.nii.gz")
     assert volume.label_names == {1: "Leber ä", 2: "tumour"}
     assert volume.kind == "label"
+
+
+def save_with_colors(path, colors):
+    """A label volume whose header names and colors labels; `colors` has a name and an sRGB color by number."""
+    image = nibabel.Nifti1Image(np.resize(np.array(sorted(colors), np.uint8), (4, 3, 2)), np.eye(4))
+    labels = "".join(
+        f'<Label Key="{number}" Red="{red / 255}" Green="{green / 255}" Blue="{blue / 255}">{name}</Label>'
+        for number, (name, (red, green, blue)) in colors.items()
+    )
+    xml = f"<x><LabelTable>{labels}</LabelTable></x>"
+    image.header.extensions.append(nibabel.nifti1.Nifti1Extension("comment", xml.encode()))
+    nibabel.save(image, path)
+
+
+LIVER, SPLEEN, OTHER = ("liver", (0, 255, 255)), ("spleen", (0, 255, 0)), ("structure 2", (0, 0, 255))
+
+
+@pytest.mark.parametrize(
+    ("colors", "options", "kept"),
+    [
+        ({1: SPLEEN, 2: OTHER, 5: LIVER}, {}, {2: (0, 0, 255)}),  # TotalSegmentator's palette
+        ({1: SPLEEN, 2: OTHER, 5: LIVER}, {"file_colors": True}, None),
+        ({1: SPLEEN, 2: OTHER, 6: LIVER}, {}, None),  # chosen: label 6 of the palette is orange
+        ({1: SPLEEN, 2: OTHER, 6: LIVER}, {"anatomy_colors": True}, {2: (0, 0, 255)}),
+        ({label: (SPLEEN, OTHER, LIVER)[label % 3] for label in range(1, 8)}, {}, dict.fromkeys((1, 4, 7), OTHER[1])),
+    ],
+)  # fmt: skip
+def test_a_programs_palette_gives_way_to_the_colors_of_anatomical_names(tmp_path, colors, options, kept):
+    save_with_colors(tmp_path / "organs.nii.gz", colors)
+    volume = read_volume(tmp_path / "organs.nii.gz", **options)
+    assert volume.label_colors == ({label: rgb for label, (_, rgb) in colors.items()} if kept is None else kept)
+    said = any(note.startswith("colors follow the anatomical names") for note in volume.notes)
+    assert said == (kept is not None and "anatomy_colors" not in options)
 
 
 @pytest.mark.parametrize(

@@ -15,7 +15,7 @@ EXPECTED = {
     "bone": {"threshold": 200.0, "min_part_mm3": 50.0, "reduction": 0.5},
     "skin": {"threshold": -300.0, "stride": (2, 2, 1), "close_border": True, "keep_parts": 1, "reduction": 0.9},
     "lung": {"threshold": -950.0, "upper": -600.0, "stride": (2, 2, 1), "min_part_mm3": 1000.0, "reduction": 0.8},
-    "liver_tumour_label_2": {"label": 2, "stride": (2, 2, 1), "reduction": 0.9},
+    "liver_tumor_label_2": {"label": 2, "stride": (2, 2, 1), "reduction": 0.9},
     "3d_print": {"threshold": 200.0, "close_border": True, "keep_parts": 1, "max_error_mm": 0.1},
     "figure": {
         **{"threshold": 200.0, "stride": (3, 3, 1), "alpha": 0.5, "min_part_mm3": 50.0},

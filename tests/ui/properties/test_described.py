@@ -49,7 +49,8 @@ def test_a_figures_property_says_what_its_field_says(scene, name):
 def test_each_page_has_the_limits_of_the_field_and_its_own_default(scene, kind):
     for name in figure.OF_EACH_PAGE:
         shown = scene.ctmc_figure.bl_rna.properties[f"{kind}_{name}"]
-        expected = (getattr(PAGES[kind], name), FIELDS[name].low, FIELDS[name].high)
+        own = getattr(PAGES[kind], name)
+        expected = (0.0, 0.0, FIELDS[name].high) if own is None else (own, FIELDS[name].low, FIELDS[name].high)
         assert (shown.default, shown.hard_min, shown.hard_max) == expected
         assert FIELDS[name].text in shown.description
 
@@ -58,7 +59,8 @@ def test_each_page_has_the_limits_of_the_field_and_its_own_default(scene, kind):
 def test_the_dialogs_properties_are_the_reading_options_and_its_files():
     known = set(bpy.ops.ctmc.load.get_rna_type().properties.keys()) - {"rna_type"}
     assert known == OF_THE_DIALOG | {*reading.SHOWN, "flip_axes"}
-    assert set(descriptions(ReadingOptions)) == {*reading.SHOWN, "allow_outside", "anatomy_colors", "level", "name"}
+    hidden = {"allow_outside", "anatomy_colors", "file_colors", "level", "name"}
+    assert set(descriptions(ReadingOptions)) == {*reading.SHOWN, *hidden}
 
 
 @pytest.mark.parametrize("name", reading.SHOWN)

@@ -86,7 +86,7 @@ def next_constants(
     for _ in range(SWEEPS):  # Gauss-Seidel: the sums are diagonally dominant, and the same on every machine
         change = 0.0
         for label in movable.tolist():
-            pushed = sum((areas_mm2[label, 1:] * step[1:]).tolist()) / 2
+            pushed = float(np.cumsum(areas_mm2[label, 1:] * step[1:])[-1]) / 2
             value = (missing_mm3[label] + pushed) / total[label]
             change = max(change, abs(value - step[label]))
             step[label] = value

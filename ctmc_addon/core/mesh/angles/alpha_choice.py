@@ -22,10 +22,11 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arithmetic import tangent
 from ...progress import PAUSE, Step, Steps, WithResult
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
-from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides, tangent_of
+from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides
 
 STEPS = 1000
 """Alphas that are looked at are whole numbers divided by this."""
@@ -177,7 +178,7 @@ class _Search:
     """The smallest angle of the witnesses at every alpha, and the alpha that they leave."""
 
     def __init__(self, min_angle_deg: float, most: float) -> None:
-        self._limit = tangent_of(min_angle_deg)
+        self._limit = tangent(min_angle_deg)
         self._tangents = np.full(round(most * STEPS) + 1, math.inf)  # of the witnesses, at every alpha
         self._at = len(self._tangents) - 1
         self._smallest = math.inf  # tangent of what was looked at since alpha has changed

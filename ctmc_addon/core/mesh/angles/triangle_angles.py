@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arithmetic import tangent
+
 Vectors = NDArray[np.float64]
 
 LIMITS_DEG = (5.0, 10.0)
@@ -66,10 +68,10 @@ class QualitySums:
         if not len(vectors):
             return
         doubled, squares = np.sqrt(squared_length(vectors)), squared_sides(corners)
-        tangent = smallest_tangents(doubled, squares)
-        self._tangent = min(self._tangent, float(tangent.min()))
+        tangents = smallest_tangents(doubled, squares)
+        self._tangent = min(self._tangent, float(tangents.min()))
         for at, degrees in enumerate(LIMITS_DEG):
-            self._below[at] += int(np.count_nonzero(tangent < tangent_of(degrees)))
+            self._below[at] += int(np.count_nonzero(tangents < tangent(degrees)))
         bits = radius_ratios(doubled, squares).astype(np.float32).view(np.int32)
         number = np.clip((bits - ONE_BITS) >> DROPPED_BITS, 0, BINS - 1)
         self._bins += np.bincount(number, minlength=BINS)
@@ -137,11 +139,6 @@ def radius_ratios(doubled: Vectors, squares: Sequence[Vectors]) -> Vectors:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         ratio = a * b * c * (a + b + c) / below
     return np.where(below > 0, np.minimum(ratio, 1e38), 1e38)
-
-
-def tangent_of(degrees: float) -> float:
-    """Return the tangent of an angle in degrees."""
-    return math.tan(math.radians(degrees))
 
 
 def degrees_of(tangent: float) -> float:

@@ -148,7 +148,8 @@ class TriangleTree:
 
         def measure(points: Doubles, _: NDArray[np.intp]) -> None:
             bounds = self._bounds(points)
-            points = points[:, bounds > max(largest) ** 2]
+            most = max(largest)
+            points = points[:, bounds > most * most]
             if points.size:
                 squared, _ = self.nearest(points, np.full(points.shape[1], np.inf))
                 largest.append(float(np.sqrt(squared.max())))

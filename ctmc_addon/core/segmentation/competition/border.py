@@ -34,6 +34,11 @@ SUREST = 3.0  # the largest log of a ratio
 CLAIM, CLAIM_MM = 1.2, 6.0  # cost of the other side of a claim, in full so many mm of time from its border
 EDGE = 20.0  # units of the values by block: a change that makes the border cheap
 CHEAPEST = 0.1
+PER_UNIT = 8  # Prices are looked up by the squared change, in steps of an eighth of a unit.
+# They fall as a Gaussian of the change, in 256ths. The exponential of each block would have another last bit on another
+# processor, and here and there fall to the other side of a 256th.
+FALLING = np.rint(256 * np.exp(np.arange(7 * PER_UNIT * EDGE * EDGE) / (-PER_UNIT * EDGE * EDGE))) / 256
+PRICES = (CHEAPEST + (1 - CHEAPEST) * FALLING).astype(np.float32)
 ROUNDS = 40
 STEP, DUAL_STEP = np.float32(0.3), np.float32(0.27)  # their product below 1/12, for three axes
 
@@ -134,8 +139,8 @@ def _prices(values: Floats) -> Floats:
     for axis, count in enumerate(values.shape):
         if count > 1:
             squares += np.gradient(values, axis=axis) ** 2
-    falling = np.rint(np.exp(-squares / np.float32(EDGE**2)) * 256) / 256
-    return (CHEAPEST + (1 - CHEAPEST) * falling).astype(np.float32)
+    squares *= np.float32(PER_UNIT)
+    return PRICES.take(np.minimum(squares, np.float32(len(PRICES) - 1), out=squares).astype(np.int32))
 
 
 def _least_steps(gain: Floats, prices: Floats, fixed: NDArray[np.int8], sides_mm: Sides) -> Steps[Floats]:

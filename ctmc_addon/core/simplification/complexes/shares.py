@@ -40,7 +40,7 @@ class Shares:
     def __init__(self, labels: Ints, interface: Ints, asked: float) -> None:
         self.labels = np.unique(labels[labels != 0])
         self.member = np.stack([(labels == label).any(axis=0) for label in self.labels]).astype(np.float64)
-        self.counts = self.member @ np.bincount(interface, minlength=labels.shape[1])
+        self.counts = (self.member * np.bincount(interface, minlength=labels.shape[1])).sum(axis=1)
         self.total = len(interface)
         self.sum = np.zeros(len(self.labels))
         self.weight = np.ones(labels.shape[1], np.float32)
@@ -52,11 +52,11 @@ class Shares:
         if len(self.labels) == 1:
             return
         now = np.bincount(interface, minlength=len(self.weight))
-        shares = (self.member @ now) / self.counts
+        shares = (self.member * now).sum(axis=1) / self.counts
         lag = octaves(shares * (self.total / max(1, len(interface))))
         self.sum = np.clip(self.sum + INTEGRAL * lag, -MOST, MOST)
         offset = np.clip(PROPORTIONAL * lag + self.sum, -MOST, MOST)
-        mean = (offset @ self.member) / self.member.sum(axis=0)
+        mean = (offset[:, None] * self.member).sum(axis=0) / self.member.sum(axis=0)
         self.closed = (self.member[shares >= self.least] == 0).all(axis=0)
         self.weight = power_of_two(-mean).astype(np.float32)
 

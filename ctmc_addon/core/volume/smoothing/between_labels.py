@@ -132,7 +132,8 @@ def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_
         rise = _rise(field, ends[0], sides) + _rise(field, ends[1], sides)
         normal = rise / np.maximum(np.sqrt((rise**2).sum(axis=0)), 1e-9)
         apart = np.abs(normal[axis]) * sides[axis] * (slice_steps if axis == 0 else 1)
-        weight = 12.0 / (apart**2 + (LEAST_DEVIATION * min(sides)) ** 2)
+        least = LEAST_DEVIATION * min(sides)
+        weight = 12.0 / (apart * apart + least * least)
         found += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
     return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True)))
 
@@ -215,7 +216,8 @@ def _nodes(
     own = number[flat]
     weight = np.bincount(own, pairs.weight, count)
     toward = np.bincount(own, pairs.weight * (pairs.expected + moved), count)
-    scale = 1.0 / (16.0 * sum(_stiff(apart)) + weight)
+    z, y, x = _stiff(apart)
+    scale = 1.0 / (16.0 * (z + y + x) + weight)
     return _Nodes(
         place,
         _neighbors(place, number, shape),
@@ -230,7 +232,7 @@ def _nodes(
 def _stiff(apart: Sequence[float]) -> list[float]:
     """The weights of squared second differences along each axis, of nodes so far apart."""
     stiffness = STIFFNESS * math.prod(apart) / max(apart)
-    return [stiffness / side**4 for side in apart]
+    return [stiffness / (side * side * side * side) for side in apart]
 
 
 def _relaxed_steps(

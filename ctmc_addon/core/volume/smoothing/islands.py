@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arithmetic import cube_root
 from ...budget import Budget
 from ...extraction.grid import make_grid
 from ...extraction.marching_cubes import extract_steps
@@ -25,7 +26,7 @@ from ...progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO, Inside, Start
 from .bricks import WIDTH, Bricks, Floats
 from .label_components import Indices, LabelComponents, label_components_steps
-from .volume_constant import AREA_OF_BALL
+from .volume_constant import area_of_ball
 
 Doubles = NDArray[np.float64]
 Numbers = NDArray[np.int32]
@@ -239,7 +240,7 @@ class _Solving:
         The neighbors of an island change its volume where they share samples: those are looked at again.
         """
         voxel_mm3 = self.sides[0] * self.sides[1] * self.sides[2] * self.steps
-        constant = FIRST_GUESS * voxel_mm3 ** (1 / 3) * np.sqrt(voxel_mm3 / self.goal)
+        constant = FIRST_GUESS * cube_root(voxel_mm3) * np.sqrt(voxel_mm3 / self.goal)
         constant[~self.selected] = 0.0
         open_ = self.selected
         for _ in range(MOST_ROUNDS):
@@ -282,7 +283,7 @@ class _Solving:
             if not open_.any():
                 break
             # By the area, at least that of a ball, until the goal lies between two; a little more each time.
-            step = (self.goal - volume) / np.maximum(area, AREA_OF_BALL * self.goal ** (2 / 3))
+            step = (self.goal - volume) / np.maximum(area, area_of_ball(self.goal))
             following = constant + step * 1.25**trial
             both = np.isfinite(below) & np.isfinite(above)
             share = (self.goal - below_volume) / np.where(both, above_volume - below_volume, 1.0)
@@ -297,7 +298,7 @@ class _Solving:
         """Volume and area, mm3 and mm2, that the surface of every open component has with these values, (n,)."""
         volume, area = np.zeros(len(open_)), np.zeros(len(open_))
         side = np.maximum(self.size[:, 1], self.size[:, 2])
-        side = np.maximum(SMALLEST_SIDE, 2 ** np.ceil(np.log2(side)).astype(np.int64))
+        side = np.maximum(SMALLEST_SIDE, np.left_shift(1, np.frexp(side - 1)[1]))  # a power of two
         beyond = np.full(1, -self.nearest)
         all_values = np.concatenate([values, beyond, -np.abs(values), beyond])  # float32, and below zero from n on
         for length in np.unique(side[open_]):
@@ -318,7 +319,8 @@ class _Solving:
         samples, layer = self.samples, length * length
         layers = self.size[part, 0]
         first = np.full(len(self.selected), np.iinfo(np.int64).min)  # where sample (0, 0, 0) of the grid would be
-        first[part] = (np.cumsum(layers) - layers) * layer - self.corner[part] @ np.array([layer, length, 1])
+        z, y, x = self.corner[part].T
+        first[part] = (np.cumsum(layers) - layers) * layer - (z * layer + y * length + x)
         chosen = first > np.iinfo(np.int64).min
         stack = np.full(int(layers.sum()) * layer, -self.nearest, np.float32)
         places = samples.core.shape[1]

@@ -45,10 +45,11 @@ def relax_steps(
     inertia : float
         That the momentum begins with: 1 for none, more where the field is nearly smooth already.
     """
-    weights = [1.0 / side**2 for side in spacing_mm]
+    weights = [1.0 / (side * side) for side in spacing_mm]
+    total = weights[0] + weights[1] + weights[2]
     # Over the weight along x, so that sums along x, and mostly those along y, need no factor.
-    along_y, along_z, middle = (np.float32(each / weights[0]) for each in (weights[1], weights[2], 2.0 * sum(weights)))
-    step = np.float32(STEP * (weights[0] / (4.0 * sum(weights))) ** 2)
+    along_y, along_z, middle = (np.float32(each / weights[0]) for each in (weights[1], weights[2], 2.0 * total))
+    step = np.float32(STEP * (weights[0] / (4.0 * total)) * (weights[0] / (4.0 * total)))
     beside, ends = _neighbors(bricks, pool)
     ahead = field.copy()  # the field moved on by its momentum
     curvature = np.zeros_like(field)  # zero where bricks are not active

@@ -54,7 +54,7 @@ def signed_distance_steps(
     number, squares = _along_x(code, spacing_mm[0], reach[0], farthest, pool, every)
     yield Step(0.3)
     for axis, numbers, scale, share in ((1, number, every, 0.6), (0, bricks.number, 1, 1.0)):
-        steps = [np.float32((step * spacing_mm[2 - axis]) ** 2) for step in range(1, reach[2 - axis] + 1)]
+        steps = _squared_steps(spacing_mm[2 - axis], reach[2 - axis])
         nearer = np.empty((len(bricks), WIDTH), np.float32)
         nearer[-2], nearer[-1] = farthest, -farthest
         across = _across(bricks, axis, numbers, scale, [step for step in steps if step < farthest], squares, nearer)
@@ -62,6 +62,11 @@ def signed_distance_steps(
         squares = nearer
         yield Step(share)
     return np.copysign(np.sqrt(np.abs(squares)), squares)
+
+
+def _squared_steps(side_mm: float, count: int) -> list[np.float32]:
+    """Return the squares of 1, 2, ... steps."""
+    return [np.float32(step * side_mm * (step * side_mm)) for step in range(1, count + 1)]
 
 
 def _along_x(
@@ -80,7 +85,7 @@ def _along_x(
     squares = np.empty((len(place) + 2, WIDTH), np.float32)
     squares[-2], squares[-1] = farthest, -farthest
     # Squares of samples whose other side is 1, 2, ... steps along x away, or beyond reach: outside, then inside.
-    ways = [min(np.float32((step * side_mm) ** 2), farthest) for step in range(1, reach + 1)] + [farthest]
+    ways = [min(square, farthest) for square in _squared_steps(side_mm, reach)] + [farthest]
     signed = np.array([[-square for square in ways], ways], np.float32).ravel()
     flat, wide = code.ravel(), code.shape[2]
     low = np.uint32(2 ** (8 * every) - 1)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arithmetic import cube_root
 from ...budget import Budget
 from ...extraction.grid import Grid, make_axes, make_grid
 from ...extraction.marching_cubes import ENDS, extract_steps
@@ -24,7 +25,6 @@ PLAIN = (1, 1, 1)  # stride
 EXACT_ENOUGH = 2e-4  # of the volume
 MOST_TRIALS = 10
 FARTHER = 4.0  # times the last step
-AREA_OF_BALL = (36 * np.pi) ** (1 / 3)  # times the volume to the power 2/3
 FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
 FACES_AT_ONCE = 1 << 14
 PARTS_AT_ONCE = 64
@@ -134,6 +134,18 @@ def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.flo
                     flat[place] = here
 
 
+def area_of_ball(volumes: NDArray[np.float64] | float) -> NDArray[np.float64]:
+    """Return the area of balls of some volumes.
+
+    Examples
+    --------
+    >>> round(float(area_of_ball(4 / 3 * np.pi)) / np.pi, 12)
+    4.0
+    """
+    root = cube_root(volumes)
+    return cube_root(36 * np.pi) * root * root
+
+
 def _next(tried: list[tuple[float, float]], goal: float, area: float) -> float:
     """The constant to try next: by the area at first, then along the line through the two nearest on either side.
 
@@ -147,7 +159,7 @@ def _next(tried: list[tuple[float, float]], goal: float, area: float) -> float:
         return c0 + (goal - v0) * (c1 - c0) / (v1 - v0)
     constant, volume = tried[-1]
     if len(tried) == 1:
-        return constant + (goal - volume) / max(area, AREA_OF_BALL * goal ** (2 / 3))
+        return constant + (goal - volume) / max(area, float(area_of_ball(goal)))
     earlier, before = tried[-2]
     step = abs(constant - earlier)
     rise = (volume - before) / (constant - earlier)

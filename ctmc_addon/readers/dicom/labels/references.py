@@ -16,6 +16,7 @@ import numpy as np
 
 from ....core import ReadError, Steps
 from ....core.files.input_files import add_inputs
+from ....core.volume import SPACING_LIMITS, is_spacing
 from ..header import ImageFile, Slice
 from ..series import headers_steps, one_geometry
 from ..stack_geometry import stack_up
@@ -65,8 +66,8 @@ def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, l
     slices, notes = one_geometry(slices, path)
     slices = max(times_of(slices), key=len)  # all times stand at the same places
     spacing = slices[0].geometry.spacing
-    if spacing is None or min(spacing) <= 0:
-        raise ReadError(f"the series that {path.name} refers to has no PixelSpacing; export it again")
+    if spacing is None or not is_spacing(spacing):
+        raise ReadError(f"the series that {path.name} refers to has no PixelSpacing {SPACING_LIMITS}; export it again")
     geometry = slices[0].geometry
     positions = np.array([ct_slice.geometry.position for ct_slice in slices], np.float64)  # (n, 3)
     names = [ct_slice.name for ct_slice in slices]

@@ -14,9 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ....core import ReadError, Steps
+from ....core.volume import SPACING_LIMITS, is_spacing
 from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
-from ..header import UNCOMPRESSED, Called, ImageFile, Pixels, missing_pixels
+from ..header import UNCOMPRESSED, Called, ImageFile
+from ..pixel_format import Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Found
 from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
@@ -208,6 +210,10 @@ def one_way(
         scale = max(abs(a - b) for a, b in zip(spacing, first[1], strict=True))
         if turn > SAME_WAY or scale > SAME_WAY * max(spacing):
             raise ReadError(f"the frames of {name} have {len(ways)} orientations or spacings; export each by itself")
-        if min(spacing) <= 0:
-            raise ReadError(f"the frames of {name} have a PixelSpacing of {min(spacing):g} mm; export it again")
+        if not is_spacing(spacing):
+            lengths = " x ".join(f"{length:g}" for length in spacing)
+            raise ReadError(
+                f"the frames of {name} have a PixelSpacing of {lengths} mm, and it must be {SPACING_LIMITS}; "
+                "export it again"
+            )
     return first

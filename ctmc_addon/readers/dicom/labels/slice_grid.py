@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,8 @@ MOST_SLICES = 65536
 FINEST_MM = 1e-3
 
 
-class SliceGrid(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class SliceGrid:
     """Slices of one orientation and spacing.
 
     Parameters
@@ -40,6 +42,8 @@ class SliceGrid(NamedTuple):
         Of the volume, to RAS+ mm.
     source : (slices,) int64
         For every slice of the volume the scanned slice whose labels it has; they differ where a CT was resampled.
+    origins : (slices, 3) float64
+        Of the first pixel of each slice of the volume, LPS+ mm, along the normal.
     """
 
     positions: NDArray[np.float64]
@@ -48,13 +52,15 @@ class SliceGrid(NamedTuple):
     shape: tuple[int, int, int]
     affine: NDArray[np.float64]
     source: NDArray[np.int64]
+    origins: NDArray[np.float64]
 
     @property
     def gap(self) -> float:
         """Return the usual distance between slices, mm."""
-        heights = dot(self.positions, self._axes()[2])
+        heights = dot(self.positions, self._axes[2])
         return float(np.median(np.diff(heights)))
 
+    @cached_property
     def _axes(self) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         row, column = np.array(self.orientation[:3], np.float64), np.array(self.orientation[3:], np.float64)
         return row, column, checked_normal(row, column)
@@ -66,7 +72,7 @@ class SliceGrid(NamedTuple):
 
         Columns and rows are pixels and not rounded; the way is in mm.
         """
-        row, column, normal = self._axes()
+        row, column, normal = self._axes
         heights, along = dot(self.positions, normal), dot(points, normal)
         above = np.clip(np.searchsorted(heights, along), 1, len(heights) - 1)
         nearest = above - (along - heights[above - 1] <= heights[above] - along)
@@ -74,19 +80,45 @@ class SliceGrid(NamedTuple):
         x, y = dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]
         return nearest, x, y, along - heights[nearest]
 
-    def on_slice(self, points: NDArray[np.float64]) -> tuple[int, NDArray[np.float64], float, float]:
-        """Return the scanned slice nearest to a contour (n, 3), and the contour in it, (n, 2) column and row in pixels.
+    @cached_property
+    def heights(self) -> NDArray[np.float64]:
+        """Return the place of each slice of the volume along the normal, (slices,), mm."""
+        return dot(self.origins, self._axes[2])
 
-        Then its way to the slice, and how far it leaves a plane parallel to it, mm.
+    @cached_property
+    def slice_mm(self) -> float:
+        """Return the usual distance between slices of the volume, mm."""
+        return float(np.median(np.diff(self.heights)))
+
+    def scanned_numbers(self, heights: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Count planes at these heights, mm, in slices that were scanned: 1.5 is halfway between the second and third.
+
+        Outside of the slices the distance of the last two goes on.
         """
-        row, column, normal = self._axes()
-        heights, along = dot(self.positions, normal), dot(points, normal)
-        middle = float(along.min() + along.max()) / 2
-        above = int(np.clip(np.searchsorted(heights, middle), 1, len(heights) - 1))
-        nearest = above - int(middle - heights[above - 1] <= heights[above] - middle)
-        offset = points - self.positions[nearest]
+        scanned = dot(self.positions, self._axes[2])
+        below = np.clip(np.searchsorted(scanned, heights, side="right") - 1, 0, len(scanned) - 2)
+        numbers: NDArray[np.float64] = below + (heights - scanned[below]) / (scanned[below + 1] - scanned[below])
+        return numbers
+
+    def in_plane(self, points: NDArray[np.float64]) -> tuple[float, NDArray[np.float64], float]:
+        """Return a contour (n, 3) in a plane parallel to the slices: its height, and (n, 2) column and row in pixels.
+
+        The height is along the normal, mm. Between slices the first pixel lies between theirs, so that a body along a
+        tilted stack keeps its pixels. Then how far the contour leaves its plane, mm.
+        """
+        row, column, normal = self._axes
+        heights, along = self.heights, dot(points, normal)
+        height = float(along.min() + along.max()) / 2
+        above = int(np.clip(np.searchsorted(heights, height), 1, len(heights) - 1))
+        below = above - 1
+        nearest = above - int(height - heights[below] <= heights[above] - height)
+        origin = self.origins[nearest]
+        if abs(height - heights[nearest]) > EVEN * self.slice_mm:
+            share = (height - heights[below]) / (heights[above] - heights[below])
+            origin = self.origins[below] + share * (self.origins[above] - self.origins[below])
+        offset = points - origin
         corners = np.stack([dot(offset, row) / self.spacing[1], dot(offset, column) / self.spacing[0]], axis=1)
-        return nearest, corners, middle - float(heights[nearest]), float(np.ptp(along)) / 2
+        return height, corners, float(np.ptp(along)) / 2
 
     def offsets(
         self,
@@ -125,9 +157,16 @@ def grid_of_ct(slices: Sequence[Slice], stack: Stack, spacing: Sequence[float]) 
     image = ordered[0].image
     positions = np.array([ct_slice.geometry.position for ct_slice in ordered], np.float64)
     source = stack.below + (stack.weight >= 0.5)
-    shape = (len(stack.below), image.rows, image.columns)
+    next_slice = positions[np.minimum(stack.below + 1, len(positions) - 1)]
+    origins = positions[stack.below] + stack.weight[:, None] * (next_slice - positions[stack.below])
     return SliceGrid(
-        positions, ordered[0].geometry.orientation or (), tuple(spacing), shape, stack.affine, source.astype(np.int64)
+        positions=positions,
+        orientation=ordered[0].geometry.orientation or (),
+        spacing=tuple(spacing),
+        shape=(len(stack.below), image.rows, image.columns),
+        affine=stack.affine,
+        source=source.astype(np.int64),
+        origins=origins,
     )
 
 
@@ -171,9 +210,8 @@ def grid_of_frames(
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start
     affine[:2] *= -1.0  # LPS to RAS
-    return SliceGrid(
-        start + slices[:, None] * step, tuple(orientation), tuple(spacing), (count, *size), affine, slices
-    ), notes
+    origins = start + slices[:, None] * step
+    return SliceGrid(origins, tuple(orientation), tuple(spacing), (count, *size), affine, slices, origins), notes
 
 
 def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:

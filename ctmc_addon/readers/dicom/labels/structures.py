@@ -1,14 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """DICOM structure sets: contours of a radiotherapy plan, filled on the slices of the CT that they were drawn on.
 
-Contours of one region in one plane are taken together by the even-odd rule, so that a contour within another is a hole,
-drawn with a keyhole or as one of its own. Positions are in LPS+ mm. DICOM PS3.3 C.8.8.5 and C.8.8.6.
+A contour within another of the same region is a hole, drawn with a keyhole or as one of its own. Contours that overlap
+in part are united, but for those of type CLOSEDPLANAR_XOR. Slices between contours take the body between them, as
+`contour_planes` tells. Positions are in LPS+ mm. DICOM PS3.3 C.8.8.5 and C.8.8.6.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
@@ -18,11 +18,12 @@ from numpy.typing import NDArray
 from ....core import ReadError, Stages, Step, Steps
 from ....core.volume import ValueKind
 from ...labels.colors import RGB, rgb_of_bytes
-from ...labels.contours import Edges, edges_of, filled_steps
-from ...labels.label_map import LabelMap, clean_name
+from ...labels.label_map import LabelMap, clean_name, limited
 from ...optional_imports import imported_steps
 from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
+from .contour_filling import fill_steps
+from .contour_planes import Contour, Layout, Plane, layouts_of, planes_of
 from .elements import LOCATION, VALUE, Damaged, Elements, Found, ValueLocation
 from .label_file import decimals, opened, reference_of, texts, uid, whole
 from .references import Reference, found_steps, grid_of
@@ -35,22 +36,23 @@ WANTED = {
         0x00200052: VALUE,
         0x30060012: {0x30060014: {0x0020000E: VALUE, 0x30060016: {0x00081155: VALUE}}},
     },
-    0x30060020: {0x30060022: VALUE, 0x30060026: VALUE},  # regions
+    0x30060020: {0x30060022: VALUE, 0x30060024: VALUE, 0x30060026: VALUE},  # regions
     0x30060039: {  # their contours
         0x30060084: VALUE,
         0x3006002A: VALUE,
-        0x30060040: {0x30060042: VALUE, 0x30060050: LOCATION},
+        0x30060040: {0x30060016: {0x00081155: VALUE}, 0x30060042: VALUE, 0x30060050: LOCATION},
     },
 }
-CLOSED = ("CLOSED_PLANAR", "CLOSEDPLANAR_XOR")
+XOR = "CLOSEDPLANAR_XOR"
+CLOSED = ("CLOSED_PLANAR", XOR)
+OPEN = ("POINT", "OPEN_PLANAR", "OPEN_NONPLANAR")
 LONGEST_CONTOUR = 1 << 26  # bytes of numbers in words
 MOST_BYTES = 1 << 29  # of all contours
-MOST_CROSSINGS = 1 << 26  # of edges with rows of pixels; real sets have some millions
 MOST_MM = 1e6
 PLANAR = 0.25  # shares of the gap between slices by which a contour may leave its plane
 CONTOURS_PER_STEP = 64
 
-Planes = dict[int, list[NDArray[np.float64]]]  # scanned slice: contours (n, 2), column and row
+LeftOut = Counter[tuple[str, str]]  # why, and the region's name
 
 
 class Region(NamedTuple):
@@ -85,13 +87,23 @@ class StructureSource(VolumeSource):
         """Fill every region; those that overlap lie in different layers."""
         stages = Stages({"Reading contours": 1, "Filling contours": 2})
         grid, notes = grid_of(self.slices, self.path, request.strict)
-        regions, left_out = yield from stages.run("Reading contours", planes_steps(self.path, self.header, grid))
+        structures, left_out = yield from stages.run("Reading contours", planes_steps(self.path, self.header, grid))
         numbered = list(enumerate(self.header.regions, 1))
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
         label_map = LabelMap(grid.shape, names, colors, self.path.name, budget=request.budget)
-        notes += yield from stages.run("Filling contours", fill_steps(label_map, regions, grid, self.path.name))
-        notes += [f"{text}: {count} left out" for text, count in sorted(left_out.items())]
+        layouts = layouts_of(structures, grid)
+        for (_, region), planes, layout in zip(numbered, structures, layouts, strict=True):
+            count_unused(region.name, planes, layout, grid, left_out)
+        if not any(layout.sources for layout in layouts):
+            reasons = "; ".join(left_out_notes(left_out))
+            raise ReadError(
+                f"{self.path.name} has no contours to fill on its CT ({reasons}); choose another structure set"
+            )
+        notes += yield from stages.run(
+            "Filling contours", fill_steps(label_map, structures, layouts, grid, self.path.name)
+        )
+        notes += left_out_notes(left_out)
         notes += label_map.overlap_note("regions")
         notes += label_map.empty_note("regions")
         names, colors = label_map.names, label_map.colors
@@ -120,8 +132,11 @@ def header_steps(path: Path) -> Steps[Header]:
         decoded = texts(found)
         frames = found.get(0x30060010, [])
         series = [item for frame in frames for study in frame.get(0x30060012, ()) for item in study.get(0x30060014, ())]
-        coordinates = next((uid(frame[0x00200052]) for frame in frames if frame.get(0x00200052)), "")
-        reference = reference_of(found, series, 0x30060016, coordinates)
+        # PS3.3 C.8.8.5: the sequence of frames of reference is optional, the one of each region is not.
+        named = [frame.get(0x00200052) for frame in frames]
+        named += [region.get(0x30060024) for region in found.get(0x30060020, ())]
+        coordinates = next((uid(value) for value in named if value), "")
+        reference = reference_of(found, series + images_of(found), 0x30060016, coordinates)
         drawn = {whole(item[0x30060084]): item for item in found.get(0x30060039, ()) if item.get(0x30060084)}
         regions = []
         for number, item in enumerate(found.get(0x30060020, ()), 1):
@@ -133,6 +148,11 @@ def header_steps(path: Path) -> Steps[Header]:
     if sum(location.length for region in regions for _, location in region.contours) > MOST_BYTES:
         raise ReadError(f"{path.name} has more than {MOST_BYTES} bytes of contours; export fewer regions")
     return Header(uid(found.get(0x0020000E, b"")), regions, reference)
+
+
+def images_of(found: Found) -> list[Found]:
+    """Return the contours, each of which may name the images that it was drawn on."""
+    return [contour for region in found.get(0x30060039, ()) for contour in region.get(0x30060040, ())]
 
 
 def color_of(item: Found) -> RGB | None:
@@ -151,39 +171,63 @@ def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
     ]
 
 
-def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[list[Planes], Counter[str]]]:
-    """Return the contours of every region by scanned slice, in pixels, and how many were left out and why."""
-    regions, left_out = [], Counter[str]()
+def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[list[list[Plane]], LeftOut]]:
+    """Return the planes of every region, and how many of its contours were left out and why."""
+    structures, left_out = [], LeftOut()
     total = sum(len(region.contours) for region in header.regions)
-    done, gap = 0, grid.gap
+    done, slice_mm = 0, grid.slice_mm
     with opened(path) as (elements, _):
         for region in header.regions:
-            nearest: dict[int, dict[float, list[NDArray[np.float64]]]] = {}
+            contours = []
             for kind, location in region.contours:
                 done += 1
                 if done % CONTOURS_PER_STEP == 0:
                     yield Step(done / total, "Reading contours")
                 if kind not in CLOSED:
-                    left_out[f"contours of type {clean_name(kind, 'none')}, which enclose nothing"] += 1
+                    left_out[type_text(kind, path.name), region.name] += 1
                     continue
                 points = positions_of(elements, location)
                 if len(points) < 3:
-                    left_out["contours of less than 3 points"] += 1
+                    left_out["contours of less than 3 points", region.name] += 1
                     continue
-                scanned, corners, way, spread = grid.on_slice(points)
-                if spread > PLANAR * gap:
-                    left_out["contours that do not lie in the plane of the slices"] += 1
-                elif abs(way) > 0.5 * gap * (1 + 1e-6):
-                    left_out["contours above or below all slices"] += 1
+                height, corners, spread = grid.in_plane(points)
+                if spread > PLANAR * slice_mm:
+                    left_out["contours that do not lie in the plane of the slices", region.name] += 1
                 else:
-                    nearest.setdefault(scanned, {}).setdefault(round(abs(way), 2), []).append(corners)
-            planes = {scanned: ways[min(ways)] for scanned, ways in nearest.items()}
-            finer = sum(len(corners) for ways in nearest.values() for corners in ways.values())
-            finer -= sum(map(len, planes.values()))
-            if finer:
-                left_out["contours of planes that lie closer than the slices"] += finer
-            regions.append({scanned: without_copies(planes[scanned], left_out) for scanned in sorted(planes)})
-    return regions, left_out
+                    contours.append(Contour(height, corners, kind == XOR))
+            planes, copies = planes_of(contours, slice_mm)
+            if copies:
+                left_out["copies of contours", region.name] += copies
+            structures.append(planes)
+    return structures, left_out
+
+
+def type_text(kind: str, name: str) -> str:
+    """Return why contours of a type are left out; `name` is the file's."""
+    if kind in OPEN:
+        return f"contours of type {kind}, which enclose nothing"
+    if not kind:
+        return f"contours in {name} without a type (ContourGeometricType)"
+    return f"contours in {name} of type '{clean_name(kind, '')}', which DICOM does not define"
+
+
+def count_unused(region: str, planes: list[Plane], layout: Layout, grid: SliceGrid, left_out: LeftOut) -> None:
+    """Count the contours of planes that no slice takes."""
+    first, last = grid.heights[[0, -1]].tolist()
+    for number in set(range(len(planes))) - layout.used:
+        outside = not first <= planes[number].height <= last
+        why = "contours above or below all slices" if outside else "contours of planes that lie closer than the slices"
+        left_out[why, region] += len(planes[number].contours)
+
+
+def left_out_notes(left_out: LeftOut) -> list[str]:
+    """Return a note for each reason, with the regions that have such contours."""
+    notes = []
+    for reason in sorted({reason for reason, _ in left_out}):
+        counts = {region: count for (why, region), count in left_out.items() if why == reason}
+        named = limited(f"{region} {count}" for region, count in counts.items())
+        notes.append(f"{reason}: {sum(counts.values())} left out ({named})")
+    return notes
 
 
 def positions_of(elements: Elements, location: ValueLocation) -> NDArray[np.float64]:
@@ -197,55 +241,3 @@ def positions_of(elements: Elements, location: ValueLocation) -> NDArray[np.floa
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN
         raise Damaged("a contour with positions that are no number or farther than any patient")
     return values.reshape(-1, 3)
-
-
-def without_copies(contours: list[NDArray[np.float64]], left_out: Counter[str]) -> list[NDArray[np.float64]]:
-    """Contours without those drawn twice, which the even-odd rule would take for a hole in themselves."""
-    single = {corners.tobytes(): corners for corners in contours}
-    if len(single) < len(contours):
-        left_out["copies of contours"] += len(contours) - len(single)
-    return list(single.values())
-
-
-def fill_steps(label_map: LabelMap, regions: list[Planes], grid: SliceGrid, name: str) -> Steps[list[str]]:
-    """Paint every region; the notes about slices between contours."""
-    volume_slices = [np.flatnonzero(grid.source == scanned).tolist() for scanned in range(len(grid.positions))]
-    total, done, crossings, thick = sum(map(len, regions)), 0, 0, []
-    for label, planes in enumerate(regions, 1):
-        targets, step = with_slices_between(sorted(planes))
-        if step > 1:
-            thick.append(f"{label_map.name(label)} {step}")
-        for plane, scanned in targets.items():
-            edges: Edges = edges_of(planes[plane], grid.shape[1])
-            crossings += int(edges.crossings.sum())
-            if crossings > MOST_CROSSINGS:
-                raise ReadError(
-                    f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, which no drawing "
-                    "does; export it again"
-                )
-            top, left, mask = yield from filled_steps(edges, grid.shape[2])
-            for number in (number for one in scanned for number in volume_slices[one]):
-                label_map.paint(number, mask, label, top, left)
-            done += 1
-            yield Step(done / total, "Filling contours")
-    if not thick:
-        return []
-    named = ", ".join(thick[:8]) + (f" and {len(thick) - 8} more" if len(thick) > 8 else "")
-    return [f"contours lie several slices apart, and those between take the nearest contour ({named} slices)"]
-
-
-def with_slices_between(planes: list[int]) -> tuple[dict[int, list[int]], int]:
-    """For every slice with contours the slices that take them, and how many slices apart contours usually are.
-
-    Examples
-    --------
-    >>> with_slices_between([4, 6, 8, 14])
-    ({4: [4, 5], 6: [6, 7], 8: [8], 14: [14]}, 2)
-    """
-    step = int(np.median(np.diff(planes))) if len(planes) > 1 else 1
-    targets = {plane: [plane] for plane in planes}
-    for low, high in pairwise(planes):
-        if high - low <= step:
-            for between in range(low + 1, high):
-                targets[low if 2 * (between - low) <= high - low else high].append(between)
-    return targets, step

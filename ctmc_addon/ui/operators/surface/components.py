@@ -14,7 +14,7 @@ import bpy
 from ....core import Steps
 from ....core.mesh import SMALL
 from ... import jobs
-from ...state import session, surfaces
+from ...state import measurements, session, surfaces
 from .simplify import from_full_steps
 
 
@@ -29,8 +29,14 @@ class ComponentsOperator(jobs.LongOperator):
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the active surface, with these settings."""
-        work = from_full_steps(context, self.changes, extracts=self.extracts)
-        return with_panel_steps(work, context.scene.session_uid, self.changes)
+        changes = self.changes_of(context.view_layer.objects.active)
+        work = from_full_steps(context, changes, extracts=self.extracts)
+        return with_panel_steps(work, context.scene.session_uid, changes)
+
+    def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
+        """Return the settings to change, of the surface of an object."""
+        del obj
+        return self.changes
 
 
 def with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
@@ -65,9 +71,15 @@ class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
 
     bl_idname = "ctmc.remove_small"
     bl_label = "Remove Small Components"
-    bl_description = "Remove components and fill cavities below 10 mm3; nothing is extracted again"
+    bl_description = (
+        "Remove components and fill cavities below 10 mm3, or a thousandth of a largest component that is smaller; "
+        "nothing is extracted again"
+    )
 
-    changes = {"min_part_mm3": SMALL}  # noqa: RUF012
+    def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
+        """Return the volume below which the components of a surface are small."""
+        measurement = measurements.of(obj)
+        return {"min_part_mm3": SMALL if measurement is None else measurement.measures.small}
 
 
 class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):

@@ -157,22 +157,38 @@ def save_segmentation() -> Callable[..., Any]:
 
 @pytest.fixture
 def save_structures() -> Callable[..., Any]:
-    """Write a structure set of the CT that `save_stack` writes; `regions` are name: [(type, positions (n, 3))]."""
+    """Write a structure set of the CT that `save_stack` writes; `regions` are name: [(type, positions (n, 3))].
 
-    def save(path: Path, regions: Any, syntax: str = IMPLICIT, color: Any = (255, None, 0), **tags: Any) -> Any:
+    Without `frame` no frame of reference is named for the whole set. `images` names one image for each contour.
+    """
+
+    def save(
+        path: Path,
+        regions: Any,
+        syntax: str = IMPLICIT,
+        color: Any = (255, None, 0),
+        frame: bool = True,
+        region_frame: str | None = None,
+        images: Any = None,
+        **tags: Any,
+    ) -> Any:
         import pydicom
 
         dataset = _empty(RTSTRUCT, syntax, "RTSTRUCT")
         dataset.SpecificCharacterSet = "ISO_IR 100"
         series = item(SeriesInstanceUID="1.2.3.4.5")
         study = item(RTReferencedSeriesSequence=[series])
-        dataset.ReferencedFrameOfReferenceSequence = [
-            item(FrameOfReferenceUID="1.2.3.4.8", RTReferencedStudySequence=[study])
-        ]
+        if frame:
+            dataset.ReferencedFrameOfReferenceSequence = [
+                item(FrameOfReferenceUID="1.2.3.4.8", RTReferencedStudySequence=[study])
+            ]
         dataset.StructureSetROISequence, dataset.ROIContourSequence = [], []
         for at, (name, contours) in enumerate(regions.items()):
             number = 10 + 3 * at
-            dataset.StructureSetROISequence.append(item(ROINumber=number, ROIName=name))
+            region = item(ROINumber=number, ROIName=name)
+            if region_frame is not None:
+                region.ReferencedFrameOfReferenceUID = region_frame
+            dataset.StructureSetROISequence.append(region)
             drawn = [
                 item(
                     ContourGeometricType=kind,
@@ -181,6 +197,8 @@ def save_structures() -> Callable[..., Any]:
                 )
                 for kind, points in contours
             ]
+            for contour in drawn if images else ():
+                contour.ContourImageSequence = [item(ReferencedSOPInstanceUID=images)]
             own_color = [10 * at if share is None else share for share in color]
             dataset.ROIContourSequence.append(
                 item(ReferencedROINumber=number, ROIDisplayColor=own_color, ContourSequence=drawn)

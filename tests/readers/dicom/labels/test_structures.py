@@ -87,7 +87,7 @@ def test_points_and_open_lines_enclose_nothing_and_are_said(ct, save_structures)
     save_structures(ct / "rt.dcm", {"lines": contours, "box": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]})
     volume = read_volume(ct / "rt.dcm")
     for text in (
-        "contours of type POINT, which enclose nothing: 1 left out",
+        "contours of type POINT, which enclose nothing: 1 left out (lines 1)",
         "type OPEN_PLANAR",
         "less than 3 points: 1",
         "above or below all slices: 1",
@@ -95,14 +95,6 @@ def test_points_and_open_lines_enclose_nothing_and_are_said(ct, save_structures)
         "1 of 2 regions is empty: lines",
     ):
         assert said(volume, text), (text, volume.notes)
-
-
-def test_slices_between_contours_take_the_nearest(ct, save_structures):
-    save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5 + z, 9.5, z)) for z in (0, 4, 8)]})
-    volume = read_volume(ct / "rt.dcm")
-    widths = [int(plane[5].sum()) for plane in volume.values]
-    assert widths == [9, 9, 13, 13, 17, 0]
-    assert said(volume, "those between take the nearest contour (r 2 slices)")
 
 
 def test_planes_closer_than_the_slices_are_not_mixed(ct, save_structures):
@@ -127,6 +119,62 @@ def test_the_frame_of_reference_finds_a_ct_whose_series_is_not_named(tmp_path, s
     save_stack(tmp_path / "ct", range(4), (20, 20), SeriesInstanceUID="1.9", FrameOfReferenceUID="1.2.3.4.8")
     save_structures(tmp_path / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 2))]})
     assert read_volume(tmp_path / "rt.dcm").values.sum() == 81
+
+
+def test_the_frame_of_reference_of_a_region_finds_the_ct_where_the_set_names_none(
+    tmp_path, save_stack, save_structures
+):
+    save_stack(tmp_path / "ct", range(4), (20, 20), SeriesInstanceUID="1.9", FrameOfReferenceUID="1.2.3.4.8")
+    save_stack(tmp_path / "more", range(6), (20, 20), SeriesInstanceUID="1.8", FrameOfReferenceUID="1.2.3.4.9")
+    regions = {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 2))]}
+    save_structures(tmp_path / "rt.dcm", regions, frame=False, region_frame="1.2.3.4.8")
+    volume = read_volume(tmp_path / "rt.dcm")
+    assert volume.values.shape == (4, 20, 20)
+    assert volume.values.sum() == 81
+    save_structures(tmp_path / "rt.dcm", regions, frame=False)
+    with pytest.raises(CtmcError, match=r"rt\.dcm holds contours, and the CT series .* put the two in one folder"):
+        open_volume(tmp_path / "rt.dcm")
+
+
+@pytest.mark.parametrize("region_frame", [None, "1.2.3.4.8"])
+def test_the_images_of_contours_find_the_ct_among_series_of_one_frame(
+    tmp_path, save_stack, save_structures, region_frame
+):
+    frame = {"FrameOfReferenceUID": "1.2.3.4.8"}
+    save_stack(tmp_path / "late", range(6), (20, 20), SeriesInstanceUID="1.8", **frame)
+    save_stack(tmp_path / "ct", range(3), (20, 20), SeriesInstanceUID="1.9", **frame)
+    save_stack(tmp_path / "ct" / "last", [3], (20, 20), SeriesInstanceUID="1.9", SOPInstanceUID="1.9.3", **frame)
+    regions = {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 3))]}
+    save_structures(tmp_path / "rt.dcm", regions, frame=False, region_frame=region_frame, images="1.9.3")
+    volume = read_volume(tmp_path / "rt.dcm")
+    assert volume.values.shape == (4, 20, 20)
+    assert volume.values[3].sum() == volume.values.sum() == 81
+
+
+@pytest.mark.parametrize(
+    ("kind", "reason"),
+    [
+        ("POINT", "contours of type POINT, which enclose nothing: 2 left out (r 2)"),
+        ("CLOSEDPLANAR", "contours in rt.dcm of type 'CLOSEDPLANAR', which DICOM does not define: 2 left out (r 2)"),
+        ("", "contours in rt.dcm without a type (ContourGeometricType): 2 left out (r 2)"),
+        (CLOSED, "contours above or below all slices: 2 left out (r 2)"),
+    ],
+)
+def test_a_set_without_a_contour_that_fills_a_slice_is_refused_with_the_reason(ct, save_structures, kind, reason):
+    contours = [(kind, rectangle(0.5, 0.5, 9.5, 9.5, z)) for z in (50, 52)]
+    save_structures(ct / "rt.dcm", {"r": contours, "none": []})
+    with pytest.raises(CtmcError) as refused:
+        read_volume(ct / "rt.dcm")
+    assert str(refused.value) == (f"rt.dcm has no contours to fill on its CT ({reason}); choose another structure set")
+
+
+def test_a_contour_of_an_unknown_type_is_said_with_its_file_and_region(ct, save_structures):
+    box = rectangle(0.5, 0.5, 9.5, 9.5, 4)
+    regions = {"a": [("RING", box), (CLOSED, box)], "b": [("RING", box), ("RING", box), (CLOSED, box)]}
+    save_structures(ct / "rt.dcm", regions)
+    volume = read_volume(ct / "rt.dcm")
+    assert [int(label_mask(volume, label).sum()) for label in (1, 2)] == [81, 81]
+    assert said(volume, "contours in rt.dcm of type 'RING', which DICOM does not define: 3 left out (a 1, b 2)")
 
 
 @pytest.mark.parametrize("words", [b"nan", b"1e300", b"-inf", b"x", b""])
@@ -194,7 +242,7 @@ def test_a_number_of_5000_digits_is_damage():
 
 
 def test_contours_that_cross_too_many_rows_are_refused_in_a_sentence(ct, save_structures, monkeypatch):
-    monkeypatch.setattr("ctmc_addon.readers.dicom.labels.structures.MOST_CROSSINGS", 10)
+    monkeypatch.setattr("ctmc_addon.readers.dicom.labels.contour_filling.MOST_CROSSINGS", 10)
     save_structures(ct / "rt.dcm", {"r": [(CLOSED, rectangle(0.5, 0.5, 9.5, 9.5, 4))]})
     with pytest.raises(CtmcError, match="cross rows of pixels more than 10 times"):
         read_volume(ct / "rt.dcm")

@@ -312,3 +312,15 @@ def test_labels_have_the_colors_of_their_file_in_list_and_material_and_names_the
     written = json.loads(glb[20 : 20 + int.from_bytes(glb[12:16], "little")])
     for kind in ("nodes", "meshes", "materials"):
         assert [block["name"] for block in written[kind]] == ["Kidney"]
+
+
+def test_a_file_without_a_length_is_loaded_with_the_spacing_that_overrides_it(scene, tmp_path):
+    values = np.arange(210, dtype=np.int16).reshape(7, 6, 5)
+    head = "NDims = 3\nDimSize = 5 6 7\nElementType = MET_SHORT\nElementSpacing = 1 1 0\nElementDataFile = LOCAL\n"
+    (tmp_path / "flat.mha").write_bytes(head.encode() + values.tobytes())
+    with pytest.raises(
+        RuntimeError, match=r"flat\.mha: the affine is singular: it has no length along z; set the spac"
+    ):
+        bpy.ops.ctmc.load(filepath=str(tmp_path / "flat.mha"))
+    assert load(tmp_path / "flat.mha") == {"FINISHED"}
+    assert volumes.current(scene).spacing == (1, 1, 2)

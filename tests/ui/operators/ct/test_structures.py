@@ -123,6 +123,28 @@ def test_labels_beside_the_grid_are_refused_with_their_distance(scene, patient):
     assert not len(scene.ctmc.labels)
 
 
+@pytest.mark.parametrize("stored", [np.uint8, np.int16, np.float32])
+def test_labels_that_a_file_scales_or_has_as_floats_are_those_that_were_saved(scene, patient, stored):
+    values = 6.0 * cube(4, 4, 3, size=6) + 117.0 * cube(16, 4, 4)
+    image = nibabel.Nifti1Image(values if stored != np.float32 else values.astype(stored), AFFINE)
+    image.set_data_dtype(stored)  # nibabel finds a scale for integers
+    nibabel.save(image, patient / "organs.nii.gz")
+    load_labels(patient / "organs.nii.gz")
+    assert [item.value for item in scene.ctmc.labels] == [6, 117]
+    np.testing.assert_array_equal(structures.label_volume(scene).values.T, values)
+    bpy.ops.ctmc.reconstruct()
+    assert sorted(obj.name for obj in meshes_in(scene)) == ["Label 117", "Label 6"]
+    bpy.ops.ctmc.load(filepath=str(patient / "organs.nii.gz"))
+    assert [item.value for item in scene.ctmc.labels] == [6, 117]
+
+
+def test_shares_are_refused_as_labels_with_the_first_of_them(scene, patient):
+    save(patient / "shares.nii.gz", (cube(4, 4, 3, size=6) * 0.37).astype(np.float32))
+    with pytest.raises(RuntimeError, match=r"shares holds gray values, such as 0\.37, and not labels; load it as a CT"):
+        load_labels(patient / "shares.nii.gz")
+    assert not len(scene.ctmc.labels)
+
+
 def test_labels_come_back_with_undo_and_with_the_file(scene, patient, tmp_path):
     load_labels(patient / "masks")
     scene.ctmc.labels[0].color = (0.1, 0.2, 0.3)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Label 2 of a LiTS segmentation, smoothed, as the paper's tumours."""
+"""Label 2 of a LiTS segmentation, smoothed, as the paper's tumors."""
 
 import bpy
 

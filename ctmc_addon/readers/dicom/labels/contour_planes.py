@@ -1,0 +1,174 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The planes that a structure's contours lie in, and which slice takes which of them.
+
+Contours need not lie on slices. A slice with a plane on it takes that plane as it is drawn. One between two planes
+takes the body between them, unless the planes are much farther apart than is usual for the structure: that is a gap.
+Before the first and behind the last plane a slice takes that plane if it lies less than half a slice away, which is as
+far as a slice itself reaches. Heights are along the normal of the slices, mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .slice_grid import EVEN, SliceGrid
+
+SAME_PLANE = 0.05  # Contours that lie closer are in one plane, in distances between slices.
+WIDEST = 1.5  # Planes farther apart than this are a gap, in the structure's usual distances.
+ROUNDING = 0.01  # Heights that differ by less are the same, in distances between slices.
+
+
+class Contour(NamedTuple):
+    """One closed contour."""
+
+    height: float
+    corners: NDArray[np.float64]  # (n, 2) column and row in pixels
+    xor: bool  # whether its type asks for the even-odd rule wherever contours overlap
+
+
+class Plane(NamedTuple):
+    """The contours of one structure that lie in one plane."""
+
+    height: float
+    contours: list[NDArray[np.float64]]
+    xor: bool
+
+
+class Source(NamedTuple):
+    """The planes that a slice of the volume takes: the same one twice where it takes one as it is drawn."""
+
+    slice_: int
+    below: int
+    above: int
+    share: float  # of the way from the plane below to the one above
+
+
+class Layout(NamedTuple):
+    """How the planes of one structure become slices."""
+
+    sources: list[Source]  # by slice
+    usual_mm: float  # between planes; 0 where there is one
+    gaps_mm: list[float]  # that hold slices, which stay empty
+
+    @property
+    def used(self) -> set[int]:
+        """Return the numbers of the planes that slices take."""
+        return {plane for source in self.sources for plane in (source.below, source.above)}
+
+    @property
+    def between(self) -> int:
+        """Return how many slices lie between planes and are filled."""
+        return sum(source.below != source.above for source in self.sources)
+
+
+def planes_of(contours: Iterable[Contour], slice_mm: float) -> tuple[list[Plane], int]:
+    """Return the planes of contours by height, and how many copies of contours were left out.
+
+    The even-odd rule would take a contour that is drawn twice for a hole in itself.
+    """
+    planes: list[Plane] = []
+    copies = 0
+    for contour in sorted(contours, key=lambda contour: contour.height):
+        if not planes or contour.height - planes[-1].height > SAME_PLANE * slice_mm:
+            planes.append(Plane(contour.height, [], False))
+        plane = planes[-1]
+        plane.contours.append(contour.corners)
+        planes[-1] = plane._replace(xor=plane.xor or contour.xor)
+    for plane in planes:
+        single = list({corners.tobytes(): corners for corners in plane.contours}.values())
+        copies += len(plane.contours) - len(single)
+        plane.contours[:] = single
+    return planes, copies
+
+
+def layouts_of(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[Layout]:
+    """Return the layout of each structure's planes on the slices of the volume.
+
+    One distance is not usual by itself: a structure of two planes takes the usual distance of all structures.
+    """
+    heights = [np.array([plane.height for plane in planes]) for planes in structures]
+    numbers = [grid.scanned_numbers(own) for own in heights]
+    steps = [np.diff(own) for own in numbers]
+    usual_of_all = lower_median(np.concatenate(steps) if steps else np.zeros(0))
+    layouts = []
+    for own_heights, own_steps in zip(heights, steps, strict=True):
+        usual = lower_median(own_steps) if len(own_steps) > 1 else usual_of_all
+        joined = own_steps <= WIDEST * max(usual, 1.0) + ROUNDING
+        sources = sources_of(own_heights, joined, grid.heights, grid.slice_mm)
+        taken = {source.slice_ for source in sources}
+        inner = [np.flatnonzero((grid.heights > low) & (grid.heights < high)) for low, high in pairs(own_heights)]
+        gaps = [not taken.issuperset(between.tolist()) for between in inner]
+        mm = np.diff(own_heights)
+        layouts.append(Layout(sources, lower_median(mm[joined]), mm[gaps].tolist()))
+    return layouts
+
+
+def sources_of(
+    planes: NDArray[np.float64], joined: NDArray[np.bool_], slices: NDArray[np.float64], slice_mm: float
+) -> list[Source]:
+    """Return the slices that take planes, and which.
+
+    Parameters
+    ----------
+    planes : (n,) float64
+        Heights, rising.
+    joined : (n - 1,) bool
+        Whether the body goes on between a plane and the next.
+    slices : (slices,) float64
+        Heights, rising.
+    slice_mm : float
+        Usual distance between slices.
+
+    Examples
+    --------
+    >>> heights = np.array([0.0, 3.0, 6.0])
+    >>> for source in sources_of(heights, np.array([True, True]), np.arange(5) * 2.0, 2.0): print(*source)
+    0 0 0 0.0
+    1 0 1 0.6666666666666666
+    2 1 2 0.3333333333333333
+    3 2 2 0.0
+    """
+    sources = []
+    for slice_, height in enumerate(slices.tolist()):
+        above = int(np.searchsorted(planes, height))
+        around = [plane for plane in (above - 1, above) if 0 <= plane < len(planes)]
+        if not around:
+            continue
+        nearest = min(around, key=lambda plane: abs(float(planes[plane]) - height))
+        way = abs(float(planes[nearest]) - height)
+        if way <= EVEN * slice_mm:
+            sources.append(Source(slice_, nearest, nearest, 0.0))
+        elif len(around) == 2 and joined[above - 1]:
+            low, high = float(planes[above - 1]), float(planes[above])
+            sources.append(Source(slice_, above - 1, above, (height - low) / (high - low)))
+        elif way < (0.5 - ROUNDING) * slice_mm:
+            sources.append(Source(slice_, nearest, nearest, 0.0))
+    # A body of one plane halfway between two slices would be in neither.
+    used = {plane for source in sources for plane in (source.below, source.above)}
+    for plane in set(range(len(planes))) - used:
+        if not joined[max(0, plane - 1) : plane + 1].any():
+            way = np.abs(slices - planes[plane])
+            nearest = int(way.argmin())
+            if way[nearest] <= (0.5 + ROUNDING) * slice_mm:
+                sources.append(Source(nearest, plane, plane, 0.0))
+    return sorted(sources)
+
+
+def pairs(heights: NDArray[np.float64]) -> Iterable[tuple[float, float]]:
+    """Return neighboring heights."""
+    return zip(heights[:-1].tolist(), heights[1:].tolist(), strict=True)
+
+
+def lower_median(values: NDArray[np.float64]) -> float:
+    """Return the median, of the middle two the lower; 0 of nothing.
+
+    Examples
+    --------
+    >>> lower_median(np.array([9.0, 2.0])), lower_median(np.zeros(0))
+    (2.0, 0.0)
+    """
+    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

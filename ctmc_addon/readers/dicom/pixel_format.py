@@ -1,0 +1,197 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How a DICOM file stores its pixels: the numbers of its header checked, the range of a value, the bits that hold it.
+
+Clauses are those of DICOM PS3.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from .deflated import DEFLATED
+from .plain_header import UNDEFINED_LENGTH
+
+SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
+WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloatPixelData": 64}
+# JPEG, JPEG-LS near-lossless, JPEG 2000 and HTJ2K, whose values may be a little beyond those that were compressed.
+LOSSY = {f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 203)}
+OVERSHOOT = 1 / 16  # of the range of values
+MOST_OVERSHOT = 4  # pixels beyond an end for each within the same distance before it: errors go both ways
+
+
+class Pixels(NamedTuple):
+    """How and where a file stores its pixels."""
+
+    syntax: str  # transfer syntax UID
+    compressed: bool
+    floating: bool
+    padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
+    start: int  # byte of the file where they begin
+    options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
+
+
+def unusable_number(options: Mapping[str, Any], high_bit: Any) -> str:
+    """Return in words which number of a header no pixels can have; empty where all are usable.
+
+    Color images are not read, and of theirs the size alone is checked.
+
+    Parameters
+    ----------
+    options : mapping of str to object
+        As of `Pixels`, with the keyword of the pixels.
+    high_bit : object
+        HighBit, None where the file has none.
+
+    Examples
+    --------
+    >>> gray = {"rows": 5, "columns": 7, "number_of_frames": 1, "samples_per_pixel": 1, "pixel_keyword": "PixelData"}
+    >>> unusable_number(gray | {"bits_allocated": 4096, "bits_stored": 12, "pixel_representation": 0}, 11)
+    'BitsAllocated is 4096, and it must be 1, 8, 16, 32 or 64'
+    """
+    for keyword, side in (("Rows", options["rows"]), ("Columns", options["columns"])):
+        if not 1 <= side <= 0xFFFF:
+            return f"{keyword} is {side}, and it must be from 1 to 65535"
+    frames = options["number_of_frames"]
+    if frames < 1:
+        return f"NumberOfFrames is {frames}, and it must be 1 or more"
+    samples = options.get("samples_per_pixel", 1)
+    if samples not in (1, 3, 4):
+        return f"SamplesPerPixel is {shown(samples)}, and it must be 1"
+    if samples != 1:
+        return ""
+    bits: int = options["bits_allocated"]
+    stored, sign = options.get("bits_stored"), options.get("pixel_representation")
+    floating = FLOAT_BITS.get(options["pixel_keyword"])
+    if floating is not None:
+        return "" if bits == floating else f"BitsAllocated is {bits}, and it must be {floating}"
+    if bits not in WHOLE_BITS:
+        return f"BitsAllocated is {bits}, and it must be 1, 8, 16, 32 or 64"
+    if not isinstance(stored, int) or not 1 <= stored <= bits:
+        return f"BitsStored is {shown(stored)}, and with BitsAllocated {bits} it must be from 1 to {bits}"
+    if high_bit not in (None, stored - 1):  # 8.1.1; older files may have others, which readers take in two ways
+        return f"HighBit is {shown(high_bit)}, and with BitsStored {stored} it must be {stored - 1}"
+    if not isinstance(sign, int) or sign not in (0, 1):
+        return f"PixelRepresentation is {shown(sign)}, and it must be 0 or 1"
+    return ""
+
+
+def shown(number: Any) -> str:
+    """Return a number of a header in words; those that are none are not repeated, as they may be long."""
+    return "missing" if number is None else str(number) if isinstance(number, int) else "not one whole number"
+
+
+def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
+    """Return in words which pixels are missing from a file; empty where none are.
+
+    Parameters
+    ----------
+    pixels : Pixels
+        What the header says of them.
+    length : int
+        Bytes of the pixel element.
+    file_bytes : int
+        Bytes of the file.
+    """
+    options, frames = pixels.options, pixels.options["number_of_frames"]
+    if pixels.compressed:
+        return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
+    if length == UNDEFINED_LENGTH:
+        return f"compressed pixels called {pixels.syntax}"
+    halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
+    size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
+    needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
+    present_bytes = length if pixels.syntax == DEFLATED else min(length, file_bytes - pixels.start)
+    return f"{max(0, present_bytes)} of {needed_bytes} bytes of pixels" if present_bytes < needed_bytes else ""
+
+
+def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] | None:
+    """Return the lowest and the highest stored value that means 'no pixel'."""
+    padding, limit = elements.get("PixelPaddingValue", None), elements.get("PixelPaddingRangeLimit", None)
+    signed = bool(options.get("pixel_representation", 0))
+    ends = [
+        as_stored(value, options["bits_allocated"], signed) for value in (padding, padding if limit is None else limit)
+    ]
+    whole = [end for end in ends if end is not None]
+    return (min(whole), max(whole)) if len(whole) == 2 else None
+
+
+def as_stored(value: Any, bits: int, signed: bool) -> int | None:
+    """Return a padding value as the pixels hold it: scanners write 63536 where signed pixels have -2000.
+
+    Parameters
+    ----------
+    value : int or bytes or None
+        As pydicom gives it.
+    bits : int
+        Bits allocated to a pixel.
+    signed : bool
+        Whether pixels are signed.
+
+    Returns
+    -------
+    int or None
+        None where the element is missing or holds no number.
+
+    Examples
+    --------
+    >>> as_stored(63536, 16, True)
+    -2000
+    """
+    if value is None:
+        return None
+    number = int.from_bytes(value[: bits // 8], "little") if isinstance(value, bytes) else int(value)
+    number %= 1 << bits
+    return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number
+
+
+def value_range(pixels: Pixels) -> tuple[int, int]:
+    """Return the lowest and the highest whole number that BitsStored bits hold, with or without a sign."""
+    bits, signed = (pixels.options[name] for name in ("bits_stored", "pixel_representation"))
+    return (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
+
+
+def value_bits(stored: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
+    """Return pixels without the bits above BitsStored, which may hold overlays or anything else (PS3.5 8.1.1).
+
+    The highest bit of BitsStored is the sign, if there is one. Values that a lossy codec overshot take the nearest end.
+
+    Parameters
+    ----------
+    stored : (rows, columns) array
+        As a decoder gives them, of at least as many bits; changed in place where it can be written to.
+    pixels : Pixels
+
+    Examples
+    --------
+    >>> options = {"bits_stored": 12, "pixel_representation": 1}
+    >>> pixels = Pixels("1.2.840.10008.1.2.4.90", True, False, None, 0, options)
+    >>> value_bits(np.array([[0xF7FF, 0x0830]], np.uint16).view(np.int16), pixels).tolist()
+    [[2047, -2000]]
+    """
+    unused = 8 * stored.dtype.itemsize - pixels.options["bits_stored"]
+    if pixels.floating or unused <= 0:
+        return stored
+    out = stored if stored.flags.writeable else None
+    if pixels.syntax in LOSSY:
+        low, high = value_range(pixels)
+        if is_overshot(stored, low, high):
+            return np.clip(stored, low, high, out=out)
+    shifted = np.left_shift(stored, unused, out=out)
+    return np.right_shift(shifted, unused, out=shifted)
+
+
+def is_overshot(stored: NDArray[Any], low: int, high: int) -> bool:
+    """Return whether all values are from `low` to `high` but for the errors of a lossy codec.
+
+    Such errors are small and go both ways, so as many values lie as near before the end. Overlays leave no such values:
+    on the air in a corner of a picture they are just beyond the end, and nothing else is near it.
+    """
+    margin = int((high - low) * OVERSHOOT)
+    beyond = (stored > high, stored < low)
+    near = (stored > high - margin) & ~beyond[0], (stored < low + margin) & ~beyond[1]
+    few = all(over.sum() <= MOST_OVERSHOT * before.sum() for over, before in zip(beyond, near, strict=True))
+    return few and low - margin <= int(stored.min()) and int(stored.max()) <= high + margin

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Where a file's samples lie: the spacing that is asked for, mirrored axes, directions that a file does not say.
+
+Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..core import ReadError
+from ..core.volume import SPACING_LIMITS, is_spacing, spacing_of
+
+ROUNDED = 1e-3  # share of a length by which two that a file says may differ
+AXIAL = np.diag([-1.0, -1.0, 1.0])  # directions where nothing is known: columns to the left, rows to the back
+
+
+def taken_as_axial(what: str) -> str:
+    """Return the note for a format without orientation."""
+    return (
+        f"{what} has no orientation: taken as axial, columns towards the patient's left, "
+        "rows towards the back, slices towards the head; flip x, y or z changes it"
+    )
+
+
+def flipped(affine: NDArray[np.float64], size: Sequence[int], axes: str) -> NDArray[np.float64]:
+    """Mirror the affine along index `axes`: the same box in space, its samples in the opposite order."""
+    mirrored = affine.copy()
+    for axis in ("xyz".index(letter) for letter in axes):
+        mirrored[:3, 3] += mirrored[:3, axis] * (size[axis] - 1)
+        mirrored[:3, axis] *= -1.0
+    return mirrored
+
+
+def respaced(
+    affine: NDArray[np.float64], spacing: tuple[float, float, float], directions: NDArray[np.float64] | None = None
+) -> tuple[NDArray[np.float64], str, tuple[str, ...]]:
+    """Return the affine with columns of the lengths `spacing`, words about those it had, and what was assumed.
+
+    An axis without length has the direction that the file says apart from it, else one at right angles to the others.
+    """
+    lengths, scaled = spacing_of(affine), affine.copy()
+    known = lengths > 0
+    notes: tuple[str, ...] = ()
+    if directions is None and not known.all():
+        directions = completed(affine[:3, :3], known)
+        axes = ", ".join(axis for axis, is_known in zip("xyz", known.tolist(), strict=True) if not is_known)
+        notes = (f"the file has no direction along {axes}: taken at right angles; flip x, y or z changes it",)
+    if directions is not None:
+        scaled[:3, :3] = np.where(known, affine[:3, :3], directions)
+    before = spacing_of(scaled)
+    # An axis that has no length still is left alone: Volume refuses it as singular.
+    scaled[:3, :3] *= np.divide(spacing, before, out=np.ones(3), where=before > 0)
+    return scaled, f"in place of the file's own {lengths_text(lengths)} mm", notes
+
+
+def require_spacing(affine: NDArray[np.float64], name: str) -> None:
+    """Refuse a spacing that no CT has; an affine that is broken in another way is refused by `Volume`.
+
+    Parameters
+    ----------
+    affine : (4, 4) float64
+    name : str
+        Of the file or folder.
+
+    Raises
+    ------
+    ReadError
+        With the limits and the way out.
+    """
+    lengths = spacing_of(affine)
+    if np.isfinite(lengths).all() and not is_spacing(lengths):
+        raise ReadError(
+            f"{name} has a spacing of {lengths_text(lengths)} mm, and it must be {SPACING_LIMITS}; "
+            "give the spacing x, y, z in mm"
+        )
+
+
+def completed(axes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return directions (3, 3), a column for each axis: those that are not known at right angles to the others.
+
+    They run as those of axial slices, as far as right angles allow.
+    """
+    directions = np.where(known, axes, 0.0)
+    directions /= np.sqrt((directions**2).sum(axis=0)) + ~known
+    missing = [axis for axis in range(3) if not known[axis]]
+    while len(missing) > 1:  # At most one direction is known: leave out its share of the axial ones.
+        along = directions.sum(axis=1)[:, None]
+        rest = AXIAL - along * (along * AXIAL).sum(axis=0)
+        lengths = np.sqrt((rest**2).sum(axis=0))
+        axis = max(missing, key=lambda axis: float(lengths[axis]))
+        directions[:, axis] = rest[:, axis] / lengths[axis]
+        missing.remove(axis)
+    for axis in missing:
+        across = np.cross(directions[:, (axis + 1) % 3], directions[:, (axis + 2) % 3])
+        directions[:, axis] = -across if (across * AXIAL[:, axis]).sum() < 0 else across
+    return directions
+
+
+def differ(lengths: NDArray[Any], others: NDArray[Any]) -> bool:
+    """Return whether two spacings (3,) differ, by more than headers round them."""
+    return bool((np.abs(lengths - others) > ROUNDED * np.abs(others)).any())
+
+
+def lengths_text(lengths: Iterable[float]) -> str:
+    """Three lengths in words: '0.5 x 0.5 x 2'."""
+    return " x ".join(f"{length:.4g}" for length in lengths)

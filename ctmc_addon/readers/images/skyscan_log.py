@@ -1,0 +1,90 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The pixel size in the log that Bruker's SkyScan and NRecon write beside their slices.
+
+NAME_rec.log (of the reconstruction) or NAME.log (of the scan) lies beside NAME_rec00000000.bmp. It has sections with
+lines of `key=value`; lengths are in micrometers, and voxels have the same size along each axis.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from ...core.files.input_files import add_inputs
+
+Spacing = tuple[float, float, float]
+SUFFIX = ".log"
+MOST_BYTES = 1 << 20
+MM_PER_UM = 1e-3
+RECONSTRUCTION, ACQUISITION = "reconstruction", "acquisition"
+PIXEL_SIZE, IMAGE_PIXEL_SIZE, STEP = "pixel size (um)", "image pixel size (um)", "section to section step"
+# The size of reconstructed voxels comes before that of the camera's pixels, which the scan may have had.
+KEYS = (
+    (RECONSTRUCTION, PIXEL_SIZE),
+    (RECONSTRUCTION, IMAGE_PIXEL_SIZE),
+    (ACQUISITION, PIXEL_SIZE),
+    (ACQUISITION, IMAGE_PIXEL_SIZE),
+)
+
+
+def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, ...]]:
+    """Return the spacing of slices in mm by the log beside them, and the note that says so.
+
+    Parameters
+    ----------
+    slices : sequence of Path
+        In one folder.
+    """
+    for log in _logs_of(slices):
+        with log.open("rb") as file:
+            values = _values(file.read(MOST_BYTES).decode("latin-1"))
+        text = next((values[key] for key in KEYS if key in values), None)
+        if text is None:
+            continue
+        add_inputs((log,))
+        size = _positive(text)
+        if size is None:
+            return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was not taken",)
+        step = _positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0
+        mm = size * MM_PER_UM
+        apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart (Section to Section Step)"
+        return (mm, mm, mm * step), (f"{log.name} says that pixels are {size:.6g} um wide: {mm:.6g} mm{apart}",)
+    return None, ()
+
+
+def _logs_of(slices: Sequence[Path]) -> list[Path]:
+    """Return the logs that are named like the slices up to their number, the longest name first."""
+    logs = [path for path in slices[0].parent.iterdir() if path.suffix.lower() == SUFFIX and path.is_file()]
+    ends = (slices[0].stem, slices[-1].stem)
+
+    def fits(log: Path) -> bool:
+        like = re.compile(re.escape(log.stem) + r"[ _-]*(rec)?[ _-]*[0-9]+", re.IGNORECASE)
+        return all(like.fullmatch(stem) for stem in ends)
+
+    return sorted(filter(fits, logs), key=lambda log: (-len(log.stem), log.name))
+
+
+def _values(text: str) -> dict[tuple[str, str], str]:
+    """Return the values of a log by section and key, both in small letters."""
+    values: dict[tuple[str, str], str] = {}
+    section = ""
+    for line in text.splitlines():
+        head = re.fullmatch(r"\s*\[(.*)\]\s*", line)
+        if head:
+            section = head[1].strip().casefold()
+            continue
+        key, equals, value = line.partition("=")
+        if equals:
+            values.setdefault((section, key.strip().casefold().replace("\u03bcm", "um")), value.strip())
+    return values
+
+
+def _positive(text: str) -> float | None:
+    """Return a number above 0, with a decimal comma in some countries, or None."""
+    try:
+        number = float(text.replace(",", "."))
+    except ValueError:
+        return None
+    return number if 0 < number < math.inf else None
