@@ -20,7 +20,7 @@ from ..colors import Color
 from ..output_files import require_room
 from .samples import OVERLAP, clean_border, clean_page, is_denoised
 
-TILE_PIXELS = 4_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
+TILE_PIXELS = 1_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
 
 
 class Picture(NamedTuple):
@@ -86,8 +86,8 @@ def tiles_of(size: tuple[int, int]) -> list[tuple[int, int]]:
 
     Examples
     --------
-    >>> tiles_of((1000, 2000)), tiles_of((2000, 4000))
-    ([(0, 2000)], [(0, 2000), (2000, 4000)])
+    >>> tiles_of((1000, 1000)), tiles_of((1000, 2000))
+    ([(0, 1000)], [(0, 1000), (1000, 2000)])
     """
     count = max(1, math.ceil(size[0] * size[1] / TILE_PIXELS))
     edges = [round(size[1] * at / count) for at in range(count + 1)]

@@ -15,8 +15,9 @@ import numpy as np
 from ..colors import Color, srgb
 from .spec import FigureStyle
 
-DENOISED = 40  # samples of a pixel before the denoiser, at most; how smooth edges are comes from them
-FEWEST_DENOISED, NOISE_DENOISED = 16, 0.05  # the page and even surfaces need no more, which is most of a picture
+DENOISED = 32  # samples of a pixel before the denoiser, at most; how smooth edges are comes from them
+NOISE_DENOISED = 0.05  # the page and even surfaces have no more after 16 samples, which is most of a picture
+FIRST_LOOK = 8  # Cycles looks at every 16th sample, and not while it has this many: with 16 it would look at the 32nd
 SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and seen from afar
 NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
 FEWEST, MOST = 16, 512
@@ -46,7 +47,7 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
         small = scene.render.resolution_x * scene.render.resolution_y <= SMALL_PIXELS
         cycles.samples = DENOISED_SMALL if small else DENOISED
         cycles.use_adaptive_sampling = True
-        cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE_DENOISED, FEWEST_DENOISED
+        cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE_DENOISED, FIRST_LOOK
         cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
         cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
     else:

@@ -12,10 +12,11 @@ Image = pytest.importorskip("PIL.Image")
 from ctmc_addon.blender.figure.callouts import spread
 from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose_steps
 from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
+from ctmc_addon.blender.figure.picture import Picture
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.samples import can_denoise
 from ctmc_addon.blender.figure.shown import shown_surfaces
-from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
+from ctmc_addon.blender.figure.spec import WHITE, Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.blender.surface.evaluate import evaluated_copy
@@ -112,6 +113,36 @@ def test_illustrations_are_sampled_until_the_noise_is_low_and_denoised_where_the
         found[style] = cycles.use_denoising, cycles.use_adaptive_sampling
         figure.remove()
     assert found == {"illustration": (can_denoise(), True), "clinical": (False, False)}
+
+
+@pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
+def test_what_is_even_has_16_samples(scene, ball, tmp_path):
+    thing = ShownSurface(add_reconstruction(ball(), scene), name="")
+    style = FigureStyle("illustration", scale_bar=False, orientation=False)
+    figure = finish(compose_steps([Cell((thing,))], Page(30.0, 120.0), style))
+    cycles = figure.scene.cycles
+    cycles.use_denoising, cycles.sampling_pattern = False, "TABULATED_SOBOL"
+
+    def rendered(name):
+        (tmp_path / name).touch()
+        Picture(str(tmp_path / name), name, 120.0, WHITE).make(figure.scene)
+        with Image.open(tmp_path / name) as image:
+            return np.asarray(image).astype(int)
+
+    try:
+        chosen = rendered("chosen.png")
+        cycles.use_adaptive_sampling, most = False, cycles.samples
+        of_most = rendered("most.png")
+        cycles.samples = 16
+        of_16 = rendered("16.png")
+    finally:
+        figure.remove()
+    noisy = (of_16 != of_most).any(axis=2)
+    kept, went_on = ((chosen == other).all(axis=2)[noisy] for other in (of_16, of_most))
+    assert most == 32
+    assert (kept ^ went_on).all()
+    assert kept.mean() > 0.2
+    assert went_on.mean() > 0.1
 
 
 def test_walls_that_two_labels_share_are_parted_by_less_than_is_seen(scene):
