@@ -12,11 +12,10 @@ from ....core import OutputError
 from ....core.files.atomic_write import write_csv, write_json, write_text
 from .outliers import mark_outliers
 from .page import html_text
-from .rows import COLUMNS, MEASURES, SummaryRow
+from .rows import COLUMNS, LABEL_COLUMNS, SummaryRow
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
 LABELS_FILE = "labels.csv"  # written where a case has several labels
-LABEL_COLUMNS = ["case", *MEASURES]
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -34,8 +33,9 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     """
     mark_outliers(rows)
     cases = [row.columns() for row in rows]
-    plain = [case | ({"surfaces": row.surfaces} if row.surfaces else {}) for case, row in zip(cases, rows, strict=True)]
-    labels = [{"case": row.case, **surface} for row in rows for surface in row.surfaces]
+    of_labels = [row.label_rows() for row in rows]
+    plain = [case | ({"surfaces": of} if of else {}) for case, of in zip(cases, of_labels, strict=True)]
+    labels = [{"case": row.case, **surface} for row, of in zip(rows, of_labels, strict=True) for surface in of]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
         (write_json, AS_JSON, (plain,)),
         (write_csv, AS_CSV, (cases, COLUMNS)),
