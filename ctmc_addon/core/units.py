@@ -62,17 +62,6 @@ def volume_text(volume_mm3: float, digits: int = DIGITS) -> str:
     return sizes_text((volume_mm3,), "mm3", digits)
 
 
-def area_text(area_mm2: float, digits: int = DIGITS) -> str:
-    """Return an area in cm2, in mm2 below 1 cm2, or in um2 below 0.001 mm2.
-
-    Examples
-    --------
-    >>> area_text(12345.67), area_text(55.5), area_text(2e-4)
-    ('123.5 cm2', '55.5 mm2', '200 um2')
-    """
-    return sizes_text((area_mm2,), "mm2", digits)
-
-
 def length_text(length_mm: float, digits: int = DIGITS) -> str:
     """Return a length in mm, or in um below 0.1 mm.
 
@@ -91,6 +80,8 @@ def sizes_text(numbers: Sequence[float], unit: str = "mm", digits: int = DIGITS)
     --------
     >>> sizes_text((12.0, 3.5, 0.02)), sizes_text((0.05, 0.02))
     ('12 x 3.5 x 0.02 mm', '50 x 20 um')
+    >>> [sizes_text((area,), "mm2") for area in (12345.67, 55.5, 2e-4)]
+    ['123.5 cm2', '55.5 mm2', '200 um2']
     """
     fitting = unit_of(max(numbers, key=abs), unit)
     return f"{' x '.join(number_text(number / fitting.size, digits) for number in numbers)} {fitting.name}"

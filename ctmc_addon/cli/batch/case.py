@@ -12,23 +12,26 @@ from typing import Any
 
 from ... import readers
 from ...core import (
+    GRAY_VALUES,
     VERSION,
     AbsentLabelError,
     Budget,
     CtmcError,
+    FinishedSurface,
     ReconstructionSettings,
     SharedSurfaces,
     Stage,
     Volume,
     asked_bytes,
+    combined,
     finish,
+    measure,
     peak_bytes,
     resident_bytes,
     shared_surfaces_steps,
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
-from ...core.measures import GRAY_VALUES, FinishedSurface, combined, measure
 from ...core.volume import (
     InsideValues,
     ValueKind,

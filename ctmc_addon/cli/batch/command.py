@@ -18,6 +18,7 @@ from ...core import (
     VERSION,
     Budget,
     CtmcError,
+    Place,
     Step,
     Steps,
     asks_for_memory,
@@ -25,12 +26,12 @@ from ...core import (
     cases_at_once,
     cases_bytes,
     files_of,
+    measures_in,
     processors,
 )
 from ...core.files.atomic_write import made_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
-from ...core.measures import Place, measures_in
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
 from ..commands.reconstruct import source_of

@@ -15,6 +15,7 @@ from ...core import (
     AUTO,
     Budget,
     LabelError,
+    Place,
     Reconstruction,
     ReconstructionSettings,
     Stage,
@@ -22,13 +23,14 @@ from ...core import (
     Step,
     Steps,
     Volume,
+    length_text,
+    measures_in,
     reads_at_once,
     require_opacities,
+    volume_text,
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
-from ...core.measures import Place, measures_in
-from ...core.units import length_text, volume_text
 from ...core.volume import ValueKind, require_labels
 from ...reporting.formatting import count
 from ..arguments import (

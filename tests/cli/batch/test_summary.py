@@ -141,7 +141,9 @@ def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
 
 
 def test_the_table_of_labels_of_an_older_run_goes_and_no_other(tmp_path):
-    several = row("a", surfaces=[dict.fromkeys((each.name for each in measures_in(Place.LABELS))) | {"name": "liver", "label": 1}])
+    several = row(
+        "a", surfaces=[dict.fromkeys(each.name for each in measures_in(Place.LABELS)) | {"name": "liver", "label": 1}]
+    )
     write_summary(tmp_path, [several], True)
     assert (tmp_path / "labels.csv").read_text("utf-8").startswith("case,label,name,faces,")
     write_summary(tmp_path, [row("a")], False)

@@ -13,10 +13,8 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 from urllib.parse import quote
 
-from ....core import VERSION
+from ....core import VERSION, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
-from ....core.measures import Place, measures_in
-from ....core.units import unit_of
 from ..files import ABSENT, DONE, THUMBNAILS
 from .page_parts import SCRIPT, STYLE
 from .rows import NOTES_BETWEEN, SummaryRow, counts, known

@@ -8,8 +8,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ....core import Measure, Place, columns_in, combined, measures_in
 from ....core.files.mesh_files import PAGE
-from ....core.measures import Measure, Place, columns_in, combined, measures_in
 from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, thumbnail_path
 
 NOTES_BETWEEN = " | "
