@@ -14,7 +14,7 @@ from enum import Flag, auto
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .units import UNITS, length_text, number_text, sizes_text
+from .units import UNITS, length_text, number_text, sizes_text, volume_text
 
 if TYPE_CHECKING:
     from .mesh.distance.surface_distance import SurfaceDistance
@@ -217,6 +217,7 @@ MEASURES = (
             Place.REPORT | Place.BATCH,
             "sum",
         ),
+        shown=lambda collapsed: f"{collapsed['count']}, {volume_text(collapsed['mm3'])}",
         columns={"collapsed_components": "count", "collapsed_mm3": "mm3"},
     ),
     Measure(

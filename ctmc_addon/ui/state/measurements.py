@@ -138,6 +138,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
         stored = parsed_json(obj[PROPERTY])
         if stored.pop("state") != mesh_state(obj):
             return None
+        if "small" not in stored["measures"]:  # files of 0.3 count components below 10 mm3
+            stored["measures"].pop("small_components", None)
         if "quality" in stored:  # files of 0.3 and 0.4 have it beside the measures
             stored["measures"]["quality"] = stored.pop("quality")
         measurement: Measurement = from_stored(Measurement, stored)

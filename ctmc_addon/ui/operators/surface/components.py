@@ -78,8 +78,9 @@ class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
         """Return the volume below which the components of a surface are small."""
         measurement = measurements.of(obj)
-        measures = as_shown(obj).mesh.measures if measurement is None else measurement.measures
-        return {"min_part_mm3": measures.small}
+        if measurement is None or not measurement.measures.small:  # as it is in files of 0.3
+            return {"min_part_mm3": as_shown(obj).mesh.measures.small}
+        return {"min_part_mm3": measurement.measures.small}
 
 
 class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):
