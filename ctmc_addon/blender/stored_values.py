@@ -5,10 +5,11 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import is_dataclass
 from functools import partial
 from types import UnionType
-from typing import Any, Union, get_args, get_origin, get_type_hints
+from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 LARGEST_COUNT = 2**63
 
@@ -106,10 +107,10 @@ def from_stored(kind: Any, values: Any) -> Any:
     if is_dataclass(kind):
         if not isinstance(values, dict):
             raise ValueError(f"{type(values).__name__} is not a dictionary")
-        types = get_type_hints(kind)
+        types, made_of = get_type_hints(kind), cast(Callable[..., Any], kind)
         if not values.keys() <= types.keys():
             raise ValueError(f"unknown: {sorted(values.keys() - types.keys())}")
-        return kind(**{name: from_stored(types[name], value) for name, value in values.items()})
+        return made_of(**{name: from_stored(types[name], value) for name, value in values.items()})
     outer, inner = get_origin(kind), get_args(kind)
     if outer in (Union, UnionType) and len(inner) == 2 and inner[1] is type(None):
         return None if values is None else from_stored(inner[0], values)
@@ -131,4 +132,4 @@ def truth(value: Any) -> bool:
     return value
 
 
-READERS = {bool: truth, int: partial(whole, lowest=-LARGEST_COUNT), float: measured}
+READERS: Mapping[Any, Callable[[Any], Any]] = {bool: truth, int: partial(whole, lowest=-LARGEST_COUNT), float: measured}
