@@ -156,7 +156,7 @@ class Measure:
 
     def sort_key(self, value: Any) -> float | None:
         """Return the number by which a table is sorted: of several the largest; None to sort by the text."""
-        if value is None or isinstance(value, bool):
+        if value is None or isinstance(value, int):
             return None
         parts = value.values() if isinstance(value, Mapping) else value if isinstance(value, Sequence) else (value,)
         return float(max(parts))

@@ -165,7 +165,7 @@ def test_a_batch_has_each_of_its_measures_on_its_page(batch):
     heads, cells = page.partition("<table id=cases>")[2].split("<tbody>")
     for each in measures_in(Place.PAGE):
         value = record[each.name]
-        key = "" if isinstance(value, bool) else f' data-key="{each.sort_key(value)}"'
+        key = "" if isinstance(value, int) else f' data-key="{each.sort_key(value)}"'
         assert re.search(f"<th[^>]*>{each.head}</th>", heads), each.name
         assert re.search(f"<td[^>]*{key}>{re.escape(each.text(value))}</td>", cells), each.name
     for each in measures_in(Place.TOTALS):
