@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import KW_ONLY, dataclass, field
 from enum import Flag, auto
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -108,7 +108,8 @@ class Measure:
 
     name: str
     label: str
-    unit: str
+    unit: str = ""
+    _: KW_ONLY
     of: str
     where: Place
     summed: str = "none"
@@ -185,59 +186,95 @@ class Measure:
         return {self.name.replace(self.unit, largest.name): None if value is None else value / largest.size}
 
 
-EVERYWHERE = Place.REPORT | Place.TERMINAL | Place.SURFACES | Place.BATCH | Place.LABELS | Place.PAGE
-COUNTED = EVERYWHERE | Place.PANEL | Place.TOTALS | Place.LINE
-QUALITY = "measures.quality."
-DISTANCE_DIGITS = 3
+_TERMINAL = Place.TERMINAL | Place.SURFACES
+_BATCH = Place.BATCH | Place.LABELS | Place.PAGE
+_DISTANCE_TEXT = partial(length_text, digits=3)
+
+
+def _collapsed_text(collapsed: Mapping[str, float]) -> str:
+    return f"{collapsed['count']}, {volume_text(collapsed['mm3'])}"
+
 
 MEASURES = (
-    Measure("faces", "Triangles", "", "measures.faces", COUNTED, "sum"),
-    Measure("vertices", "Vertices", "", "measures.vertices", Place.REPORT, "sum"),
-    Measure("full_faces", "Triangles Before Simplification", "", "full_faces", Place.REPORT, "sum"),
-    *(
-        Measure(name, label, "mm", way, Place.PANEL, shown=partial(length_text, digits=DISTANCE_DIGITS))
-        for name, label, way in (
-            ("mean_distance_mm", "Mean Distance", "distance.mean"),
-            ("largest_distance_mm", "Largest Distance", "distance.largest"),
-        )
-    ),
-    Measure("volume_mm3", "Volume", "mm3", "measures.enclosed_volume", COUNTED | Place.TABLE),
-    Measure("area_mm2", "Area", "mm2", "measures.area", (COUNTED | Place.TABLE) & ~Place.LINE, "sum"),
-    Measure("closed", "Closed", "", "measures.closed", EVERYWHERE & ~Place.SURFACES, "all"),
-    Measure("euler", "Euler Number", "", "measures.euler", Place.REPORT | Place.TERMINAL, "sum"),
-    Measure("components", "Components", "", "measures.components", EVERYWHERE | Place.TABLE | Place.TOTALS, "sum"),
-    Measure("parts", "Components", "", "measures.components", Place.REPORT, "sum"),  # the name in reports of 0.2
-    Measure("removed_components", "Removed Components", "", "removed_components", Place.REPORT | Place.BATCH, "sum"),
     Measure(
-        *(
-            "collapsed_components",
-            "Collapsed Components",
-            "",
-            "collapsed_components",
-            Place.REPORT | Place.BATCH,
-            "sum",
-        ),
-        shown=lambda collapsed: f"{collapsed['count']}, {volume_text(collapsed['mm3'])}",
+        "faces",
+        "Triangles",
+        of="measures.faces",
+        where=Place.REPORT | _TERMINAL | Place.PANEL | _BATCH | Place.TOTALS | Place.LINE,
+        summed="sum",
+    ),
+    Measure("vertices", "Vertices", of="measures.vertices", where=Place.REPORT, summed="sum"),
+    Measure("full_faces", "Triangles Before Simplification", of="full_faces", where=Place.REPORT, summed="sum"),
+    Measure("mean_distance_mm", "Mean Distance", "mm", of="distance.mean", where=Place.PANEL, shown=_DISTANCE_TEXT),
+    Measure(
+        "largest_distance_mm", "Largest Distance", "mm", of="distance.largest", where=Place.PANEL, shown=_DISTANCE_TEXT
+    ),
+    Measure(
+        "volume_mm3",
+        "Volume",
+        "mm3",
+        of="measures.enclosed_volume",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH | Place.TOTALS | Place.LINE,
+    ),
+    Measure(
+        "area_mm2",
+        "Area",
+        "mm2",
+        of="measures.area",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH | Place.TOTALS,
+        summed="sum",
+    ),
+    Measure("closed", "Closed", of="measures.closed", where=Place.REPORT | Place.TERMINAL | _BATCH, summed="all"),
+    Measure("euler", "Euler Number", of="measures.euler", where=Place.REPORT | Place.TERMINAL, summed="sum"),
+    Measure(
+        "components",
+        "Components",
+        of="measures.components",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH | Place.TOTALS,
+        summed="sum",
+    ),
+    # The name in reports of 0.2.
+    Measure("parts", "Components", of="measures.components", where=Place.REPORT, summed="sum"),
+    Measure(
+        "removed_components",
+        "Removed Components",
+        of="removed_components",
+        where=Place.REPORT | Place.BATCH,
+        summed="sum",
+    ),
+    Measure(
+        "collapsed_components",
+        "Collapsed Components",
+        of="collapsed_components",
+        where=Place.REPORT | Place.BATCH,
+        summed="sum",
+        shown=_collapsed_text,
         columns={"collapsed_components": "count", "collapsed_mm3": "mm3"},
     ),
     Measure(
-        *("self_intersections", "Self-Intersections", "", "self_intersections"),
-        *((COUNTED & ~Place.TERMINAL & ~Place.SURFACES & ~Place.TOTALS), "sum"),
-    ),
-    Measure("smallest_angle_deg", "Smallest Angle", "deg", QUALITY + "smallest_angle_deg", Place.REPORT),
-    Measure("below_5_deg", "Triangles Below 5°", "", QUALITY + "below_5", Place.REPORT),
-    Measure("below_10_deg", "Triangles Below 10°", "", QUALITY + "below_10", Place.REPORT),
-    Measure("median_radius_ratio", "Median Radius Ratio", "", QUALITY + "median_radius_ratio", Place.REPORT),
-    Measure("largest_diameter_mm", "Largest Diameter", "mm", "largest_diameter_mm", Place.TABLE),
-    *(
-        Measure(name, label, HU, way, Place.TABLE | Place.BATCH | Place.LABELS | places)
-        for name, label, way, places in (
-            ("mean_hu", "Mean", "inside.mean", Place.PAGE),
-            ("sd_hu", "Standard Deviation", "inside.deviation", Place(0)),
-        )
+        "self_intersections",
+        "Self-Intersections",
+        of="self_intersections",
+        where=Place.REPORT | Place.PANEL | _BATCH | Place.LINE,
+        summed="sum",
     ),
     Measure(
-        *("size_mm", "Size", "mm", "measures.size", EVERYWHERE | Place.TABLE | Place.PANEL),
+        "smallest_angle_deg", "Smallest Angle", "deg", of="measures.quality.smallest_angle_deg", where=Place.REPORT
+    ),
+    Measure("below_5_deg", "Triangles Below 5°", of="measures.quality.below_5", where=Place.REPORT),
+    Measure("below_10_deg", "Triangles Below 10°", of="measures.quality.below_10", where=Place.REPORT),
+    Measure(
+        "median_radius_ratio", "Median Radius Ratio", of="measures.quality.median_radius_ratio", where=Place.REPORT
+    ),
+    Measure("largest_diameter_mm", "Largest Diameter", "mm", of="largest_diameter_mm", where=Place.TABLE),
+    Measure("mean_hu", "Mean", HU, of="inside.mean", where=Place.TABLE | _BATCH),
+    Measure("sd_hu", "Standard Deviation", HU, of="inside.deviation", where=Place.TABLE | Place.BATCH | Place.LABELS),
+    Measure(
+        "size_mm",
+        "Size",
+        "mm",
+        of="measures.size",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH,
         columns={"size_x_mm": 0, "size_y_mm": 1, "size_z_mm": 2},
     ),
 )
