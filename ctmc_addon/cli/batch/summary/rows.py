@@ -67,10 +67,8 @@ class SummaryRow:
 
     def label_rows(self) -> list[dict[str, Any]]:
         """Return what stands in the CSV of labels and in the JSON, for each of several surfaces."""
-        return [
-            {name: surface[name] for name in OWN_OF_LABELS} | _columns(Place.LABELS, surface)
-            for surface in self.surfaces
-        ]
+        cells = [surface | _columns(Place.LABELS, surface) for surface in self.surfaces]
+        return [{name: surface[name] for name in LABEL_COLUMNS} for surface in cells]
 
     def text(self, about: Measure) -> str:
         """Return a measure for a person; a dash for the volume of a surface that has none."""
@@ -89,9 +87,7 @@ COLUMNS = columns_in(
     ),
 )  # fmt: skip
 OWN_OF_LABELS = ("label", "name")
-LABEL_COLUMNS = columns_in(
-    Place.LABELS, ("case", *OWN_OF_LABELS, "faces", "volume_mm3", "area_mm2", "components", "closed")
-)
+LABEL_COLUMNS = columns_in(Place.LABELS, (*OWN_OF_LABELS, "faces", "volume_mm3", "area_mm2", "components", "closed"))
 
 
 def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:

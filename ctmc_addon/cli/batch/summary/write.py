@@ -42,7 +42,7 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
-        files.append((write_csv, LABELS_FILE, (labels, LABEL_COLUMNS)))
+        files.append((write_csv, LABELS_FILE, (labels, ("case", *LABEL_COLUMNS))))
     else:
         remove_labels_file(folder)
     for write, name, content in files:
@@ -58,8 +58,8 @@ def remove_labels_file(folder: Path) -> None:
     path = folder / LABELS_FILE
     with suppress(OSError, UnicodeDecodeError):
         with path.open(encoding="utf-8") as stream:
-            is_table = stream.readline().rstrip("\n") == ",".join(LABEL_COLUMNS)
-        if is_table:
+            head = stream.readline().rstrip("\n").split(",")
+        if head[:4] == ["case", *LABEL_COLUMNS[:3]]:  # other versions have others after these
             path.unlink()
 
 
