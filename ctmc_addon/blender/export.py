@@ -99,10 +99,8 @@ def export_together(
 def structure_of(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Structure:
     """Return the evaluated surface of an object, with its name and the color and opacity of its material."""
     mesh = evaluated_triangles(obj, scene)
-    measures = mesh.measures
-    milliliters = measures.milliliters if measures.closed else None
     color, opacity = srgb(material_color(obj)), material_opacity(obj)
-    return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, milliliters)
+    return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, mesh.measures.enclosed_volume)
 
 
 def write_blend(

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
-from ..core import MeshError
+from ..core import MeshError, length_text
 from ..core.mesh import angle_at, distance_between
 from .ct_box import link_beside_ct
 from .surface import placement_of, read_provenance
@@ -41,9 +41,11 @@ def value_text(kind: str, value: float) -> str:
 
     Examples
     --------
-    >>> value_text("distance", 12.345), value_text("angle", 90.0)
-    ('12.3 mm', '90.0°')
+    >>> value_text("distance", 12.345), value_text("distance", 0.0456), value_text("angle", 90.0)
+    ('12.3 mm', '45.6 um', '90.0°')
     """
+    if kind == "distance" and value < 1:
+        return length_text(value, 3)
     return f"{value:.1f}{'' if kind == 'angle' else ' '}{UNITS[kind]}"
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import fields
-from typing import Any
+from collections.abc import Callable, Mapping
+from dataclasses import is_dataclass
+from functools import partial
+from types import UnionType
+from typing import Any, Union, cast, get_args, get_origin, get_type_hints
 
 LARGEST_COUNT = 2**63
 
@@ -78,19 +81,48 @@ def texts(values: Any) -> tuple[str, ...]:
 
 
 def from_stored(kind: Any, values: Any) -> Any:
-    """Return a dataclass of truth values, whole numbers and measures from the dictionary that `asdict` makes of it.
+    """Return a value of a type from the JSON that `asdict` makes of it; fields that are missing have their defaults.
 
     Parameters
     ----------
     kind : type
-        The dataclass; its annotations are texts. Fields of another type cannot be in the dictionary.
+        A dataclass, a truth value, a number, a tuple of a fixed length, a dictionary by text, or one of them or None.
+    values : object
+        As JSON has it.
+
+    Raises
+    ------
+    ValueError
+        If the JSON is not of this type.
+    NotImplementedError
+        If the type is none of these, which is our mistake and not the file's.
+
+    Examples
+    --------
+    >>> from_stored(tuple[float, float], [1.5, 2]), from_stored(dict[str, int] | None, {"count": 3})
+    ((1.5, 2.0), {'count': 3})
     """
-    readers = {"bool": truth, "int": lambda value: whole(value, -LARGEST_COUNT), "float": measured}
-    if not isinstance(values, dict):
-        raise ValueError(f"{type(values).__name__} is not a dictionary")
-    types = {field.name: str(field.type) for field in fields(kind)}
-    field_readers = {name: readers[type_] for name, type_ in types.items() if type_ in readers}
-    return kind(**{name: field_readers[name](value) for name, value in values.items()})
+    if kind in READERS:
+        return READERS[kind](values)
+    if is_dataclass(kind):
+        if not isinstance(values, dict):
+            raise ValueError(f"{type(values).__name__} is not a dictionary")
+        types, made_of = get_type_hints(kind), cast(Callable[..., Any], kind)
+        if not values.keys() <= types.keys():
+            raise ValueError(f"unknown: {sorted(values.keys() - types.keys())}")
+        return made_of(**{name: from_stored(types[name], value) for name, value in values.items()})
+    outer, inner = get_origin(kind), get_args(kind)
+    if outer in (Union, UnionType) and len(inner) == 2 and inner[1] is type(None):
+        return None if values is None else from_stored(inner[0], values)
+    if outer is tuple and Ellipsis not in inner:
+        if not isinstance(values, list) or len(values) != len(inner):
+            raise ValueError(f"not a list of {len(inner)}")
+        return tuple(map(from_stored, inner, values))
+    if outer is dict and inner[0] is str:
+        if not isinstance(values, dict):
+            raise ValueError(f"{type(values).__name__} is not a dictionary")
+        return {name: from_stored(inner[1], value) for name, value in values.items()}
+    raise NotImplementedError(f"{kind} cannot be kept with an object")
 
 
 def truth(value: Any) -> bool:
@@ -98,3 +130,6 @@ def truth(value: Any) -> bool:
     if not isinstance(value, bool):
         raise ValueError("not a truth value")
     return value
+
+
+READERS: Mapping[Any, Callable[[Any], Any]] = {bool: truth, int: partial(whole, lowest=-LARGEST_COUNT), float: measured}

@@ -32,6 +32,19 @@ from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
 from .files.mesh_files import STRUCTURE_SUFFIXES, files_of
 from .later import names_later
+from .measures import (
+    GRAY_VALUES,
+    HU,
+    MEASURES,
+    UNKNOWN,
+    FinishedSurface,
+    Measure,
+    Place,
+    columns_in,
+    combined,
+    measure,
+    measures_in,
+)
 from .memory import (
     NO_THREAD,
     address_space_available,
@@ -67,6 +80,7 @@ from .reconstruct import (
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .sinks import HOLD, Hold, Sink, Write
+from .units import Unit, length_text, unit_of, volume_text
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
@@ -120,11 +134,15 @@ __all__ = [
     "CALIBRATION",
     "EXCLUSIVE",
     "GOALS",
+    "GRAY_VALUES",
     "HOLD",
+    "HU",
+    "MEASURES",
     "NO_THREAD",
     "PAUSE",
     "SETTINGS",
     "STRUCTURE_SUFFIXES",
+    "UNKNOWN",
     "VERSION",
     "AbsentLabelError",
     "AlphaChoice",
@@ -133,12 +151,15 @@ __all__ = [
     "CtmcError",
     "Described",
     "FieldCache",
+    "FinishedSurface",
     "Hold",
     "LabelError",
     "LabelSurfaces",
+    "Measure",
     "MemoryLimitError",
     "MeshError",
     "OutputError",
+    "Place",
     "Preview",
     "PreviewResult",
     "ReadError",
@@ -160,6 +181,7 @@ __all__ = [
     "Surface",
     "ThresholdError",
     "TriangleMesh",
+    "Unit",
     "Volume",
     "VolumeError",
     "Write",
@@ -176,6 +198,8 @@ __all__ = [
     "checked",
     "chosen_alpha_steps",
     "chosen_opacities",
+    "columns_in",
+    "combined",
     "cost_estimate_steps",
     "defaults",
     "descriptions",
@@ -191,10 +215,13 @@ __all__ = [
     "interpreter",
     "is_allowed",
     "keep_little",
+    "length_text",
     "map_steps",
     "marching_cubes",
+    "measure",
     "measure_structures",
     "measure_structures_steps",
+    "measures_in",
     "memory_refusal",
     "one_line",
     "opacities_of",
@@ -230,7 +257,9 @@ __all__ = [
     "table_heads",
     "timed_steps",
     "triangle_bytes",
+    "unit_of",
     "used_settings",
+    "volume_text",
     "with_present_names",
     "without_small_steps",
     "worker_count",

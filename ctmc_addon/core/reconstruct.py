@@ -285,7 +285,7 @@ class _Making:
             if crossings:
                 notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
             if collapsed:
-                notes += (f"{simplification.collapsed.sentence('mm3')}.",)
+                notes += (f"{simplification.collapsed.sentence()}.",)
             if simplification.handles_cut:
                 notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
             target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))

@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -11,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..version import VERSION
+from .measures import FinishedSurface, Place, values_in
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
@@ -111,30 +111,25 @@ class Reconstruction:
         """Measures of the mesh, or of the pieces that were written."""
         return self.measured or self.mesh.measures
 
+    @property
+    def finished(self) -> FinishedSurface:
+        """What is known of the surface."""
+        return FinishedSurface(
+            measures=self.measures,
+            full_faces=self.full_faces,
+            removed_components=self.removed_components,
+            collapsed_components={"count": self.collapsed_components, "mm3": self.collapsed_mm3},
+            self_intersections=self.self_intersections,
+        )
+
     def report(self) -> dict[str, Any]:
         """Return counts, measures and settings as plain data for JSON."""
-        measures, quality = self.measures, self.measures.quality
         return {
             "name": self.name,
             "version": VERSION,
             "label": self.settings.label,
             "label_name": self.label_name,
-            "faces": measures.faces,
-            "vertices": measures.vertices,
-            "full_faces": self.full_faces,
-            "volume_mm3": measures.enclosed_volume,
-            "area_mm2": measures.area,
-            "closed": measures.closed,
-            "euler": measures.euler,
-            "components": measures.components,
-            "parts": measures.components,  # the name in reports of 0.2
-            "removed_components": self.removed_components,
-            "collapsed_components": {"count": self.collapsed_components, "mm3": self.collapsed_mm3},
-            "self_intersections": self.self_intersections,
-            "smallest_angle_deg": None if quality is None else quality.smallest_angle_deg,
-            "below_5_deg": None if quality is None else quality.below_5,
-            "below_10_deg": None if quality is None else quality.below_10,
-            "median_radius_ratio": None if quality is None else _finite(quality.median_radius_ratio),
+            **values_in(Place.REPORT, self.finished),
             "alpha": self.settings.alpha,
             "alpha_choice": None if self.alpha_choice is None else self.alpha_choice.report(),
             "threshold": self.threshold,
@@ -146,10 +141,5 @@ class Reconstruction:
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
-            "notes": [*self.notes, *(() if measures.closed else (OPEN_NOTE,))],
+            "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }
-
-
-def _finite(number: float) -> float | None:
-    """The number, or None for infinity, which JSON does not have."""
-    return number if math.isfinite(number) else None

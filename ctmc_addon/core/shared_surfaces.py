@@ -249,7 +249,7 @@ class _Making:
         if simplified.self_intersections:
             notes.append(f"Pairs of triangles that cross each other: {simplified.self_intersections:,}.")
         if collapsed.count:
-            notes.append(f"{collapsed.sentence('mm3')}.")
+            notes.append(f"{collapsed.sentence()}.")
         if simplified.handles_cut:
             notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
         if self.settings.max_error_mm is None and faces > self.target:

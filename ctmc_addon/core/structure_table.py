@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from .files.atomic_write import csv_text
+from .measures import UNKNOWN, FinishedSurface, Place, measures_in
 from .mesh.diameter import largest_diameter_steps
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import TriangleMesh
@@ -19,6 +20,7 @@ from .progress import Stages, Steps, finish
 from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .structures import structure_names
+from .units import number_text
 from .volume.inside import InsideValues, inside_values_steps, range_values_steps
 from .volume.region import region_box
 from .volume.value_kind import ValueKind
@@ -29,7 +31,7 @@ DIGITS = 9  # of a number in a CSV
 
 @dataclass(frozen=True)
 class StructureRow:
-    """What was measured of a structure.
+    """A structure and what was measured of it.
 
     Parameters
     ----------
@@ -37,25 +39,20 @@ class StructureRow:
     label : int or None
     threshold : float or None
         Of a structure that is not a label.
-    volume_ml : float or None
-        None for a surface that is open and encloses none.
-    area_cm2 : float
-    components : int
-    largest_diameter_mm : float
-        Distance of the two vertices that lie farthest apart.
-    mean, deviation : float or None
-        Of the gray values of the samples inside; None where there is no CT, or no sample.
+    surface : FinishedSurface
+        Without gray values where there is no CT, or no sample.
     """
 
     name: str
     label: int | None
     threshold: float | None
-    volume_ml: float | None
-    area_cm2: float
-    components: int
-    largest_diameter_mm: float
-    mean: float | None = None
-    deviation: float | None = None
+    surface: FinishedSurface
+
+    def columns(self, unit: str = "hu") -> dict[str, Any]:
+        """Return what stands in each column; `unit` of the gray values is part of the names."""
+        measured = [each.table_cells(each.value(self.surface), unit) for each in measures_in(Place.TABLE)]
+        own = {"name": self.name, "label": self.label, f"threshold_{unit}": self.threshold}
+        return own | {head: cell for cells in measured for head, cell in cells.items()}
 
 
 def measure_structures(
@@ -89,8 +86,8 @@ def measure_structures(
     >>> ct = Volume(np.full((8, 8, 20), 40, np.int16), np.eye(4), kind="HU")
     >>> surfaces = reconstruct_labels(labels, ReconstructionSettings(smoothing="none")).surfaces
     >>> print(table_csv(measure_structures(surfaces, ct, labels), ct.kind), end="")
-    name,label,threshold_hu,volume_ml,area_cm2,components,largest_diameter_mm,mean_hu,sd_hu
-    box,1,,0.0586666667,0.811878949,1,5.83095189,40,0
+    name,label,threshold_hu,volume_ml,area_cm2,components,largest_diameter_mm,mean_hu,sd_hu,size_x_mm,size_y_mm,size_z_mm
+    box,1,,0.0586666667,0.811878949,1,5.83095189,40,0,4,4,4
     """
     return finish(measure_structures_steps(results, ct, labels, names))
 
@@ -139,12 +136,7 @@ def structure_row_steps(
         name=name,
         label=settings.label,
         threshold=threshold if settings.label is None else None,
-        volume_ml=measures.milliliters if measures.closed else None,
-        area_cm2=measures.square_centimeters,
-        components=measures.components,
-        largest_diameter_mm=diameter,
-        mean=None if inside is None else inside.mean,
-        deviation=None if inside is None else inside.deviation,
+        surface=FinishedSurface(measures=measures, largest_diameter_mm=diameter, inside=inside),
     )
 
 
@@ -165,29 +157,25 @@ def table_heads(kind: ValueKind | str = ValueKind.HU) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> table_heads("gray value")[-2:]
-    ('mean_gray', 'sd_gray')
+    >>> table_heads("gray value")[2:5]
+    ('threshold_gray', 'volume_ml', 'area_cm2')
     """
-    unit = "hu" if kind == ValueKind.HU else "gray"
-    measured = ("volume_ml", "area_cm2", "components", "largest_diameter_mm")
-    return ("name", "label", f"threshold_{unit}", *measured, f"mean_{unit}", f"sd_{unit}")
+    return tuple(StructureRow("", None, None, FinishedSurface()).columns(_unit(kind)))
 
 
 def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> str:
     """Return the table as CSV; what is not known stays empty."""
-    heads = table_heads(kind)
-    return csv_text([dict(zip(heads, map(_written, _values(row)), strict=True)) for row in rows], heads)
+    lines = [{head: _written(cell) for head, cell in row.columns(_unit(kind)).items()} for row in rows]
+    return csv_text(lines, table_heads(kind))
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
     """Return the table for a person, its heads first; a dash for what is not known."""
-    return [table_heads(kind), *(tuple(map(_shown, _values(row))) for row in rows)]
+    return [table_heads(kind), *(tuple(map(_shown, row.columns(_unit(kind)).values())) for row in rows)]
 
 
-def _values(row: StructureRow) -> tuple[Any, ...]:
-    """What a row has in the order of the columns."""
-    measured = (row.volume_ml, row.area_cm2, row.components, row.largest_diameter_mm)
-    return (row.name, row.label, row.threshold, *measured, row.mean, row.deviation)
+def _unit(kind: ValueKind | str) -> str:
+    return "hu" if kind == ValueKind.HU else "gray"
 
 
 def _written(value: Any) -> Any:
@@ -195,6 +183,4 @@ def _written(value: Any) -> Any:
 
 
 def _shown(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.4g}" if abs(value) < 1000 else f"{value:.0f}"
-    return "-" if value is None else str(value)
+    return number_text(value) if isinstance(value, float) else UNKNOWN if value is None else str(value)

@@ -57,9 +57,8 @@ def structures_of(
     for name, result, share in zip(called, results, shares, strict=True):
         color = structure_color(result.settings.label, result.label_color, result.label_name).rgb
         mesh, measures = result.mesh, result.measures
-        milliliters = measures.milliliters if measures.closed else None
         shown = 1.0 if share is None else share
-        out.append(Structure(name, mesh.vertices, mesh.faces, color, shown, mesh.normals, milliliters))
+        out.append(Structure(name, mesh.vertices, mesh.faces, color, shown, mesh.normals, measures.enclosed_volume))
     return out
 
 

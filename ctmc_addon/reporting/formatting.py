@@ -36,19 +36,6 @@ def size_of_bytes(number: float) -> str:
     return f"{number / 2**30:.1f} GiB" if number >= 2**30 else f"{max(1, round(number / 2**20))} MiB"
 
 
-def milliliters(volume_ml: float) -> str:
-    """Return a volume in milliliters: four digits, and all of those before the point.
-
-    No comma is between thousands, which half of the world reads as a decimal point.
-
-    Examples
-    --------
-    >>> milliliters(0.04567), milliliters(12.3456), milliliters(45678.9)
-    ('0.04567 ml', '12.35 ml', '45679 ml')
-    """
-    return f"{volume_ml:.0f} ml" if volume_ml >= 1000 else f"{volume_ml:.4g} ml"
-
-
 def duration(seconds: float) -> str:
     """Return seconds or minutes, with no more digits than an estimate has.
 

@@ -57,15 +57,15 @@ def test_of_a_threshold_it_has_the_values_that_this_takes_in_the_region():
     part = ct.values[1:10, 3:21, 2:31].astype(float)
     inside = part[(part >= 100) & (part <= 300)]
     assert (row.label, row.threshold) == (None, 100.0)
-    assert row.mean == pytest.approx(inside.mean(), rel=1e-12)
-    assert row.deviation == pytest.approx(inside.std(), rel=1e-12)
+    assert row.surface.inside.mean == pytest.approx(inside.mean(), rel=1e-12)
+    assert row.surface.inside.deviation == pytest.approx(inside.std(), rel=1e-12)
 
 
 def test_without_a_ct_there_are_no_gray_values_and_another_grid_is_refused():
     ct, labels = scan()
     results = reconstruct_labels(labels, ReconstructionSettings(), [4]).surfaces
     row = measure_structures(results)[0]
-    assert (row.mean, row.deviation) == (None, None)
+    assert row.surface.inside is None
     moved = AFFINE.copy()
     moved[2, 3] += AFFINE[2, 2] / 2
     with pytest.raises(VolumeError, match="beside the samples of the CT"):

@@ -15,6 +15,7 @@ from pathlib import Path
 import bpy
 
 import ctmc_addon
+from ctmc_addon.core import Place, measures_in
 from ctmc_addon.ui import translations
 from ctmc_addon.ui.properties import drawing as drawing_properties
 from ctmc_addon.ui.properties import figure as figure_properties
@@ -148,9 +149,14 @@ def step_strings() -> set[str]:
     return strings
 
 
+def measure_strings() -> set[str]:
+    """Names of measures that panels show."""
+    return {each.label for each in measures_in(Place.PANEL | Place.TABLE)}
+
+
 def all_strings() -> set[str]:
     """All of them, without what has no letters or is an address in the code; the extension must be registered."""
-    strings = registered_strings() | drawn_strings() | step_strings()
+    strings = registered_strings() | drawn_strings() | step_strings() | measure_strings()
     return {text for text in strings if re.search("[A-Za-z]", text) and not text.startswith("CTMC_")}
 
 

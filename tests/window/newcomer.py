@@ -125,7 +125,7 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         desk.wait(f"{IDLE} and {SURFACE} is not None")
     with person.step("Remove Small"):
         person.press("bpy.ops.ctmc.remove_small()")
-        desk.wait(f"{IDLE} and bpy.context.scene.ctmc.min_part_mm3 == 10")
+        desk.wait(f"{IDLE} and bpy.context.scene.ctmc.min_part_mm3 > 0")
     with person.step("Choose a color", WHEEL):
         choose_color(desk, *person.see("ctmc.color", 0.77))
     with person.step("Open Slice, Cut at Slice"):

@@ -16,6 +16,7 @@ import bpy
 import numpy as np
 from mathutils import Vector
 
+from ...core import length_text
 from ..colors import INK, Color
 from ..materials import flat_material
 from ..surface import mesh_data as meshes
@@ -163,7 +164,7 @@ def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float
     y : float
     """
     board.rectangle((x, y, x + page_mm, y + 3 * LINE_MM))
-    board.text(f"{length_mm:g} mm", x, y + 3 * LINE_MM + 0.6)
+    board.text(length_text(length_mm), x, y + 3 * LINE_MM + 0.6)
 
 
 def round_length(most: float) -> float:
@@ -227,11 +228,11 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     for share in (0.0, 0.5, 1.0):
         x = left + share * (right - left)
         board.rectangle((x - 0.06, base - 0.5, x + 0.06, base))
-        label = last_label(scale) if share == 1.0 else f"{share * scale.limit_mm:g}"
+        label = last_label(scale) if share == 1.0 else f"{share * scale.limit_mm / scale.unit.size:g}"
         board.text(label, x, bottom, "CENTER")
-    board.text(scale.title, (left + right) / 2, base + font + 0.8, "CENTER")
+    board.text(f"distance, {scale.unit.name}", (left + right) / 2, base + font + 0.8, "CENTER")
 
 
 def last_label(scale: ColorScale) -> str:
     """Return the text at the end of the color bar: its largest distance."""
-    return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm:g}"
+    return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm / scale.unit.size:g}"

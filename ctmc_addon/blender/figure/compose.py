@@ -15,7 +15,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import MeshError, Steps
+from ...core import MeshError, Steps, length_text
 from ...core.volume import transform_points
 from ..colors import Color
 from ..datablocks import remove_render_results, render_results
@@ -339,7 +339,7 @@ def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: 
         length = round_length(longest)
         page_mm = length * scale / figure.unit
         scale_bar(board, length, page_mm, x, y)
-        x += max(page_mm, board.width_of(f"{length:g} mm")) + 5.0
+        x += max(page_mm, board.width_of(length_text(length))) + 5.0
     named = [(shown, copy) for shown, copy in zip(cells[0].surfaces, figure.copies[0], strict=True) if shown.name]
     if style.distances is not None:
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)

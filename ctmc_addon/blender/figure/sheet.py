@@ -22,7 +22,9 @@ from ...core import (
     Steps,
     Volume,
     equal_part,
+    length_text,
     reconstruct_steps,
+    volume_text,
 )
 from ...core.mesh import ReferenceSurface, surface_distance_steps
 from ..surface.objects import temporary_surfaces
@@ -59,10 +61,11 @@ class Compared:
         word, volume = "error", ""
         if self.volume:
             word, mesh = "from the bare surface:", self.result.mesh
-            volume = f"{mesh.volume / 1000:.4g}{NO_BREAK}ml, " if mesh.closed else ""
+            volume = f"{unbroken(volume_text(mesh.volume))}, " if mesh.closed else ""
         error = f"{word} 0 mm"
         if self.max_mm > 0:
-            error = f"{word} {self.mean_mm:.3g}{NO_BREAK}mm, at{NO_BREAK}most{NO_BREAK}{self.max_mm:.3g}{NO_BREAK}mm"
+            mean, largest = length_text(self.mean_mm, 3), length_text(self.max_mm, 3)
+            error = f"{word} {unbroken(mean)}, {unbroken(f'at most {largest}')}"
         title = self.title
         for unit in (" × ", " px", " mm", " = ", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
@@ -71,6 +74,11 @@ class Compared:
             f"{volume}{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f}{NO_BREAK}s",
             error,
         )
+
+
+def unbroken(text: str) -> str:
+    """Return a text that stays on one line."""
+    return text.replace(" ", NO_BREAK)
 
 
 def sheet_steps(
@@ -183,8 +191,8 @@ def deviation_figure_steps(
         style.caption
         if style.caption is not None
         else (
-            f"Distance to the surface of full resolution: mean {distance.mean:.3g}{NO_BREAK}mm, "
-            f"at most {distance.largest:.3g}{NO_BREAK}mm; "
+            f"Distance to the surface of full resolution: mean {unbroken(length_text(distance.mean, 3))}, "
+            f"at most {unbroken(length_text(distance.largest, 3))}; "
             f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
         )
     )

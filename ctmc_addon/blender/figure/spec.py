@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import Described, SettingsError, setting
+from ...core import Described, SettingsError, Unit, setting, unit_of
 from ..colors import GRAY, INK, RED, YELLOW, Color
 from .comparison import Comparison as Comparison
 
@@ -179,7 +179,11 @@ class ColorScale:
 
     limit_mm: float
     beyond: bool = False
-    title: str = "distance, mm"
+
+    @property
+    def unit(self) -> Unit:
+        """The unit in which they are shown."""
+        return unit_of(self.limit_mm, "mm")
 
 
 @dataclass(frozen=True)

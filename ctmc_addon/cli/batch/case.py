@@ -12,16 +12,20 @@ from typing import Any
 
 from ... import readers
 from ...core import (
+    GRAY_VALUES,
     VERSION,
     AbsentLabelError,
     Budget,
     CtmcError,
+    FinishedSurface,
     ReconstructionSettings,
     SharedSurfaces,
     Stage,
     Volume,
     asked_bytes,
+    combined,
     finish,
+    measure,
     peak_bytes,
     resident_bytes,
     shared_surfaces_steps,
@@ -232,7 +236,9 @@ class Case:
             self.ct = finish(needed_steps(opened, path, options, ReconstructionSettings(), True, budget=self.budget))
         each = [self.inside(self.ct, labels, result.settings) for result in surfaces.results]
         return [
-            {} if values is None else {"mean_hu": round(values.mean, 3), "sd_hu": round(values.deviation, 3)}
+            {}
+            if values is None
+            else {about.name: round(about.value(FinishedSurface(inside=values)), 3) for about in GRAY_VALUES}
             for values in each
         ]
 
@@ -305,11 +311,14 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
     report = surfaces.report()
     if not surfaces.are_several:
         return report
-    faces = sum(result.measures.faces for result in surfaces.results)
-    crossings = [result.self_intersections for result in surfaces.results]
-    known = [each for each in crossings if each is not None]
-    together = sum(known) if len(known) == len(crossings) else None  # of each surface, not between them
-    return report | {"faces": faces, "volume_mm3": None, "self_intersections": together, "stages": []}
+    finished = [result.finished for result in surfaces.results]
+
+    def of_all(name: str) -> Any:
+        return combined(measure(name), list(map(measure(name).value, finished)))
+
+    # Self-intersections are of each surface, not between them.
+    of_several = {"faces": of_all("faces"), "volume_mm3": None, "self_intersections": of_all("self_intersections")}
+    return report | of_several | {"stages": []}
 
 
 def can_render() -> bool:

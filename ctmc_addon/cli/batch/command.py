@@ -18,6 +18,7 @@ from ...core import (
     VERSION,
     Budget,
     CtmcError,
+    Place,
     Step,
     Steps,
     asks_for_memory,
@@ -25,6 +26,7 @@ from ...core import (
     cases_at_once,
     cases_bytes,
     files_of,
+    measures_in,
     processors,
 )
 from ...core.files.atomic_write import made_folder, require_writable
@@ -62,7 +64,6 @@ from .summary import (
     SummaryRow,
     amount,
     counts,
-    numbers,
     write_summary,
     write_summary_if_possible,
 )
@@ -333,7 +334,7 @@ def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
     if event.status == ENDED and not sys.stdout.isatty():
         for output in event.task["outputs"]:
             row = rows[output["name"]]
-            facts = [fact for fact in numbers(row) if fact]
+            facts = [fact for fact in numbers_of(row) if fact]
             facts += ["all labels as one"] * row.labels_as_one
             print("  ".join([row.status, row.case, *(facts if row.status == DONE else [row.error or ""])]), flush=True)
 
@@ -348,10 +349,16 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
             rows[name].fill(read_record(folder, name), folder)
 
 
+def numbers_of(row: SummaryRow) -> list[str]:
+    """Return measures and seconds of an output for a person."""
+    seconds = "" if row.seconds is None else f"{row.seconds:.1f}"
+    return [*map(row.text, measures_in(Place.LINE)), seconds]
+
+
 def table_of(rows: Sequence[SummaryRow], facts: Sequence[tuple[str, str]] = ()) -> str:
     """Return the summary for a terminal, errors and other facts below."""
-    lines = [["case", "status", "triangles", "ml", "crossings", "seconds"]]
-    lines += [[row.case, row.status, *numbers(row)] for row in rows]
+    lines = [["case", "status", *(each.head for each in measures_in(Place.LINE)), "seconds"]]
+    lines += [[row.case, row.status, *numbers_of(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]
     errors += facts
@@ -359,7 +366,7 @@ def table_of(rows: Sequence[SummaryRow], facts: Sequence[tuple[str, str]] = ()) 
     if merged:
         which = f"in {len(merged)} of {amount(rows)} became one surface, such as that of {merged[0]}"
         errors.append(("labels", f"{which}: {OTSU}"))
-    opened = sum(row.closed is False for row in rows)
+    opened = sum(row.values.get("closed") is False for row in rows)
     if opened:
         done = sum(row.status == DONE for row in rows)
         errors.append(("surfaces", open_words(done, opened)))

@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> None:
     kind = ValueKind.HU if ct is None else ct.kind
     if output is not None:
         write_text(output, table_csv(rows, kind))
-    opened = sum(row.volume_ml is None for row in rows)
+    opened = sum(not result.measures.closed for result in surfaces.results)
     facts = titled("note", [with_flags(note) for note in surfaces.notes])
     if opened:
         facts.insert(0, ("surfaces", open_words(len(rows), opened)))

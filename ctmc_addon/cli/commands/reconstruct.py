@@ -15,6 +15,7 @@ from ...core import (
     AUTO,
     Budget,
     LabelError,
+    Place,
     Reconstruction,
     ReconstructionSettings,
     Stage,
@@ -22,8 +23,11 @@ from ...core import (
     Step,
     Steps,
     Volume,
+    length_text,
+    measures_in,
     reads_at_once,
     require_opacities,
+    volume_text,
 )
 from ...core.files import mesh_files
 from ...core.files.atomic_write import own_folder, require_writable
@@ -291,7 +295,7 @@ def small_components_lines(result: Reconstruction) -> list[str]:
     if not measures.has_many_small_components or result.settings.min_part_mm3 >= measures.small:
         return []
     counts = f"{count(measures.small_components)} of {count(measures.components)} components"
-    return [f"{counts} are smaller than {measures.small:g} mm3; --min-part {measures.small:g} removes them"]
+    return [f"{counts} are smaller than {volume_text(measures.small)}; --min-part {measures.small:g} removes them"]
 
 
 def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> str:
@@ -299,17 +303,12 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
     total = sum(stage.seconds for stage in result.stages)
-    faces = f"{report['faces']}"
+    measured = {each.name: (each.head, each.text(report[each.name])) for each in measures_in(Place.TERMINAL)}
     if report["full_faces"] != report["faces"]:
-        faces += f" of {report['full_faces']}"
-    shape = "closed" if report["closed"] else "open"
-    volume_mm3 = report["volume_mm3"]
-    components = f"{report['components']} component{'s' * (report['components'] != 1)}"
+        head, faces = measured["faces"]
+        measured["faces"] = (head, f"{faces} of {report['full_faces']}")
     facts = [
-        ("triangles", faces),
-        ("volume", "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f} ml ({volume_mm3:.1f} mm3)"),
-        ("area", f"{report['area_mm2'] / 100:.2f} cm2"),
-        ("surface", f"{shape}, {components}, Euler number {report['euler']}"),
+        *measured.values(),
         *(("small", line) for line in small_components_lines(result)),
         *([] if result.settings.label is not None else [("threshold", f"{result.threshold:.6g}")]),
         ("voxels", f"{result.voxels_visited} visited"),
@@ -334,17 +333,16 @@ def head_of(volume: Volume) -> str:
 def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
     shared, chose = given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
-    head = ("time" if surfaces.times else "label", "name", "triangles", "ml", "cm2", "components")
-    rows: list[tuple[str, ...]] = [(*head, "alpha", "at most, mm") if chose else head]
+    measures = measures_in(Place.SURFACES)
+    head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
+    rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
-        measures = result.measures
-        milliliters = f"{measures.milliliters:.3f}" if measures.closed else "-"
-        facts = [milliliters, f"{measures.square_centimeters:.2f}", str(measures.components)]
+        facts = [each.text(each.value(result.finished)) for each in measures]
         choice = result.alpha_choice
         if choice is not None:
-            facts += [f"{choice.alpha:g}", f"{choice.largest_mm:.3g}"]
-        rows.append((str(number), name, str(measures.faces), *facts))
+            facts += [f"{choice.alpha:g}", length_text(choice.largest_mm, 3)]
+        rows.append((str(number), name, *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
     settings = command_of(shared if surfaces.times else replace(shared, label=None))

@@ -20,6 +20,7 @@ from ...core import (
     Steps,
     Volume,
     defaults,
+    volume_text,
 )
 from ...core.files.atomic_write import require_writable, whole_files
 from ...core.files.file_names import printable
@@ -36,7 +37,6 @@ from ...core.segmentation import (
     sample_at,
 )
 from ...core.volume import Box, ValueKind, box_of
-from ...reporting.formatting import milliliters
 from .. import dicom_segmentation
 from ..arguments import UsageError, add_input, add_quiet, reading_of, with_flags
 from ..described_flags import add_flag
@@ -289,7 +289,7 @@ def text_of(structures: Structures, segments: Sequence[Segment], ct: Volume, out
     """Return the volumes of the structures, and what was assumed, for a person."""
     lines = []
     for segment, voxels in zip(segments, structures.layers.voxels().values(), strict=True):
-        volume = milliliters(voxels * ct.voxel_mm3 / 1000)
+        volume = volume_text(voxels * ct.voxel_mm3)
         lines.append((segment.name, f"{volume}, {voxels} voxels, label {segment.label}"))
     notes = [*map(with_flags, ct.notes), *structures.notes]
     return listing([*lines, ("file", output.name), *titled("note", notes)])

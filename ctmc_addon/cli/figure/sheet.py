@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from ...blender.figure.spec import Comparison
-from ...core import Budget, Stages
+from ...core import Budget, Stages, length_text, volume_text
 from ..arguments import flags_checked
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -59,15 +59,15 @@ def run(args: argparse.Namespace) -> None:
             *(distances.deviation, distances.limit_mm, Budget(args.threads), True),
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
-    rows = [("cell", "volume, ml", "triangles", "seconds", "mean, mm", "max, mm")]
+    rows = [("cell", "volume", "triangles", "seconds", "mean", "largest")]
     rows += [
         (
             f"({cell.letter}) {cell.title}",
-            f"{cell.result.mesh.volume / 1000:.2f}" if cell.result.mesh.closed else "open",
+            volume_text(cell.result.mesh.volume) if cell.result.mesh.closed else "open",
             str(len(cell.result.mesh.faces)),
             f"{cell.seconds:.3f}",
-            f"{cell.mean_mm:.4f}",
-            f"{cell.max_mm:.3f}",
+            length_text(cell.mean_mm, 3),
+            length_text(cell.max_mm, 3),
         )
         for cell in cells
     ]

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...core import Stages, Step, Steps, descriptions, equal_part
+from ...core import Stages, Step, Steps, descriptions, equal_part, volume_text
 from ...core.files.atomic_write import made_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
 from ...readers import ReadingOptions
@@ -57,7 +57,7 @@ def run(args: argparse.Namespace) -> None:
         steps = phantom_steps(args.slices, args.size, args.spacing, args.seed)
         phantom = progress.finish(stages.run("Making the phantom", steps))
         written = progress.finish(stages.run("Writing", write_phantom_steps(phantom, folder, formats)))
-    volumes = ", ".join(f"{volume / 1000:.2f}" for volume in phantom.tumour_volumes_mm3)
+    volumes = ", ".join(map(volume_text, phantom.tumour_volumes_mm3))
     shape = f"{dimensions(phantom.volume.size)}, {dimensions(phantom.volume.spacing)} mm"
     print(
         listing(
@@ -66,8 +66,8 @@ def run(args: argparse.Namespace) -> None:
                     "phantom",
                     f"{shape}, seed {phantom.seed}",
                 ),
-                ("tumors", f"{volumes} ml, together {sum(phantom.tumour_volumes_mm3) / 1000:.2f} ml"),
-                ("liver", f"{phantom.liver_volume_mm3 / 1000:.2f} ml with its tumors"),
+                ("tumors", f"{volumes}, together {volume_text(sum(phantom.tumour_volumes_mm3))}"),
+                ("liver", f"{volume_text(phantom.liver_volume_mm3)} with its tumors"),
                 ("written", ", ".join(written)),
             ]
         )

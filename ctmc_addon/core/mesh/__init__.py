@@ -8,7 +8,7 @@ from .angles.triangle_angles import TriangleQuality
 from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
 from .kept_pieces import bodies_steps, keep_components_steps, with_faces
-from .measures import SMALL, Measures, measures_steps
+from .measures import Measures, measures_steps
 from .topology import edges_steps
 from .triangle_mesh import blend
 
@@ -42,7 +42,6 @@ __getattr__ = names_later(
 __all__ = [
     "SAMPLES",
     "SEED",
-    "SMALL",
     "Measures",
     "ReferenceSurface",
     "SurfaceDistance",

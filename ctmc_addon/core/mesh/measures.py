@@ -19,8 +19,7 @@ from .piece_links import PieceLinks
 from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_keys_steps
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
-SMALL = 10.0  # components that enclose less are small, in the cube of the mesh's unit
-SMALL_SHARE = 0.001  # of the largest component, where that is small itself: to remove all would leave nothing
+SMALL_SHARE = 0.001  # Components that enclose less than this share of the largest one are small.
 MANY = 10  # small components are worth a word
 BLOCK = 1 << 15  # triangles whose volumes are worked out together: what fits the cache
 
@@ -53,6 +52,8 @@ class Measures:
         Connected lines of edges with one face: of a surface from a volume, where the volume or region cuts it.
     quality : TriangleQuality or None
         How good the triangles are for simulation; None where there are none.
+    size : (x, y, z) float or None
+        Sides of the box around the triangles along the axes; None where there are none.
     """
 
     faces: int
@@ -62,10 +63,11 @@ class Measures:
     euler: int
     components: int
     small_components: int = 0
-    small: float = SMALL
+    small: float = 0.0
     borders: int = 0
     vertices: int = 0
     quality: TriangleQuality | None = None
+    size: tuple[float, float, float] | None = None
 
     @property
     def enclosed_volume(self) -> float | None:
@@ -76,16 +78,6 @@ class Measures:
     def has_many_small_components(self) -> bool:
         """Whether to propose to remove the small components."""
         return self.small_components >= MANY
-
-    @property
-    def milliliters(self) -> float:
-        """The volume of a mesh in mm, in ml."""
-        return self.volume / 1000.0
-
-    @property
-    def square_centimeters(self) -> float:
-        """The area of a mesh in mm, in cm2."""
-        return self.area / 100.0
 
 
 def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[Measures]:
@@ -128,6 +120,7 @@ class PieceMeasures:
         self._area = self._volume = 0.0  # six times the volume, so whole numbers stay exact
         self._closed = True
         self._borders = [np.empty((2, 0), np.int64)]  # edges with one triangle, vertices counted in the surface
+        self._box: tuple[NDArray[np.float32], NDArray[np.float32]] | None = None  # lowest and highest corner
         self._used = np.empty(0, bool)  # of the next piece's vertices by this one
         self._seam = np.empty(0, np.int64)  # edges between them, their triangles, and those that run up
         self._seam_counts = np.empty((2, 0), np.int64)
@@ -139,7 +132,7 @@ class PieceMeasures:
         if not self._vertices and len(vertices):  # far from the origin the terms would cancel badly
             self._origin = vertices[0].astype(np.float64)
         first = self._vertices
-        self._add_vertices(faces, len(vertices), own)
+        self._add_vertices(vertices, faces, own)
         self._faces += len(faces)
         yield from stages.run(edges, self._add_edges_steps(faces, len(vertices), own, first))
         numbers = yield from stages.run(components, self._links.add_steps(faces, own))
@@ -171,14 +164,21 @@ class PieceMeasures:
             borders=borders,
             vertices=self._vertices,
             quality=self._quality.quality(),
+            size=None if self._box is None else _sides(*self._box),
         )
 
-    def _add_vertices(self, faces: NDArray[np.int32], vertex_count: int, own: int) -> None:
-        used = np.zeros(max(vertex_count, len(self._used)), bool)
+    def _add_vertices(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> None:
+        used = np.zeros(max(len(vertices), len(self._used)), bool)
         used[faces] = True
         used[: len(self._used)] |= self._used
         self._vertices += own
-        self._used_vertices += int(np.count_nonzero(used[:own]))
+        in_use = int(np.count_nonzero(used[:own]))
+        if in_use:
+            corners = vertices[:own] if in_use == own else vertices[:own][used[:own]]
+            box = corners.min(axis=0), corners.max(axis=0)
+            before = box if self._box is None else self._box
+            self._box = np.minimum(before[0], box[0]), np.maximum(before[1], box[1])
+        self._used_vertices += in_use
         self._used = used[own:]
 
     def _add_edges_steps(self, faces: NDArray[np.int32], vertex_count: int, own: int, first: int) -> Steps[None]:
@@ -230,14 +230,22 @@ class PieceMeasures:
 
 
 def small_below(largest: float) -> float:
-    """Return the volume below which components are small, from that of the largest, which is never small.
+    """Return the volume below which components are small: a thousandth of the largest, rounded down to one digit.
 
     Examples
     --------
-    >>> small_below(5000.0), small_below(6.2)
-    (10.0, 0.006)
+    >>> small_below(5000.0), small_below(6.9), small_below(0.0)
+    (5.0, 0.006, 0.0)
     """
-    return SMALL if largest >= SMALL else float(f"{largest * SMALL_SHARE:.0e}")
+    if not largest:
+        return 0.0
+    share = f"{largest * SMALL_SHARE:.15e}"  # one digit less than floats have: 0.3 is 0.29999999999999998
+    return float(share[0] + share[share.index("e") :])
+
+
+def _sides(low: NDArray[np.float32], high: NDArray[np.float32]) -> tuple[float, float, float]:
+    x, y, z = (high.astype(np.float64) - low.astype(np.float64)).tolist()
+    return x, y, z
 
 
 def _added(total: float, terms: NDArray[np.float64]) -> float:

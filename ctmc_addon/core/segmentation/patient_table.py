@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ..errors import ReadError
 from ..progress import Stages, Steps
+from ..units import volume_text
 from ..volume.slice_reader import SliceReader
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
@@ -46,14 +47,14 @@ class Table:
         Which of (slices, rows, columns) runs front to back.
     backwards : bool
         Whether its numbers rise towards the front.
-    milliliters : float
+    volume_mm3 : float
         Of the samples that are removed and are not air, by those that were looked at.
     """
 
     first: NDArray[np.int32]
     axis: int
     backwards: bool
-    milliliters: float
+    volume_mm3: float
 
 
 def without_table_steps(volume: Volume) -> Steps[Volume]:
@@ -86,7 +87,7 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     first = _enlarged(table.first, steps, shape) * along
     if table.backwards:  # the first sample that was looked at lies at the back
         first += (count - 1) % along
-    note = f"The table was removed: {table.milliliters:.1f} ml behind the body."
+    note = f"The table was removed: {volume_text(table.volume_mm3)} behind the body."
     reader = WithoutTable(volume, replace(table, first=first))
     removed = replace(volume, reader=reader, notes=(*volume.notes, note))
     return removed if volume.reader.own_bytes else (yield from removed.in_memory_steps())
@@ -115,7 +116,7 @@ def table_steps(ct: Volume) -> Steps[Table | None]:
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
     behind = np.count_nonzero(mask & (np.arange(count) >= first[..., None]))
-    return Table(first, axis, backwards, behind * ct.voxel_mm3 / 1000.0) if behind else None
+    return Table(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
 
 
 def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:

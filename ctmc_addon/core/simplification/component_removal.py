@@ -23,6 +23,7 @@ from ..mesh.measures import component_volumes_steps
 from ..mesh.topology import component_numbers_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
+from ..units import volume_text
 from .error_check import ErrorCheck
 from .ranked_points import RankedPoints
 from .rollback import History
@@ -66,19 +67,19 @@ class CollapsedComponents:
         """Return the same components with lengths multiplied."""
         return CollapsedComponents(self.count, self.largest * factor**3, self.volume * factor**3)
 
-    def sentence(self, unit: str) -> str:
-        """Return count and volume in words.
+    def sentence(self) -> str:
+        """Return count and volume in words, of a mesh in mm.
 
         Examples
         --------
-        >>> CollapsedComponents(9204, 3.93, 811.7).sentence("mm3")
+        >>> CollapsedComponents(9204, 3.93, 811.7).sentence()
         '9,204 components below 4 mm3 were collapsed, 812 mm3 together'
         """
         components, were = ("component", "was") if self.count == 1 else ("components", "were")
         digit = 10.0 ** (math.floor(math.log10(self.largest)) - 1) if self.largest > 0 else 1.0
         below = (math.floor(self.largest / digit) + 1) * digit  # rounded up to two digits
-        together = f"{float(f'{self.volume:.3g}'):.6g} {unit} together"
-        return f"{self.count:,} {components} below {below:.6g} {unit} {were} collapsed, {together}"
+        together = volume_text(float(f"{self.volume:.3g}"))
+        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {together} together"
 
 
 @dataclass(frozen=True, eq=False)

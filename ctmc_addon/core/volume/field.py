@@ -25,6 +25,7 @@ from ..errors import AbsentLabelError, LabelError, MeshError, SettingsError
 from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Stages, Step, Steps, finish
 from ..settings import ReconstructionSettings, constrained_threshold_error
+from ..units import volume_text
 from .field_values import FieldValues, GaussianValues, GrayValues, HeldValues, LabelMask
 from .labels import existing_labels_steps, label_extent_steps, label_notes, layer_of_label_steps, require_labels
 from .region import box_slices, grown_box, region_box, relative_box
@@ -259,9 +260,8 @@ def _constrained_steps(field: Field, volume: Placed, budget: Budget, with_surfac
     if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
         is_open = not settings.close_border and _reaches_border(field, mask, volume)
         words = "closed flat at the border, the surface would enclose" if is_open else "the surface encloses"
-        volumes = (
-            f"; {words} {smooth.volume_mm3:.1f} mm3 at alpha 1 and stride 1, the samples {smooth.label_mm3:.1f} mm3"
-        )
+        surface, samples = (volume_text(each, 6) for each in (smooth.volume_mm3, smooth.label_mm3))
+        volumes = f"; {words} {surface} at alpha 1 and stride 1, the samples {samples}"
     notes = [*field.notes, smoothed_note(slice_steps, volumes)]
     if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
         notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")

@@ -12,8 +12,9 @@ from typing import Any
 import bpy
 
 from ...blender.surface import Provenance, read_provenance
+from ...core import HU, UNKNOWN, FinishedSurface, Measure, Place, measures_in, volume_text
 from ...core.mesh import Measures
-from ...reporting.formatting import count, milliliters
+from ...reporting.formatting import count
 from ..operators.surface.pick_component import ACTIONS
 from ..state import measurements, surfaces
 from ..state.measurements import Measurement
@@ -99,13 +100,10 @@ def components_text(measures: Measures | None) -> str:
         return translate("Components: not counted")
     text = "{count} components"
     if measures.has_many_small_components:
-        text = "{count} components, {small} below {volume} mm3"
+        text = "{count} components, {small} below {volume}"
     text = translate("1 component" if measures.components == 1 else text)
     small = count(measures.small_components)
-    return text.format(count=count(measures.components), small=small, volume=f"{measures.small:g}")
-
-
-FACTS = ("Triangles", "Threshold", "Mean Distance", "Largest Distance", "Volume", "Area", "Self-Intersections")
+    return text.format(count=count(measures.components), small=small, volume=volume_text(measures.small))
 
 
 def facts_of(
@@ -115,23 +113,28 @@ def facts_of(
 
     A threshold has its unit, and a label the name that the list has for it.
     """
-    names, values = list(FACTS), ["-"] * len(FACTS)
+    surface = FinishedSurface() if measurement is None else measurement.finished
+    facts = {each.name: (each.label, measure_text(each, surface)) for each in measures_in(Place.PANEL)}
+    threshold = ("Threshold", UNKNOWN)
     if provenance is not None:
-        faces = provenance.faces if measurement is None else measurement.measures.faces
+        faces = provenance.faces if surface.measures is None else surface.measures.faces
         of_full = translate("{faces} of {full}").format(faces=count(faces), full=count(provenance.full_faces))
-        values[0] = count(faces) if faces == provenance.full_faces else of_full
-        values[1] = f"{provenance.threshold:.6g} {unit}".rstrip()
+        facts["faces"] = (facts["faces"][0], count(faces) if faces == provenance.full_faces else of_full)
+        threshold = ("Threshold", f"{provenance.threshold:.6g} {unit}".rstrip())
         if provenance.settings.label is not None:
-            names[1], values[1] = "Label", f"{provenance.settings.label}, {name}".removesuffix(", ")
-    if measurement is not None:
-        measures, distance = measurement.measures, measurement.distance
-        if distance is not None:
-            values[2:4] = [f"{distance.mean:.3g} mm", f"{distance.largest:.3g} mm"]
-        values[4] = milliliters(measures.milliliters) if measures.closed else translate("- (open)")
-        values[5] = f"{measures.square_centimeters:.4g} cm2"
-        if measurement.self_intersections is not None:
-            values[6] = count(measurement.self_intersections)
-    return list(zip(map(translate, names), values, strict=True))
+            threshold = ("Label", f"{provenance.settings.label}, {name}".removesuffix(", "))
+    lines = [facts.pop("faces"), threshold, *facts.values()]
+    return [(translate(label), value) for label, value in lines]
+
+
+def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> str:
+    """Return a measure of a surface in the panel's language; `unit` is that of gray values."""
+    value = about.value(surface)
+    if about.unit == "mm3" and surface.measures is not None and not surface.measures.closed:
+        return translate("- (open)")
+    if isinstance(value, int) and not isinstance(value, bool):
+        return count(value)
+    return f"{about.text(value)} {unit if about.unit == HU else ''}".rstrip()
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_results,))

@@ -7,8 +7,8 @@ from typing import Any
 
 import bpy
 
+from ...core import volume_text
 from ...core.volume import ValueKind
-from ...reporting.formatting import milliliters
 from ..operators.ct.structure_list import is_visible
 from ..properties.structures import LABEL, called
 from ..state import measurements, structures, surfaces, volumes
@@ -72,7 +72,7 @@ def made_of_text(item: Any) -> str:
     return f"{number}, {item.name}" if item.name else number
 
 
-def volume_text(scene: bpy.types.Scene, item: Any) -> str:
+def surface_volume_text(scene: bpy.types.Scene, item: Any) -> str:
     """Return the volume of the surface of a structure, once it is made and measured."""
     objects = surfaces.of_structure(scene, item)
     measurement = measurements.of(objects[0]) if objects else None
@@ -80,7 +80,7 @@ def volume_text(scene: bpy.types.Scene, item: Any) -> str:
         return ""
     if not measurement.measures.closed:
         return translate("open")
-    return milliliters(measurement.measures.milliliters)
+    return volume_text(measurement.measures.volume)
 
 
 class CTMC_UL_labels(bpy.types.UIList):
@@ -119,7 +119,7 @@ class CTMC_UL_labels(bpy.types.UIList):
             volume = row.row()
             volume.ui_units_x = 3.0
             volume.alignment = "RIGHT"
-            volume.label(text=volume_text(context.scene, item), translate=False)
+            volume.label(text=surface_volume_text(context.scene, item), translate=False)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_UL_labels,))

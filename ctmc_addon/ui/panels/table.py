@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import bpy
 
-from ...core import StructureRow
+from ...core import HU, Place, StructureRow, measures_in
 from ...core.volume import ValueKind
-from ...reporting.formatting import milliliters
 from .. import jobs
 from ..state import session
 from ..translations import translate
 from .layout import SubPanel, draw_job, draw_name, draw_pair, prepare
+from .results import measure_text
 
 TABLE = "ctmc.table"
 
@@ -47,18 +47,13 @@ class CTMC_PT_table(SubPanel, bpy.types.Panel):
 
 
 def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
-    """Names and values of a row; what is not known is left out."""
-    unit = "HU" if kind == ValueKind.HU else ""
-    facts = [
-        ("Volume", translate("- (open)") if row.volume_ml is None else milliliters(row.volume_ml)),
-        ("Area", f"{row.area_cm2:.4g} cm2"),
-        ("Components", f"{row.components}"),
-        ("Largest Diameter", f"{row.largest_diameter_mm:.4g} mm"),
+    """Names and values of a row; gray values that are not known are left out."""
+    unit = HU if kind == ValueKind.HU else ""
+    return [
+        (translate(each.label), measure_text(each, row.surface, unit))
+        for each in measures_in(Place.TABLE)
+        if each.unit != HU or row.surface.inside is not None
     ]
-    if row.mean is not None and row.deviation is not None:
-        facts.append(("Mean", f"{row.mean:.4g} {unit}".rstrip()))
-        facts.append(("Standard Deviation", f"{row.deviation:.4g} {unit}".rstrip()))
-    return [(translate(name), value) for name, value in facts]
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_PT_table,))

@@ -334,11 +334,11 @@ def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:
     return None if inner is None else (slice(low + inner[0].start, low + inner[0].stop), *inner[1:])
 
 
-def ml_of(scene: bpy.types.Scene, item: Any) -> float:
-    """Return the volume of a structure, ml."""
+def mm3_of(scene: bpy.types.Scene, item: Any) -> float:
+    """Return the volume of a structure, mm3."""
     window = window_in(scene, item)
     voxels = 0 if window is None else int(np.count_nonzero(of(scene, item).mask[window]))
-    return voxels * volumes.require_loaded(scene).volume.voxel_mm3 / 1000
+    return voxels * volumes.require_loaded(scene).volume.voxel_mm3
 
 
 def label_volume(mask: Mask, volume: Volume) -> Volume:

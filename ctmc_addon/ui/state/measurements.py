@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import json
 import math
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import bpy
@@ -17,12 +17,11 @@ import numpy as np
 
 from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state
-from ...core import Stages, Steps, TriangleMesh
+from ...core import FinishedSurface, Stages, Steps, TriangleMesh
 from ...core.mesh import (
     Measures,
     ReferenceSurface,
     SurfaceDistance,
-    TriangleQuality,
     measures_steps,
     self_intersections_steps,
     surface_distance_steps,
@@ -45,6 +44,13 @@ class Measurement:
     measures: Measures
     distance: SurfaceDistance | None = None
     self_intersections: int | None = None
+
+    @property
+    def finished(self) -> FinishedSurface:
+        """What is known of the surface."""
+        return FinishedSurface(
+            measures=self.measures, distance=self.distance, self_intersections=self.self_intersections
+        )
 
 
 def measurement_steps(
@@ -120,9 +126,9 @@ def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
 def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
     """Note on an object what was measured of it in this state."""
     values = asdict(measurement)
-    quality = values["measures"].pop("quality")
-    if quality is not None and math.isfinite(quality["median_radius_ratio"]):
-        values["quality"] = quality
+    quality = values["measures"]["quality"]
+    if quality is not None and not math.isfinite(quality["median_radius_ratio"]):
+        values["measures"]["quality"] = None
     obj[PROPERTY] = json.dumps({"state": state, **values})
 
 
@@ -130,15 +136,14 @@ def of(obj: bpy.types.Object) -> Measurement | None:
     """Return what was measured of an object as it is now; None where that is not known."""
     try:
         stored = parsed_json(obj[PROPERTY])
-        if stored["state"] != mesh_state(obj):
+        if stored.pop("state") != mesh_state(obj):
             return None
-        measures, distance = from_stored(Measures, stored["measures"]), stored["distance"]
-        if "quality" in stored:
-            measures = replace(measures, quality=from_stored(TriangleQuality, stored["quality"]))
-        if measures.closed == math.isnan(measures.volume):
-            return None  # an open surface has no volume, and every other has one
-        crossings = stored.get("self_intersections")
-        distance = None if distance is None else from_stored(SurfaceDistance, distance)
-        return Measurement(measures, distance, None if crossings is None else int(crossings))
+        if "small" not in stored["measures"]:  # files of 0.3 count components below 10 mm3
+            stored["measures"].pop("small_components", None)
+        if "quality" in stored:  # files of 0.3 and 0.4 have it beside the measures
+            stored["measures"]["quality"] = stored.pop("quality")
+        measurement: Measurement = from_stored(Measurement, stored)
     except (KeyError, TypeError, ValueError):
         return None  # of an older version, or another add-on's property
+    # An open surface has no volume, and every other has one.
+    return None if measurement.measures.closed == math.isnan(measurement.measures.volume) else measurement

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The colors of a deviation map in the 3D viewports: shown, with a legend in mm, and put back as it was."""
+"""The colors of a deviation map in the 3D viewports: shown, with a legend in mm or um, and put back as it was."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import bpy
 
 from ...blender.figure.distance_map import DISTANCE_COLORS, painted_mm
 from ...blender.viewport import draw_legend
+from ...core import unit_of
 from ..state import session
 from ..translations import translate
 
@@ -47,4 +48,5 @@ def draw(context: bpy.types.Context) -> None:
     shading = context.space_data.shading
     largest = painted_mm(context.view_layer.objects.active)
     if largest is not None and shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
-        draw_legend(translate("Distance to the full surface"), DISTANCE_COLORS, largest, "mm")
+        unit = unit_of(largest, "mm")
+        draw_legend(translate("Distance to the full surface"), DISTANCE_COLORS, largest / unit.size, unit.name)

@@ -21,7 +21,7 @@ from ctmc_addon.blender.figure.distance_map import (
 )
 from ctmc_addon.blender.figure.sheet import deviation_figure_steps, sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
-from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish
+from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish, length_text
 from ctmc_addon.core.errors import OutputError, SettingsError
 from ctmc_addon.core.mesh import ReferenceSurface
 
@@ -51,7 +51,8 @@ def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path)
     assert all(one.seconds > 0 for one in cells)
     assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) stride 2 px = 2 mm"
     assert cells[1].lines[1].startswith(f"{faces[1]:,} triangles, ")
-    assert cells[1].lines[2].startswith(f"error {cells[1].mean_mm:.3g}\N{NO-BREAK SPACE}mm")
+    mean = length_text(cells[1].mean_mm, 3).replace(" ", "\N{NO-BREAK SPACE}")
+    assert cells[1].lines[2].startswith(f"error {mean}")
     assert len(bpy.data.scenes) == 1
     assert not bpy.data.objects
 

@@ -16,7 +16,7 @@ from ctmc_addon.cli.batch import command, process
 from ctmc_addon.cli.batch.summary import SummaryRow, write_summary
 from ctmc_addon.cli.batch.summary.outliers import mark_outliers
 from ctmc_addon.cli.batch.summary.page import COLUMNS, bins_of, histogram, html_text
-from ctmc_addon.cli.batch.summary.rows import MEASURES
+from ctmc_addon.core.measures import MEASURES, Place, measures_in
 
 OPEN = {"void": ("meta", "input", "img", "br")}
 
@@ -49,8 +49,11 @@ class Elements(HTMLParser):
 
 
 def row(case, volume_mm3=1e6, **more):
-    given = {"status": "done", "faces": 1000, "seconds": 1.0, "label": 1, "components": 1, "closed": True}
-    return SummaryRow(case, **{**given, "volume_mm3": volume_mm3, **more})
+    names = {each.name for each in MEASURES}
+    values = {"faces": 1000, "components": 1, "closed": True, "volume_mm3": volume_mm3}
+    values |= {name: value for name, value in more.items() if name in names}
+    given = {"status": "done", "seconds": 1.0, "label": 1} | {n: value for n, value in more.items() if n not in names}
+    return SummaryRow(case, values=values, **given)
 
 
 @pytest.fixture
@@ -97,7 +100,7 @@ def test_few_cases_have_no_outliers_by_volume_or_notes():
 
 @pytest.mark.parametrize("count", [1, 2, 7, 100, 500])
 def test_every_volume_is_in_a_bin(count):
-    values = [1000.0 + 7.3 * (number**2 % 61) for number in range(count)]
+    values = [1e6 + 7.3e3 * (number**2 % 61) for number in range(count)]
     start, width, heights = bins_of(values)
     assert sum(heights) == count
     assert start <= min(values)
@@ -114,12 +117,12 @@ def test_the_page_has_a_row_for_every_case_but_those_that_are_absent(cohort):
     assert len(rows) == len(cohort) - 1
     assert all(len(cells) == len(COLUMNS) for _, cells in rows)
     assert {attributes["class"] for attributes, _ in rows} == {"done", "done outlier", "failed"}
-    assert rows[1][1][1:5] == ["c1", "done", "1000", "1010.000"]
+    assert rows[1][1][1:5] == ["c1", "done", "1000", "1010 ml"]
     assert rows[-1][1][-1] == "it is <broken>"
     assert "1 absent: without the label" in page
     assert "<h2>label 2</h2>" in page
     # 9 volumes from 1000 to 1080 ml, one of 3000, and three of 1000: the middle one of 13.
-    assert "<th>volume, ml</th><td>13</td><td>15360</td><td>1030</td><td>1000</td><td>3000</td>" in page
+    assert "<th>volume</th><td>13</td><td>15360 ml</td><td>1030 ml</td><td>1000 ml</td><td>3000 ml</td>" in page
     assert "://" not in page
     assert "prefers-color-scheme:dark" in page
 
@@ -128,20 +131,26 @@ def test_the_csv_has_every_column_with_its_unit(cohort, tmp_path):
     write_summary(tmp_path, cohort, True)
     with (tmp_path / "summary.csv").open(encoding="utf-8", newline="") as stream:
         table = list(csv.DictReader(stream))
-    assert list(table[0]) == [
+    # Scripts read these; new measures follow.
+    assert list(table[0])[:25] == [
         "case", "status", "faces", "volume_mm3", "seconds", "error", "label", "components", "closed", "area_mm2",
         "spacing_x_mm", "spacing_y_mm", "spacing_z_mm", "self_intersections", "removed_components",
         "collapsed_components",
-        "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier",
+        "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier", "size_x_mm", "size_y_mm", "size_z_mm",
     ]  # fmt: skip
     assert [line["outlier"] for line in table if line["case"] == "crumbs"] == ["40 components, the median is 1"]
 
 
 def test_the_table_of_labels_of_an_older_run_goes_and_no_other(tmp_path):
-    several = row("a", surfaces=[dict.fromkeys(MEASURES, 1) | {"name": "liver"}])
+    several = row(
+        "a", surfaces=[dict.fromkeys(each.name for each in measures_in(Place.LABELS)) | {"name": "liver", "label": 1}]
+    )
     write_summary(tmp_path, [several], True)
     assert (tmp_path / "labels.csv").read_text("utf-8").startswith("case,label,name,faces,")
     write_summary(tmp_path, [row("a")], False)
+    assert not (tmp_path / "labels.csv").exists()
+    (tmp_path / "labels.csv").write_text("case,label,name,faces,volume_mm3,area_mm2,parts,closed\n")  # of 0.3
+    write_summary(tmp_path, [row("a")], True)
     assert not (tmp_path / "labels.csv").exists()
     (tmp_path / "labels.csv").write_text("number,name\n1,liver\n")
     write_summary(tmp_path, [row("a")], True)
@@ -154,8 +163,9 @@ def test_a_row_of_several_surfaces_sums_them():
     record = {"status": "done", "faces": 20, "volume_mm3": None, "seconds": 1.0, "error": None}
     together = SummaryRow("a")
     together.fill(record | {"surfaces": [surface, surface | {"closed": False}]})
-    assert (together.components, together.area_mm2, together.closed) == (4, 5.0, False)
-    assert (together.spacing_z_mm, together.self_intersections) == (2.0, None)
+    columns = together.columns()
+    assert (columns["components"], columns["area_mm2"], columns["closed"]) == (4, 5.0, False)
+    assert (columns["spacing_z_mm"], columns["self_intersections"]) == (2.0, None)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import json
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
+from ctmc_addon.core import ReconstructionSettings, Volume, length_text, reconstruct
 from ctmc_addon.reporting.command_line import command_of
 from ctmc_addon.reporting.settings_toml import from_toml, to_toml
 
@@ -73,7 +73,7 @@ def test_several_labels_have_a_row_each_with_its_alpha_and_cost(ctmc, tmp_path, 
     volume = Volume(np.load(labels_file), np.diag([-0.7, -0.8, 2.5, 1]), kind="label")
     for row, surface in zip(rows, surfaces, strict=True):
         choice = surface["alpha_choice"]
-        assert row[-2:] == [f"{choice['alpha']:g}", f"{choice['largest_mm']:.3g}"]
+        assert row[-3:] == [f"{choice['alpha']:g}", *length_text(choice["largest_mm"], 3).split()]
         alone = reconstruct(volume, ReconstructionSettings(label=surface["label"], alpha="auto"))
         assert choice["alpha"] == alone.settings.alpha
 

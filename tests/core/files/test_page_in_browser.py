@@ -55,19 +55,19 @@ document.body.dataset.seen = JSON.stringify({ looks: seen, rows: [...document.qu
 </script></body>"""
 
 
-def box(name, low, high, rgb, milliliters):
+def box(name, low, high, rgb, volume_mm3):
     """A box in mm."""
     corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
     quads = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
     faces = np.array([triangle for a, b, c, d in quads for triangle in ((a, b, c), (a, c, d))], np.int32)
     vertices = (np.array(low) + corners * (np.array(high) - low)).astype(np.float32)
-    return Structure(name, vertices, faces, rgb, 1.0, None, milliliters)
+    return Structure(name, vertices, faces, rgb, 1.0, None, volume_mm3)
 
 
 @pytest.mark.once
 @pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
 def test_a_browser_shows_what_the_page_holds(tmp_path):
-    front = box("vorn", (-50, 20, -20), (50, 40, 20), (220, 30, 30), 80.0)
+    front = box("vorn", (-50, 20, -20), (50, 40, 20), (220, 30, 30), 8e4)
     back = box("hinten", (-30, -40, -15), (30, 0, 15), (30, 30, 220), None)
     path = tmp_path / "page.html"
     write_structures(path, [front, back])

@@ -29,6 +29,7 @@ from ctmc_addon.core import (
     write_structures,
 )
 from ctmc_addon.core.files.structures.packed import packed
+from ctmc_addon.core.units import volume_text
 from ctmc_addon.core.volume import linear
 
 SUFFIXES = (".obj", ".glb", ".3mf", ".html")
@@ -193,9 +194,9 @@ def test_structures_have_names_colors_opacity_and_volume(structures):
     assert [structure.name for structure in structures] == ["liver 1", "liver tumor", NAMES[3], "liver 4"]
     assert [structure.rgb for structure in structures] == [(122, 28, 40), (242, 184, 36), (1, 2, 250), (122, 28, 40)]
     assert [structure.opacity for structure in structures] == [0.6, 1.0, 1.0, 0.6]
-    assert structures[3].milliliters is None  # it ends with the volume
+    assert structures[3].volume_mm3 is None  # it ends with the volume
     for structure in structures[:3]:
-        assert structure.milliliters == pytest.approx(enclosed(corners_of(structure)) / 6000)
+        assert structure.volume_mm3 == pytest.approx(enclosed(corners_of(structure)) / 6)
 
 
 def test_one_structure_alone_is_opaque(results):
@@ -253,7 +254,7 @@ def test_a_page_holds_every_mesh_within_half_a_step_and_the_viewer(structures, t
         assert facts["name"] == structure.name
         assert facts["color"] == "#{:02x}{:02x}{:02x}".format(*structure.rgb)
         assert facts["opacity"] == structure.opacity
-        assert facts["ml"] == (None if structure.milliliters is None else round(structure.milliliters, 3))
+        assert facts["volume"] == (None if structure.volume_mm3 is None else volume_text(structure.volume_mm3))
         assert_same_triangles(corners, corners_of(structure), 0.5001 * max(facts["step"]))
         assert max(facts["step"]) < 0.01
     text = (tmp_path / "a.html").read_text("utf-8")

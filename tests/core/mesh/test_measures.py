@@ -61,7 +61,7 @@ def test_small_components_are_counted_where_there_are_many(count):
     assert mesh.measures.small_components == (count if count >= 9 else 0)
     assert mesh.measures.has_many_small_components == (count >= 10)
     grown = finish(measures_steps(mesh.vertices * np.float32(10), mesh.faces))
-    assert grown.small_components == 0  # a voxel encloses a sixth of its 1000
+    assert grown.small_components == mesh.measures.small_components  # small is a share, not a size
 
 
 def measured(pieces):
@@ -112,11 +112,18 @@ def test_borders_and_vertices_without_a_triangle_are_counted_across_seams():
     assert (holed.measures.borders, holed.measures.euler) == (2, 0)
 
 
-@pytest.mark.parametrize("scale", [0.3, 1.0])
-def test_where_all_components_are_below_10_mm3_the_largest_is_not_small(scale):
+@pytest.mark.parametrize("scale", [0.3, 1.0, 80.0])
+def test_small_is_a_thousandth_of_the_largest_component_rounded_down_to_one_digit(scale):
     mesh = marching_cubes(with_specks(200), 0.5, normals=False)
     measures = finish(measures_steps(mesh.vertices * np.float32(scale / 8), mesh.faces))
-    largest = mesh.measures.volume * (scale / 8) ** 3
-    assert largest < 10
-    assert 0.0005 * largest < measures.small < 0.0015 * largest
+    largest = (mesh.measures.volume - 200 / 6) * (scale / 8) ** 3  # a speck is an octahedron of a sixth of a voxel
+    assert 0.5 * largest < 1000 * measures.small <= largest
+    assert float(f"{measures.small:.0e}") == measures.small
     assert measures.small_components == 200  # a speck has a thirteen thousandth of the ball
+
+
+def test_the_size_is_that_of_the_box_around_the_triangles():
+    vertices = np.array([[1, 2, 3], [4, 2, 3], [1, 4, 3], [1, 2, 10], [99, 99, 99]], np.float32)
+    faces = np.array([[0, 2, 1], [0, 1, 3], [1, 2, 3], [0, 3, 2]], np.int32)
+    assert finish(measures_steps(vertices, faces)).size == (3.0, 2.0, 7.0)
+    assert finish(measures_steps(vertices, faces[:0])).size is None

@@ -82,11 +82,19 @@ def test_without_small_components_the_message_has_the_count_alone():
 
 
 @pytest.mark.parametrize(
-    ("largest", "below"), [(3.93, "4"), (0.0123, "0.013"), (9.99, "10"), (123.4, "130"), (0.0, "1")]
+    ("largest", "below"),
+    [
+        (3.93, "4 mm3"),
+        (0.0123, "0.013 mm3"),
+        (9.99, "10 mm3"),
+        (123.4, "130 mm3"),
+        (2.5e-5, "26000 um3"),
+        (0.0, "1 mm3"),
+    ],
 )
 def test_the_volume_in_the_sentence_is_above_all_that_went(largest, below):
-    sentence = CollapsedComponents(12, largest, 12345.6).sentence("mm3")
-    assert sentence == f"12 components below {below} mm3 were collapsed, 12300 mm3 together"
+    sentence = CollapsedComponents(12, largest, 12345.6).sentence()
+    assert sentence == f"12 components below {below} were collapsed, 12.3 ml together"
 
 
 # What never goes

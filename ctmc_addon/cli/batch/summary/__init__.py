@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The table of a batch: a row for each output, as CSV, JSON and a page, with what is unusual marked."""
 
-from .rows import SummaryRow, amount, counts, numbers
+from .rows import SummaryRow, amount, counts
 from .write import LABELS_FILE, SUMMARY_FILES, write_summary, write_summary_if_possible
 
 __all__ = [
@@ -10,7 +10,6 @@ __all__ = [
     "SummaryRow",
     "amount",
     "counts",
-    "numbers",
     "write_summary",
     "write_summary_if_possible",
 ]

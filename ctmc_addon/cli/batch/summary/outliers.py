@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ..files import DONE
-from .rows import NOTES_BETWEEN, SummaryRow
+from .rows import NOTES_BETWEEN, SummaryRow, known
 
 FEWEST = 5  # cases, below which nothing is unusual
 DEVIATIONS = 3.0
@@ -28,23 +28,25 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
         if row.status == DONE:
             groups.setdefault(str(row.label), []).append(row)
     for group in groups.values():
-        center, deviation = center_and_deviation([row.volume_mm3 for row in group if row.volume_mm3 is not None])
-        components = statistics.median([row.components for row in group if row.components is not None] or [0])
+        center, deviation = center_and_deviation(known("volume_mm3", group))
+        median = statistics.median(known("components", group) or [0])
         often = Counter(pattern for row in group for pattern in {pattern_of(note) for note in notes_of(row)})
         most = max(1, int(RARE * len(group))) if len(group) >= FEWEST else 0
         for row in group:
             reasons = []
-            if row.closed is False:
+            volume, components, crossings = map(row.values.get, ("volume_mm3", "components", "self_intersections"))
+            is_open = row.values.get("closed") is False
+            if is_open:
                 reasons.append("open")
-            if row.components is not None and row.components > max(MOST_COMPONENTS, TIMES_MEDIAN * components):
-                reasons.append(f"{row.components} components, the median is {components:g}")
-            if row.self_intersections:
-                reasons.append(f"{row.self_intersections} self-intersections")
-            if row.volume_mm3 is not None and deviation and abs(row.volume_mm3 - center) > DEVIATIONS * deviation:
-                off = (row.volume_mm3 - center) / deviation
+            if components is not None and components > max(MOST_COMPONENTS, TIMES_MEDIAN * median):
+                reasons.append(f"{components} components, the median is {median:g}")
+            if crossings:
+                reasons.append(f"{crossings} self-intersections")
+            if volume is not None and deviation and abs(volume - center) > DEVIATIONS * deviation:
+                off = (volume - center) / deviation
                 reasons.append(f"volume {abs(off):.1f} deviations {'above' if off > 0 else 'below'} the median")
             # What says that a surface is open is said already.
-            rare = [note for note in notes_of(row) if row.closed is not False and often[pattern_of(note)] <= most]
+            rare = [note for note in notes_of(row) if not is_open and often[pattern_of(note)] <= most]
             row.outlier = "; ".join([*reasons, *rare])
 
 

@@ -9,22 +9,21 @@ from __future__ import annotations
 import html
 import math
 import statistics
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
 from urllib.parse import quote
 
-from ....core import VERSION
+from ....core import VERSION, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
 from ..files import ABSENT, DONE, THUMBNAILS
 from .page_parts import SCRIPT, STYLE
-from .rows import NOTES_BETWEEN, SummaryRow, counts, milliliters, numbers
+from .rows import NOTES_BETWEEN, SummaryRow, counts, known
 
 REFRESH = 10  # seconds after which an open page looks again while the batch runs
 MOST_BINS = 30
 BAR, WIDTH, HEIGHT = 16, 240, 90  # of the histogram, pixels: at least, but for the last
 
-WITHOUT_SUM = ("memory, MiB",)
-
+MEMORY = "memory, MiB"
 NUMBER = ' class="number"'
 
 
@@ -36,10 +35,11 @@ class Cell(NamedTuple):
 
 
 # The head of every column, and whether it holds numbers.
+MEASURED = measures_in(Place.PAGE)
 COLUMNS = (
-    ("", False), ("case", False), ("status", False), ("triangles", True), ("volume, ml", True), ("area, cm2", True),
-    ("components", True), ("closed", False), ("self-intersections", True), ("mean HU", True), ("spacing, mm", True),
-    ("seconds", True), ("memory, MiB", True), ("look at", False), ("notes", False), ("error", False),
+    ("", False), ("case", False), ("status", False), *((each.head, each.name != "closed") for each in MEASURED),
+    ("spacing, mm", True), ("seconds", True), (MEMORY, True), ("look at", False), ("notes", False),
+    ("error", False),
 )  # fmt: skip
 
 
@@ -86,31 +86,19 @@ def cell_text(cell: Cell, column: tuple[str, bool]) -> str:
 
 def cells_of(row: SummaryRow) -> list[Cell]:
     """Return the cells of a case, in the order of the columns."""
-    triangles, volume, crossings, seconds = numbers(row)
     spacing = [side for side in (row.spacing_x_mm, row.spacing_y_mm, row.spacing_z_mm) if side is not None]
     return [
         Cell(picture(row), ""),
         Cell(case_link(row) + labels_table(row), row.case),
         Cell(row.status),
-        Cell(triangles),
-        Cell(volume, row.volume_mm3),
-        Cell("" if row.area_mm2 is None else f"{row.area_mm2 / 100:.1f}", row.area_mm2),
-        Cell(text_of(row.components)),
-        Cell({True: "yes", False: "no", None: ""}[row.closed]),
-        Cell(crossings),
-        Cell("" if row.mean_hu is None else f"{row.mean_hu:.1f}"),
+        *(Cell(row.text(each), each.sort_key(row.values.get(each.name))) for each in MEASURED),
         Cell(" ".join(f"{side:.3g}" for side in spacing), max(spacing, default=None)),
-        Cell(seconds),
+        Cell("" if row.seconds is None else f"{row.seconds:.1f}"),
         Cell("" if row.memory_bytes is None else f"{row.memory_bytes / (1 << 20):.0f}"),
         Cell(html.escape(row.outlier)),
         Cell(notes_cell(row.notes), row.notes),
         Cell(html.escape(row.error or "")),
     ]
-
-
-def text_of(number: int | None) -> str:
-    """Return a number, or nothing where it is not known."""
-    return "" if number is None else f"{number}"
 
 
 def notes_cell(notes: str) -> str:
@@ -140,16 +128,17 @@ def labels_table(row: SummaryRow) -> str:
     """Return the surfaces of several labels, to be unfolded."""
     if not row.surfaces:
         return ""
-    lines = [surface_row(surface) for surface in row.surfaces]
-    head = "<tr><th>label</th><th>triangles</th><th>volume, ml</th><th>mean HU</th></tr>"
-    return f"<details><summary>{len(lines)} surfaces</summary><table>{head}{''.join(lines)}</table></details>"
-
-
-def surface_row(surface: Mapping[str, Any]) -> str:
-    """Return one of several surfaces of a case."""
-    volume = milliliters(surface["volume_mm3"])
-    hu = "" if surface.get("mean_hu") is None else f"{surface['mean_hu']:.1f}"
-    return f"<tr><td>{html.escape(surface['name'])}</td><td>{surface['faces']}</td><td>{volume}</td><td>{hu}</td></tr>"
+    shown = measures_in(Place.LABELS)
+    head = "".join(f"<th>{head}</th>" for head in ("label", *(each.head for each in shown)))
+    lines = []
+    for surface in row.surfaces:
+        cells = (
+            surface["name"],
+            *("" if (value := surface[each.name]) is None else each.text(value) for each in shown),
+        )
+        lines.append(f"<tr>{''.join(f'<td>{html.escape(cell)}</td>' for cell in cells)}</tr>")
+    table = f"<table><tr>{head}</tr>{''.join(lines)}</table>"
+    return f"<details><summary>{len(lines)} surfaces</summary>{table}</details>"
 
 
 def controls(rows: Sequence[SummaryRow]) -> str:
@@ -185,28 +174,22 @@ def labels_of(rows: Sequence[SummaryRow]) -> list[list[SummaryRow]]:
 def cohort(rows: Sequence[SummaryRow]) -> str:
     """Return the totals and the volumes of all cases with a label."""
     head = "" if rows[0].label is None else f"<h2>label {rows[0].label}</h2>"
-    volumes = [row.volume_mm3 / 1000 for row in rows if row.volume_mm3 is not None]
-    return f"{head}<div class=cohort>{totals_table(rows)}{histogram(volumes)}</div>"
+    return f"{head}<div class=cohort>{totals_table(rows)}{histogram(known('volume_mm3', rows))}</div>"
 
 
 def totals_table(done: Sequence[SummaryRow]) -> str:
     """Return sums, medians and ranges of cases that are done."""
-    columns = {
-        "triangles": [float(row.faces) for row in done if row.faces is not None],
-        "volume, ml": [row.volume_mm3 / 1000 for row in done if row.volume_mm3 is not None],
-        "area, cm2": [row.area_mm2 / 100 for row in done if row.area_mm2 is not None],
-        "components": [float(row.components) for row in done if row.components is not None],
-        "seconds": [row.seconds for row in done if row.seconds is not None],
-        "memory, MiB": [row.memory_bytes / (1 << 20) for row in done if row.memory_bytes is not None],
-    }
-    known = {name: values for name, values in columns.items() if values}
-    lines = [
-        f"<tr><th>{name}</th><td>{len(values)}</td>"
-        + ("<td></td>" if name in WITHOUT_SUM else f"<td>{short(sum(values))}</td>")
-        + "".join(f"<td>{short(fact(values))}</td>" for fact in (statistics.median, min, max))
-        + "</tr>"
-        for name, values in known.items()
+    columns: list[tuple[str, Sequence[float], Callable[[float], str]]] = [
+        *((each.head, known(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
+        ("seconds", [row.seconds for row in done if row.seconds is not None], short),
+        (MEMORY, [row.memory_bytes / (1 << 20) for row in done if row.memory_bytes is not None], short),
     ]
+    lines = []
+    for name, values, text in columns:
+        if values:
+            of_all = "" if name == MEMORY else text(sum(values))
+            facts = (str(len(values)), of_all, *(text(fact(values)) for fact in (statistics.median, min, max)))
+            lines.append(f"<tr><th>{name}</th>{''.join(f'<td>{fact}</td>' for fact in facts)}</tr>")
     head = "<tr><th></th><th>cases</th><th>sum</th><th>median</th><th>least</th><th>most</th></tr>"
     return f"<table class=totals>{head}{''.join(lines)}</table>"
 
@@ -246,17 +229,18 @@ def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
     return first * width, width, heights
 
 
-def histogram(volumes_ml: Sequence[float]) -> str:
-    """Return a histogram of volumes as SVG; none of a single one."""
-    if len(volumes_ml) < 2:
+def histogram(volumes_mm3: Sequence[float]) -> str:
+    """Return a histogram of volumes as SVG, in the unit that fits the largest; none of a single one."""
+    if len(volumes_mm3) < 2:
         return ""
-    start, width, heights = bins_of(volumes_ml)
+    unit = unit_of(max(volumes_mm3), "mm3")
+    start, width, heights = bins_of([volume / unit.size for volume in volumes_mm3])
     most, bar = max(heights), max(BAR, WIDTH // len(heights))
     wide = bar * len(heights)
     bars = []
     for at, number in enumerate(heights):
         high = HEIGHT * number / most
-        title = f"{start + at * width:g} to {start + (at + 1) * width:g} ml: {number}"
+        title = f"{start + at * width:g} to {start + (at + 1) * width:g} {unit.name}: {number}"
         bars.append(
             f'<rect x="{bar * at}" y="{HEIGHT - high:.1f}" width="{bar - 2}" height="{high:.1f}">'
             f"<title>{title}</title></rect>"
@@ -266,6 +250,6 @@ def histogram(volumes_ml: Sequence[float]) -> str:
     return (
         f'<figure><svg viewBox="{box}" width="{wide}" height="{HEIGHT + 20}" role="img">{"".join(bars)}'
         f'<text x="0" y="{HEIGHT + 15}">{start:g}</text><text x="{wide}" y="{HEIGHT + 15}" text-anchor="end">{end:g}'
-        f"</text></svg><figcaption>volumes of {len(volumes_ml)} cases, ml; {width:g} ml a bar, the highest "
-        f"{most}</figcaption></figure>"
+        f"</text></svg><figcaption>volumes of {len(volumes_mm3)} cases, {unit.name}; {width:g} {unit.name} a bar, the "
+        f"highest {most}</figcaption></figure>"
     )

@@ -4,48 +4,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from ....core import Measure, Place, columns_in, combined, measures_in
 from ....core.files.mesh_files import PAGE
 from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, thumbnail_path
 
-# Of each of several surfaces.
-MEASURES = (
-    "label", "name", "faces", "volume_mm3", "area_mm2", "components", "closed", "self_intersections",
-    "mean_hu", "sd_hu",
-)  # fmt: skip
 NOTES_BETWEEN = " | "
-HIDDEN = ("of_case", "surfaces", "page", "thumbnail", "labels_as_one")  # no columns
+SHOWN = Place.BATCH | Place.PAGE | Place.TOTALS | Place.LINE
 
 
 @dataclass
 class SummaryRow:
     """One output; `status` is waiting, running, done, absent or failed, and what is not known is None.
 
-    Columns are only added, at the end: scripts read them.
+    `values` are its measures by name, of several surfaces combined.
     """
 
     case: str
     status: str = WAITING
-    faces: int | None = None
-    volume_mm3: float | None = None
+    values: dict[str, Any] = field(default_factory=dict)
     seconds: float | None = None
     error: str | None = None
     label: int | None = None
-    components: int | None = None
-    closed: bool | None = None
-    area_mm2: float | None = None
     spacing_x_mm: float | None = None
     spacing_y_mm: float | None = None
     spacing_z_mm: float | None = None
-    self_intersections: int | None = None
-    removed_components: int | None = None
-    collapsed_components: int | None = None
-    collapsed_mm3: float | None = None
-    mean_hu: float | None = None
-    sd_hu: float | None = None
     memory_bytes: int | None = None
     notes: str = ""
     outlier: str = ""
@@ -60,27 +46,14 @@ class SummaryRow:
         if record is None:
             self.status, self.error = FAILED, "the case left no JSON; is the disk full?"
             return
-        self.status = record["status"]
-        self.faces, self.volume_mm3 = record["faces"], record["volume_mm3"]
-        self.seconds, self.error = record["seconds"], record["error"]
+        self.status, self.seconds, self.error = record["status"], record["seconds"], record["error"]
         self.label = record.get("settings", {}).get("label")
         surfaces = record.get("surfaces", ())
-        self.surfaces = [{name: surface.get(name) for name in MEASURES} for surface in surfaces]
-        of_all = surfaces[0] if surfaces else record
-        self.components = total(surfaces or [record], "components")
-        self.area_mm2 = total(surfaces or [record], "area_mm2")
-        self.self_intersections = total(surfaces or [record], "self_intersections")
-        made = [each for each in surfaces or [record] if "collapsed_components" in each]
-        if made:
-            collapsed = [each["collapsed_components"] for each in made]
-            self.removed_components = sum(each["removed_components"] for each in made)
-            self.collapsed_components = sum(each["count"] for each in collapsed)
-            self.collapsed_mm3 = sum(each["mm3"] for each in collapsed)
-        shapes = [surface.get("closed") for surface in surfaces or [record]]
-        self.closed = None if None in shapes else all(shapes)
-        self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = of_all.get("spacing_mm") or (None, None, None)
-        inside = record if len(surfaces) != 1 else of_all
-        self.mean_hu, self.sd_hu = inside.get("mean_hu"), inside.get("sd_hu")
+        kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS)))
+        self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
+        self.values = {each.name: of_all(each, record) for each in measures_in(SHOWN)}
+        first = surfaces[0] if surfaces else record
+        self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = first.get("spacing_mm") or (None, None, None)
         self.memory_bytes = record.get("memory_bytes")
         self.notes = NOTES_BETWEEN.join(record.get("notes", ()))
         self.page = f"{self.case}{PAGE}" in (record.get("files") or ())
@@ -89,17 +62,49 @@ class SummaryRow:
 
     def columns(self) -> dict[str, Any]:
         """Return what stands in the CSV and the JSON."""
-        return {name: getattr(self, name) for name in COLUMNS}
+        known = _columns(Place.BATCH, self.values)
+        return {name: known[name] if name in known else getattr(self, name) for name in COLUMNS}
+
+    def label_rows(self) -> list[dict[str, Any]]:
+        """Return what stands in the CSV of labels and in the JSON, for each of several surfaces."""
+        cells = [surface | _columns(Place.LABELS, surface) for surface in self.surfaces]
+        return [{name: surface[name] for name in LABEL_COLUMNS} for surface in cells]
+
+    def text(self, about: Measure) -> str:
+        """Return a measure for a person; a dash for the volume of a surface that has none."""
+        value = self.values.get(about.name)
+        has_none = about.unit == "mm3" and bool(self.values.get("faces"))
+        return about.text(value) if value is not None or has_none else ""
 
 
-COLUMNS = tuple(each.name for each in fields(SummaryRow) if each.name not in HIDDEN)
+# Scripts read these: their order stays, and new measures follow.
+COLUMNS = columns_in(
+    Place.BATCH,
+    (
+        "case", "status", "faces", "volume_mm3", "seconds", "error", "label", "components", "closed", "area_mm2",
+        "spacing_x_mm", "spacing_y_mm", "spacing_z_mm", "self_intersections", "removed_components",
+        "collapsed_components", "collapsed_mm3", "mean_hu", "sd_hu", "memory_bytes", "notes", "outlier",
+    ),
+)  # fmt: skip
+OWN_OF_LABELS = ("label", "name")
+LABEL_COLUMNS = columns_in(Place.LABELS, (*OWN_OF_LABELS, "faces", "volume_mm3", "area_mm2", "components", "closed"))
 
 
-def total(surfaces: Sequence[Mapping[str, Any]], name: str) -> Any:
-    """Return the sum over surfaces of what a report calls so; None where one does not say."""
-    values = [surface.get(name) for surface in surfaces]
-    known = [value for value in values if value is not None]
-    return sum(known) if known and len(known) == len(values) else None
+def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:
+    """The measures of a place by column."""
+    return {column: cell for each in measures_in(place) for column, cell in each.cells(values.get(each.name)).items()}
+
+
+def of_all(about: Measure, record: Mapping[str, Any]) -> Any:
+    """Return a measure of an output: as its JSON says it, or that of its surfaces combined."""
+    if about.name in record:
+        return record[about.name]
+    return combined(about, [surface.get(about.name) for surface in record.get("surfaces", ())])
+
+
+def known(name: str, rows: Sequence[SummaryRow]) -> list[float]:
+    """Return a measure of the rows where it is known."""
+    return [value for row in rows if (value := row.values.get(name)) is not None]
 
 
 def amount(rows: Sequence[SummaryRow]) -> str:
@@ -116,18 +121,3 @@ def counts(rows: Sequence[SummaryRow]) -> str:
     cases = len({row.of_case or row.case for row in rows})
     of_cases = f" of {cases} case{'s' * (cases != 1)}" if cases != len(rows) else ""
     return f"{amount(rows)}{of_cases}: {', '.join(texts)}"
-
-
-def numbers(row: SummaryRow) -> list[str]:
-    """Triangles, milliliters, self-intersections and seconds for a person; an open surface has no volume."""
-    return [
-        "" if row.faces is None else f"{row.faces}",
-        milliliters(row.volume_mm3) if row.volume_mm3 is not None else "-" if row.faces else "",
-        "" if row.self_intersections is None else f"{row.self_intersections}",
-        "" if row.seconds is None else f"{row.seconds:.1f}",
-    ]
-
-
-def milliliters(volume_mm3: float | None) -> str:
-    """Return a volume for a person."""
-    return "-" if volume_mm3 is None else f"{volume_mm3 / 1000:.3f}"

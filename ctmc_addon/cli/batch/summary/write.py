@@ -12,11 +12,10 @@ from ....core import OutputError
 from ....core.files.atomic_write import write_csv, write_json, write_text
 from .outliers import mark_outliers
 from .page import html_text
-from .rows import COLUMNS, MEASURES, SummaryRow
+from .rows import COLUMNS, LABEL_COLUMNS, SummaryRow
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
 LABELS_FILE = "labels.csv"  # written where a case has several labels
-LABEL_COLUMNS = ["case", *MEASURES]
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -34,15 +33,16 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     """
     mark_outliers(rows)
     cases = [row.columns() for row in rows]
-    plain = [case | ({"surfaces": row.surfaces} if row.surfaces else {}) for case, row in zip(cases, rows, strict=True)]
-    labels = [{"case": row.case, **surface} for row in rows for surface in row.surfaces]
+    of_labels = [row.label_rows() for row in rows]
+    plain = [case | ({"surfaces": of} if of else {}) for case, of in zip(cases, of_labels, strict=True)]
+    labels = [{"case": row.case, **surface} for row, of in zip(rows, of_labels, strict=True) for surface in of]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
         (write_json, AS_JSON, (plain,)),
         (write_csv, AS_CSV, (cases, COLUMNS)),
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
-        files.append((write_csv, LABELS_FILE, (labels, LABEL_COLUMNS)))
+        files.append((write_csv, LABELS_FILE, (labels, ("case", *LABEL_COLUMNS))))
     else:
         remove_labels_file(folder)
     for write, name, content in files:
@@ -58,8 +58,8 @@ def remove_labels_file(folder: Path) -> None:
     path = folder / LABELS_FILE
     with suppress(OSError, UnicodeDecodeError):
         with path.open(encoding="utf-8") as stream:
-            is_table = stream.readline().rstrip("\n") == ",".join(LABEL_COLUMNS)
-        if is_table:
+            head = stream.readline().rstrip("\n").split(",")
+        if head[:4] == ["case", *LABEL_COLUMNS[:3]]:  # other versions have others after these
             path.unlink()
 
 

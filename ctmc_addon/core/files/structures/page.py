@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from ...progress import Step, Steps
+from ...units import volume_text
 from .packed import Packed, packed
 from .structure import Structure
 
@@ -53,7 +54,7 @@ def _facts(structure: Structure, mesh: Packed) -> dict[str, Any]:
         "name": structure.name,
         "color": "#{:02x}{:02x}{:02x}".format(*structure.rgb),
         "opacity": round(structure.opacity, 3),
-        "ml": None if structure.milliliters is None else round(structure.milliliters, 3),
+        "volume": None if structure.volume_mm3 is None else volume_text(structure.volume_mm3),
         "vertices": mesh.vertices,
         "faces": mesh.faces,
         "low": mesh.low,

@@ -33,7 +33,7 @@ class Structure:
         From 0, invisible, to 1.
     normals : (V, 3) float32 or None
         Unit length, pointing outside; without them a file gets the means of the triangles'.
-    milliliters : float or None
+    volume_mm3 : float or None
         Of a closed surface; None for an open one.
     """
 
@@ -43,12 +43,12 @@ class Structure:
     rgb: tuple[int, int, int]
     opacity: float = 1.0
     normals: Vectors | None = None
-    milliliters: float | None = None
+    volume_mm3: float | None = None
 
     @property
     def closed(self) -> bool:
         """Whether the surface encloses a volume."""
-        return self.milliliters is not None
+        return self.volume_mm3 is not None
 
     def vertex_normals(self) -> Vectors:
         """The normals, made of the triangles where there are none, (V, 3)."""

@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ...arithmetic import tangent
 from ...progress import PAUSE, Step, Steps, WithResult
+from ...units import length_text
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
 from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides
@@ -66,8 +67,8 @@ class AlphaChoice:
     def sentence(self) -> str:
         """What was chosen and what it costs, in words."""
         cost = (
-            f"compared with alpha 1 its vertices move by {self.mean_mm:.3g} mm on average and "
-            f"{self.largest_mm:.3g} mm at most"
+            f"compared with alpha 1 its vertices move by {length_text(self.mean_mm, 3)} on average and "
+            f"{length_text(self.largest_mm, 3)} at most"
         )
         if self.reached:
             return (

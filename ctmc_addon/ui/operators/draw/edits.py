@@ -32,11 +32,11 @@ from .needs import (
     can_draw,
     has_structure,
     limits_of,
+    named_volume_text,
     require,
     require_active,
     target_of,
     volume_of,
-    volume_text,
 )
 
 Work = Callable[[Mask, Volume, Window], Steps[Mask]]
@@ -78,7 +78,7 @@ def edit_steps(work: Steps[Mask], window: Window, target: Target) -> Steps[jobs.
         scene, item = require(target)
         drawings.replace(scene, item, window, made)
         session.of(scene).message = ""
-        return volume_text(scene, item)
+        return named_volume_text(scene, item)
 
     return conclude
 

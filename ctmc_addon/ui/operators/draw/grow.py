@@ -29,7 +29,7 @@ from ... import jobs
 from ...state import drawings, session
 from ...translations import translate
 from ...viewport.slice_hits import slice_under
-from .needs import Target, can_draw, limits_of, require, target_of, volume_of, volume_text, whole
+from .needs import Target, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
 
 Sample = tuple[int, int, int]
 
@@ -106,7 +106,7 @@ def conclusion_steps(work: Steps[Grown], target: Target, click: Click | None) ->
         window, add, take = grown.window, grown.added, grown.taken
         drawings.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
         drawn.grown = grown.kept
-        return volume_text(scene, item)
+        return named_volume_text(scene, item)
 
     return conclude
 

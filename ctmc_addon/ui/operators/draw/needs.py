@@ -8,10 +8,9 @@ from typing import Any, NamedTuple
 
 import bpy
 
-from ....core import ReadError, SettingsError, Steps, Volume
+from ....core import ReadError, SettingsError, Steps, Volume, volume_text
 from ....core.segmentation import Mask, Window, range_mask_steps
 from ....core.volume import ValueKind
-from ....reporting.formatting import milliliters
 from ...state import drawings, session, volumes
 from ...translations import translate
 from ..scene.slice_object import in_object_mode
@@ -119,7 +118,7 @@ def whole(shape: Sequence[int]) -> Window:
     return z, y, x
 
 
-def volume_text(scene: bpy.types.Scene, item: Any) -> str:
+def named_volume_text(scene: bpy.types.Scene, item: Any) -> str:
     """Return what a structure is called, and how large it is."""
     text, name = translate("{name}: {volume}"), drawings.line_of(scene, item).name
-    return text.format(name=name, volume=milliliters(drawings.ml_of(scene, item)))
+    return text.format(name=name, volume=volume_text(drawings.mm3_of(scene, item)))

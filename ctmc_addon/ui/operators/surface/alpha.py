@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ....core import MeshError, Reconstruction, Steps, chosen_alpha_steps, replayed_steps
+from ....core import MeshError, Reconstruction, Steps, chosen_alpha_steps, length_text, replayed_steps
 from ... import jobs
 from ...state import session, surfaces
 from ...translations import translate
@@ -45,17 +45,17 @@ def choosing_steps(full: Reconstruction, min_angle_deg: float, uid: int) -> Step
         scene = session.scene_of(uid)
         if scene is not None:
             scene.ctmc.alpha = choice.alpha
-        message = translate("Alpha {alpha}: smallest angle {angle}°, vertices moved by {mean} mm, at most {most} mm")
+        message = translate("Alpha {alpha}: smallest angle {angle}°, vertices moved by {mean}, at most {most}")
         if not choice.reached:
             message = translate(
-                "No alpha keeps {asked}°; the best, {alpha}, has {angle}°, vertices moved {mean} mm, at most {most} mm"
+                "No alpha keeps {asked}°; the best, {alpha}, has {angle}°, vertices moved {mean}, at most {most}"
             )
         return message.format(
             asked=f"{min_angle_deg:g}",
             alpha=f"{choice.alpha:g}",
             angle=f"{choice.smallest_angle_deg:.3g}",
-            mean=f"{choice.mean_mm:.3g}",
-            most=f"{choice.largest_mm:.3g}",
+            mean=length_text(choice.mean_mm, 3),
+            most=length_text(choice.largest_mm, 3),
         )
 
     return conclude

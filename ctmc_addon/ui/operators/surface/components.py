@@ -11,8 +11,8 @@ from typing import Any
 
 import bpy
 
+from ....blender.surface import as_shown
 from ....core import Steps
-from ....core.mesh import SMALL
 from ... import jobs
 from ...state import measurements, session, surfaces
 from .simplify import from_full_steps
@@ -72,14 +72,15 @@ class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
     bl_idname = "ctmc.remove_small"
     bl_label = "Remove Small Components"
     bl_description = (
-        "Remove components and fill cavities below 10 mm3, or a thousandth of a largest component that is smaller; "
-        "nothing is extracted again"
+        "Remove components and fill cavities below a thousandth of the largest component; nothing is extracted again"
     )
 
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
         """Return the volume below which the components of a surface are small."""
         measurement = measurements.of(obj)
-        return {"min_part_mm3": SMALL if measurement is None else measurement.measures.small}
+        if measurement is None or not measurement.measures.small:  # as it is in files of 0.3
+            return {"min_part_mm3": as_shown(obj).mesh.measures.small}
+        return {"min_part_mm3": measurement.measures.small}
 
 
 class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):

@@ -11,7 +11,7 @@ import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
 from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
-from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Steps, TriangleMesh
+from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Steps, TriangleMesh, length_text
 from ....core.files.file_names import file_name
 from ....core.mesh import ReferenceSurface, vertex_distances_steps
 from ....readers import ReadingOptions
@@ -105,8 +105,8 @@ def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps
         require_editable(obj)
         paint_distances(obj.data, distances)
         deviation.show()
-        message = translate("{name}: at most {most} mm from the full surface; the viewport shows Color: Attribute")
-        return message.format(name=obj.name, most=f"{distances.max(initial=0.0):.3g}")
+        message = translate("{name}: at most {most} from the full surface; the viewport shows Color: Attribute")
+        return message.format(name=obj.name, most=length_text(float(distances.max(initial=0.0)), 3))
 
     return conclude
 

@@ -11,10 +11,10 @@ nibabel = pytest.importorskip("nibabel")
 from ui.drawing import drawn, meshes_in
 
 from ctmc_addon.blender.surface import read_provenance
-from ctmc_addon.reporting.formatting import milliliters
+from ctmc_addon.core import volume_text
 from ctmc_addon.ui.panels import main as panels
 from ctmc_addon.ui.panels import results
-from ctmc_addon.ui.panels.structures import volume_text
+from ctmc_addon.ui.panels.structures import surface_volume_text
 from ctmc_addon.ui.state import measurements, scans, session, structures, surfaces, volumes
 
 AFFINE = np.diag([-1.0, -1.0, 2.0, 1.0])
@@ -66,7 +66,7 @@ def test_labels_and_a_threshold_are_made_in_one_press_and_each_has_its_volume(sc
     for item in scene.ctmc.labels:
         (obj,) = surfaces.of_structure(scene, item)
         found[item.name] = measurements.of(obj).measures.volume
-        assert volume_text(scene, item) == milliliters(found[item.name] / 1000)
+        assert surface_volume_text(scene, item) == volume_text(found[item.name])
         assert surfaces.unit_of(obj, scene) == "HU"
     # Voxels are 2 mm3; the corners that the surface cuts off are less than a fifth of a small cube.
     for name, voxels in (("liver", 216), ("tumor", 27), ("Bone", 64)):
@@ -241,7 +241,7 @@ def test_the_table_has_the_hu_inside_labels_that_were_added(scene, patient):
     bpy.ops.ctmc.reconstruct()
     bpy.ops.ctmc.table()
     rows, _ = session.of(scene).table
-    assert {row.name: (row.mean, row.deviation) for row in rows} == {"liver": (40.0, 0.0), "tumor": (40.0, 0.0)}
+    assert {row.name: row.surface.inside[1:] for row in rows} == {"liver": (40.0, 0.0), "tumor": (40.0, 0.0)}
 
 
 def test_the_ct_of_what_is_active_is_the_panels_with_its_own_structures(scene, patient):

@@ -298,7 +298,7 @@ def test_the_volume_of_a_drawing_in_slices_of_a_tilted_gantry(drawing, monkeypat
     affine[1, 2] = affine[2, 2]  # by 45 degrees
     tilted = replace(ct, volume=replace(ct.volume, affine=affine))
     monkeypatch.setitem(volumes._loaded, ct.statistics.fingerprint, tilted)
-    assert drawings.ml_of(scene, drawings.active(scene)) == pytest.approx(mask().sum() * 1 * 1 * 2 / 1000)
+    assert drawings.mm3_of(scene, drawings.active(scene)) == pytest.approx(mask().sum() * 1 * 1 * 2)
 
 
 def test_a_new_structure_is_not_that_of_a_surface_whose_line_was_removed(drawing):

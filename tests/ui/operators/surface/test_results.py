@@ -237,11 +237,11 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     noise.ctmc.alpha = 0.5
     bpy.ops.ctmc.reconstruct()
     drawing = drawn(CTMC_PT_results)
-    assert drawing.texts.index("196 components, 195 below 10 mm3") == line
+    assert drawing.texts.index("196 components, 195 below 1 mm3") == line
     assert "ctmc.remove_small Remove Small" in drawing.buttons
     monkeypatch.setattr(operators, "result_and_full_steps", None)  # extraction would fail
     assert bpy.ops.ctmc.remove_small() == {"FINISHED"}
-    settings = ReconstructionSettings(threshold=100.0, alpha=0.5, min_part_mm3=10.0)
+    settings = ReconstructionSettings(threshold=100.0, alpha=0.5, min_part_mm3=1.0)
     expected = reconstruct(read_volume(tmp_path / "noise.npy", spacing=(1, 1, 1)), settings).mesh
     seen = evaluated_triangles(active())
     assert (seen.faces == expected.faces).all()

@@ -180,7 +180,7 @@
       const polygonOffsetUnits = (glassy ? 64 : 1) + 2 * number;
       Object.assign(material, { opacity, polygonOffset: true, polygonOffsetFactor: 0.5, polygonOffsetUnits });
       material.clippingPlanes = filled.material.clippingPlanes = planes;
-      const fills = axis >= 0 && !glassy && facts.ml !== null;
+      const fills = axis >= 0 && !glassy && facts.volume !== null;
       const side = fills ? T.FrontSide : T.DoubleSide;
       if (material.transparent !== glassy || material.side !== side) {
         Object.assign(material, { transparent: glassy, depthWrite: !glassy, side, needsUpdate: true });
@@ -206,9 +206,7 @@
     const eye = element("input", row, { type: "checkbox", checked: true, id: `s${at}` });
     element("i", row).style.background = facts.color;
     element("label", row, { textContent: facts.name, title: facts.name, htmlFor: eye.id });
-    const ml = facts.ml === null ? W.open : `${facts.ml.toLocaleString(undefined,
-      { maximumFractionDigits: facts.ml < 1 ? 3 : facts.ml < 100 ? 1 : 0 })} ml`;
-    element("output", row, { textContent: ml });
+    element("output", row, { textContent: facts.volume ?? W.open });
     const density = element("input", row, { type: "range", min: 0, max: 1, step: 0.01, value: facts.opacity,
       title: W.opacity, ariaLabel: `${W.opacity}: ${facts.name}` });
     const show = (shown) => {

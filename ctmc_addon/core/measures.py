@@ -1,0 +1,331 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The measures of a finished surface: their names, units, and where each is shown.
+
+Keys of reports, columns of tables, lines of the panel and of the terminal are made from `MEASURES`, so a new measure is
+one entry here and appears in all of them. Files keep mm, mm2 and mm3; a person reads the unit that fits (`units.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field
+from enum import Flag, auto
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+from .units import UNITS, length_text, number_text, sizes_text, volume_text
+
+if TYPE_CHECKING:
+    from .mesh.distance.surface_distance import SurfaceDistance
+    from .mesh.measures import Measures
+    from .volume.inside import InsideValues
+
+HU = "HU"
+"""The unit of gray values; where they are not HU, they have none."""
+UNKNOWN = "-"
+
+
+class Place(Flag):
+    """The places that show measures."""
+
+    REPORT = auto()
+    """The JSON of a reconstruction and of a batch's case."""
+    TERMINAL = auto()
+    """The summary of one surface on the terminal."""
+    SURFACES = auto()
+    """The table of several surfaces on the terminal."""
+    TABLE = auto()
+    """The table of structures: `ctmc measure` and the panel Measurements."""
+    PANEL = auto()
+    """The panel Results."""
+    BATCH = auto()
+    """summary.csv and summary.json of a batch."""
+    LABELS = auto()
+    """labels.csv of a batch, and the list of surfaces on its page."""
+    PAGE = auto()
+    """summary.html of a batch."""
+    TOTALS = auto()
+    """The sums and ranges over all cases on that page."""
+    LINE = auto()
+    """The lines and the table of a batch on the terminal."""
+
+
+@dataclass(frozen=True)
+class FinishedSurface:
+    """What is known of a finished surface; what is not known is None.
+
+    Parameters
+    ----------
+    measures : Measures
+    full_faces : int
+        Triangles before simplification.
+    removed_components : int
+        Small components that the settings asked to remove.
+    collapsed_components : mapping of str to number
+        `count` and `mm3` of the components that simplification removed as a whole.
+    self_intersections : int
+        Pairs of triangles that cross, touch or overlap.
+    distance : SurfaceDistance
+        To the full surface, mm.
+    largest_diameter_mm : float
+    inside : InsideValues
+        The gray values inside.
+    """
+
+    measures: Measures | None = None
+    full_faces: int | None = None
+    removed_components: int | None = None
+    collapsed_components: Mapping[str, float] | None = None
+    self_intersections: int | None = None
+    distance: SurfaceDistance | None = None
+    largest_diameter_mm: float | None = None
+    inside: InsideValues | None = None
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A measure of a surface, and where it is shown.
+
+    Parameters
+    ----------
+    name : str
+        The key in JSON, and the column where `columns` does not say others.
+    label : str
+        The name that a person reads.
+    unit : str
+        mm, mm2, mm3, deg, HU, or nothing.
+    of : str
+        The way to it from a `FinishedSurface`, such as `measures.area`.
+    where : Place
+    summed : str
+        How those of several surfaces combine: `sum`, `all`, or `none`, where only that of a single one is known.
+    shown : callable, optional
+        Returns the text of a value that is known; by default by its type and unit.
+    columns : mapping of str to int or str
+        The columns of a value of several parts, and the index or key of each part.
+    """
+
+    name: str
+    label: str
+    unit: str = ""
+    _: KW_ONLY
+    of: str
+    where: Place
+    summed: str = "none"
+    shown: Callable[[Any], str] | None = None
+    columns: Mapping[str, int | str] = field(default_factory=dict)
+
+    def value(self, surface: FinishedSurface) -> Any:
+        """Return the value for JSON; None where it is not known, or infinite, which JSON does not have."""
+        found: Any = surface
+        for step in self.of.split("."):
+            found = None if found is None else getattr(found, step)
+        if isinstance(found, float) and not math.isfinite(found):
+            return None
+        return list(found) if isinstance(found, tuple) else found
+
+    def cells(self, value: Any) -> dict[str, Any]:
+        """Return the parts of a value by their columns.
+
+        Examples
+        --------
+        >>> measure("size_mm").cells([3.0, 2.0, 1.0])
+        {'size_x_mm': 3.0, 'size_y_mm': 2.0, 'size_z_mm': 1.0}
+        """
+        if not self.columns:
+            return {self.name: value}
+        return {column: None if value is None else value[part] for column, part in self.columns.items()}
+
+    def text(self, value: Any) -> str:
+        """Return a value as a person reads it, in the unit that fits.
+
+        Examples
+        --------
+        >>> measure("volume_mm3").text(0.02), measure("volume_mm3").text(None), measure("closed").text(True)
+        ('0.02 mm3', '-', 'yes')
+        """
+        if value is None:
+            return UNKNOWN
+        if self.shown is not None:
+            return self.shown(value)
+        if isinstance(value, bool):
+            return "yes" if value else "no"
+        if self.unit in UNITS:
+            return sizes_text(value if isinstance(value, Sequence) else (value,), self.unit)
+        return f"{value}" if isinstance(value, int) else number_text(value)
+
+    def sort_key(self, value: Any) -> float | None:
+        """Return the number by which a table is sorted: of several the largest; None to sort by the text."""
+        if value is None or isinstance(value, int):
+            return None
+        parts = value.values() if isinstance(value, Mapping) else value if isinstance(value, Sequence) else (value,)
+        return float(max(parts))
+
+    @property
+    def head(self) -> str:
+        """The head of a column or line for a person, such as 'volume', 'mean HU' and 'Euler number'."""
+        lower = self.label.lower().replace("euler", "Euler")
+        return f"{lower} {HU}" if self.unit == HU else lower
+
+    def table_cells(self, value: Any, unit: str = HU) -> dict[str, Any]:
+        """Return the parts of a value by their columns in the table of structures, whose volumes are in ml.
+
+        `unit` is that of the gray values, for the heads.
+
+        Examples
+        --------
+        >>> measure("volume_mm3").table_cells(5000.0), measure("mean_hu").table_cells(40.0, "gray")
+        ({'volume_ml': 5.0}, {'mean_gray': 40.0})
+        """
+        if self.unit == HU:
+            return {self.name.replace("hu", unit.lower()): value}
+        if self.unit not in ("mm2", "mm3"):
+            return self.cells(value)
+        largest = UNITS[self.unit][0]
+        return {self.name.replace(self.unit, largest.name): None if value is None else value / largest.size}
+
+
+_TERMINAL = Place.TERMINAL | Place.SURFACES
+_BATCH = Place.BATCH | Place.LABELS | Place.PAGE
+_DISTANCE_TEXT = partial(length_text, digits=3)
+
+
+def _collapsed_text(collapsed: Mapping[str, float]) -> str:
+    return f"{collapsed['count']}, {volume_text(collapsed['mm3'])}"
+
+
+MEASURES = (
+    Measure(
+        "faces",
+        "Triangles",
+        of="measures.faces",
+        where=Place.REPORT | _TERMINAL | Place.PANEL | _BATCH | Place.TOTALS | Place.LINE,
+        summed="sum",
+    ),
+    Measure("vertices", "Vertices", of="measures.vertices", where=Place.REPORT, summed="sum"),
+    Measure("full_faces", "Triangles Before Simplification", of="full_faces", where=Place.REPORT, summed="sum"),
+    Measure("mean_distance_mm", "Mean Distance", "mm", of="distance.mean", where=Place.PANEL, shown=_DISTANCE_TEXT),
+    Measure(
+        "largest_distance_mm", "Largest Distance", "mm", of="distance.largest", where=Place.PANEL, shown=_DISTANCE_TEXT
+    ),
+    Measure(
+        "volume_mm3",
+        "Volume",
+        "mm3",
+        of="measures.enclosed_volume",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH | Place.TOTALS | Place.LINE,
+    ),
+    Measure(
+        "area_mm2",
+        "Area",
+        "mm2",
+        of="measures.area",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH | Place.TOTALS,
+        summed="sum",
+    ),
+    Measure("closed", "Closed", of="measures.closed", where=Place.REPORT | Place.TERMINAL | _BATCH, summed="all"),
+    Measure("euler", "Euler Number", of="measures.euler", where=Place.REPORT | Place.TERMINAL, summed="sum"),
+    Measure(
+        "components",
+        "Components",
+        of="measures.components",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH | Place.TOTALS,
+        summed="sum",
+    ),
+    # The name in reports of 0.2.
+    Measure("parts", "Components", of="measures.components", where=Place.REPORT, summed="sum"),
+    Measure(
+        "removed_components",
+        "Removed Components",
+        of="removed_components",
+        where=Place.REPORT | Place.BATCH,
+        summed="sum",
+    ),
+    Measure(
+        "collapsed_components",
+        "Collapsed Components",
+        of="collapsed_components",
+        where=Place.REPORT | Place.BATCH,
+        summed="sum",
+        shown=_collapsed_text,
+        columns={"collapsed_components": "count", "collapsed_mm3": "mm3"},
+    ),
+    Measure(
+        "self_intersections",
+        "Self-Intersections",
+        of="self_intersections",
+        where=Place.REPORT | Place.PANEL | _BATCH | Place.LINE,
+        summed="sum",
+    ),
+    Measure(
+        "smallest_angle_deg", "Smallest Angle", "deg", of="measures.quality.smallest_angle_deg", where=Place.REPORT
+    ),
+    Measure("below_5_deg", "Triangles Below 5°", of="measures.quality.below_5", where=Place.REPORT),
+    Measure("below_10_deg", "Triangles Below 10°", of="measures.quality.below_10", where=Place.REPORT),
+    Measure(
+        "median_radius_ratio", "Median Radius Ratio", of="measures.quality.median_radius_ratio", where=Place.REPORT
+    ),
+    Measure("largest_diameter_mm", "Largest Diameter", "mm", of="largest_diameter_mm", where=Place.TABLE),
+    Measure("mean_hu", "Mean", HU, of="inside.mean", where=Place.TABLE | _BATCH),
+    Measure("sd_hu", "Standard Deviation", HU, of="inside.deviation", where=Place.TABLE | Place.BATCH | Place.LABELS),
+    Measure(
+        "size_mm",
+        "Size",
+        "mm",
+        of="measures.size",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH,
+        columns={"size_x_mm": 0, "size_y_mm": 1, "size_z_mm": 2},
+    ),
+)
+"""All measures, in the order of reports; new ones come last, because scripts read tables."""
+
+GRAY_VALUES = tuple(each for each in MEASURES if each.unit == HU)
+
+
+def measures_in(place: Place) -> tuple[Measure, ...]:
+    """Return the measures that a place shows, in their order."""
+    return tuple(each for each in MEASURES if each.where & place)
+
+
+def measure(name: str) -> Measure:
+    """Return the measure of this name."""
+    return next(each for each in MEASURES if each.name == name)
+
+
+def values_in(place: Place, surface: FinishedSurface) -> dict[str, Any]:
+    """Return what a place shows of a surface, by the names of the measures."""
+    return {each.name: each.value(surface) for each in measures_in(place)}
+
+
+def columns_in(place: Place, first: Iterable[str] = ()) -> tuple[str, ...]:
+    """Return the columns of a place: `first` in this order, then all others.
+
+    Examples
+    --------
+    >>> columns_in(Place.LABELS, ["label", "volume_mm3"])[:3]
+    ('label', 'volume_mm3', 'faces')
+    """
+    return tuple(dict.fromkeys([*first, *(column for each in measures_in(place) for column in each.cells(None))]))
+
+
+def combined(about: Measure, values: Sequence[Any]) -> Any:
+    """Return the value of several surfaces together; None where that of one is not known.
+
+    Examples
+    --------
+    >>> combined(measure("components"), [2, 3]), combined(measure("closed"), [True, False])
+    (5, False)
+    >>> combined(measure("collapsed_components"), [{"count": 1, "mm3": 2.5}, {"count": 3, "mm3": 1.0}])
+    {'count': 4, 'mm3': 3.5}
+    >>> combined(measure("volume_mm3"), [2.0, 3.0])
+    """
+    if not values or any(value is None for value in values):
+        return None
+    if about.summed == "all":
+        return all(values)
+    if about.summed == "none":
+        return values[0] if len(values) == 1 else None
+    if isinstance(values[0], Mapping):
+        return {part: sum(value[part] for value in values) for part in values[0]}
+    return sum(values)

@@ -1,0 +1,205 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Every measure appears in every place that it names, with its value and its text."""
+
+from __future__ import annotations
+
+import csv
+import json
+import re
+
+import nibabel
+import numpy as np
+import pytest
+
+from ctmc_addon.core import MEASURES, FinishedSurface, Place, measure, measures_in
+from ctmc_addon.core.mesh import Measures, SurfaceDistance, TriangleQuality
+from ctmc_addon.core.volume import InsideValues
+
+FULL = FinishedSurface(
+    measures=Measures(
+        8, 2.5, 1.5, True, 2, 1, vertices=6, quality=TriangleQuality(9.0, 0.0, 0.25, 1.5), size=(3, 2, 1)
+    ),
+    full_faces=20,
+    removed_components=1,
+    collapsed_components={"count": 2, "mm3": 0.5},
+    self_intersections=0,
+    distance=SurfaceDistance(0.1, 0.2, 0.3),
+    largest_diameter_mm=3.5,
+    inside=InsideValues(10, 40.0, 2.0),
+)
+
+
+@pytest.fixture(scope="module")
+def case(tmp_path_factory):
+    """A CT with two labels on its grid, named as LiTS names them; voxels of 0.5 x 0.5 x 1 mm."""
+    folder = tmp_path_factory.mktemp("case")
+    labels = np.zeros((12, 20, 24), np.uint8)
+    labels[3:9, 4:14, 4:16], labels[8:11, 14:18, 17:22] = 1, 2
+    values = np.where(labels, 40 + np.arange(24), -500).astype(np.int16)
+    for name, array in (("volume-3", values), ("segmentation-3", labels)):
+        nibabel.save(nibabel.Nifti1Image(array.T, np.diag([0.5, 0.5, 1.0, 1.0])), folder / f"{name}.nii")
+    return folder
+
+
+def reports(ctmc, case, folder, *words):
+    path = folder / "report.json"
+    done = ctmc("reconstruct", case / "segmentation-3.nii", *words, "--report", path)
+    assert done.code == 0, done.errors
+    report = json.loads(path.read_text("utf-8"))
+    return done, report.get("surfaces", [report])
+
+
+def rows_of(path):
+    with path.open(encoding="utf-8", newline="") as file:
+        return list(csv.DictReader(file))
+
+
+def test_each_name_and_column_belongs_to_one_measure_and_each_is_found_on_a_finished_surface():
+    names = [each.name for each in MEASURES]
+    columns = [column for each in MEASURES for column in each.cells(None)]
+    assert len(set(names)) == len(names)
+    assert len(set(columns)) == len(columns)
+    for each in MEASURES:
+        assert each.where, each.name
+        assert each.summed in ("sum", "all", "none"), each.name
+        value = each.value(FULL)
+        assert value is not None, each.name
+        assert json.loads(json.dumps(value)) == value
+        assert None not in each.cells(value).values(), each.name
+        assert each.text(value) != each.text(None) == "-", each.name
+        assert each.value(FinishedSurface()) is None
+        assert set(each.cells(None).values()) == {None}, each.name
+
+
+def test_reports_and_the_terminal_have_each_of_their_measures(ctmc, case, tmp_path):
+    done, [report] = reports(ctmc, case, tmp_path, "--label", "1", "--smoothing", "none", "-o", tmp_path / "a.stl")
+    lines = [re.split(r" {2,}", line) for line in done.out.splitlines()]
+    for each in measures_in(Place.REPORT):
+        assert report[each.name] is not None, each.name
+    for each in measures_in(Place.TERMINAL):
+        assert [each.head, each.text(report[each.name])] in lines, each.name
+    # A box of 12 x 10 x 6 voxels, whose corners are cut.
+    assert report["size_mm"] == pytest.approx([6.0, 5.0, 6.0], abs=1e-5)
+    assert ["size", "6 x 5 x 6 mm"] in lines
+
+
+def test_the_table_of_several_surfaces_has_each_of_its_measures(ctmc, case, tmp_path):
+    done, surfaces = reports(ctmc, case, tmp_path, "--label", "all", "-o", f"{tmp_path / 'out'}/")
+    lines = [re.split(r" {2,}", line.strip()) for line in done.out.splitlines()]
+    shown = measures_in(Place.SURFACES)
+    assert ["label", "name", *(each.head for each in shown)] in lines
+    for surface in surfaces:
+        texts = [each.text(surface[each.name]) for each in shown]
+        assert [str(surface["label"]), surface["name"], *texts] in lines
+
+
+def test_the_table_of_structures_has_each_of_its_measures(ctmc, case, tmp_path):
+    words = ("--ct", case / "volume-3.nii", "--label", "all", "-o", tmp_path / "table.csv")
+    done = ctmc("measure", case / "segmentation-3.nii", *words)
+    assert done.code == 0, done.errors
+    _, surfaces = reports(ctmc, case, tmp_path, "--label", "all", "-o", f"{tmp_path / 'out'}/")
+    rows = rows_of(tmp_path / "table.csv")
+    assert len(rows) == len(surfaces) == 2
+    for each in measures_in(Place.TABLE):
+        for row, surface in zip(rows, surfaces, strict=True):
+            for column, value in each.table_cells(surface.get(each.name)).items():
+                assert row[column], column
+                assert column in done.out.split()
+                assert value is None or float(row[column]) == pytest.approx(value, rel=1e-8)
+
+
+@pytest.fixture(scope="module")
+def batch(case, tmp_path_factory):
+    """A batch of a row with two labels, and one with a row for a label alone, with HU."""
+    from ctmc_addon.cli import main
+
+    folders = {}
+    for name, words in (("several", ["--label", "all"]), ("one", ["--label", "1"])):
+        folders[name] = tmp_path_factory.mktemp(name)
+        flags = ["--hu", "--no-thumbnails", "--quiet"]
+        assert main(["batch", str(case / "volume-3.nii"), "-o", str(folders[name]), *words, *flags]) == 0
+    return folders
+
+
+def test_a_batch_has_each_of_its_measures_in_its_tables(batch):
+    for folder in batch.values():
+        [row], [plain] = rows_of(folder / "summary.csv"), json.loads((folder / "summary.json").read_text("utf-8"))
+        record = json.loads((folder / f"{row['case']}.json").read_text("utf-8"))
+        surfaces = record.get("surfaces", [record])
+        for each in measures_in(Place.BATCH):
+            values = [surface[each.name] for surface in surfaces]
+            together = values[0]
+            if len(values) > 1:
+                combine = {"sum": added, "all": all, "none": lambda _: None}[each.summed]
+                together = combine(values)
+            for column, value in each.cells(together).items():
+                assert plain[column] == value, column
+                assert row[column] == ("" if value is None else str(value)), column
+
+
+def added(values):
+    first, second = values
+    return {part: first[part] + second[part] for part in first} if isinstance(first, dict) else first + second
+
+
+def test_a_batch_has_each_of_its_measures_of_labels(batch):
+    folder = batch["several"]
+    rows, [plain] = rows_of(folder / "labels.csv"), json.loads((folder / "summary.json").read_text("utf-8"))
+    surfaces = json.loads((folder / f"{plain['case']}.json").read_text("utf-8"))["surfaces"]
+    page = (folder / "summary.html").read_text("utf-8")
+    for each in measures_in(Place.LABELS):
+        assert f"<th>{each.head}</th>" in page
+        for row, of_label, surface in zip(rows, plain["surfaces"], surfaces, strict=True):
+            assert f"<td>{each.text(surface[each.name])}</td>" in page, each.name
+            for column, value in each.cells(surface[each.name]).items():
+                assert value is not None, column
+                assert row[column] == str(value), column
+                assert of_label[column] == value, column
+
+
+def test_a_batch_has_each_of_its_measures_on_its_page(batch):
+    folder = batch["one"]
+    [plain] = json.loads((folder / "summary.json").read_text("utf-8"))
+    record = json.loads((folder / f"{plain['case']}.json").read_text("utf-8"))
+    page = (folder / "summary.html").read_text("utf-8")
+    heads, cells = page.partition("<table id=cases>")[2].split("<tbody>")
+    for each in measures_in(Place.PAGE):
+        value = record[each.name]
+        key = "" if isinstance(value, int) else f' data-key="{each.sort_key(value)}"'
+        assert re.search(f"<th[^>]*>{each.head}</th>", heads), each.name
+        assert re.search(f"<td[^>]*{key}>{re.escape(each.text(value))}</td>", cells), each.name
+    for each in measures_in(Place.TOTALS):
+        text = each.text(record[each.name])
+        of_all = f"<td>1</td>{f'<td>{text}</td>' * 4}"
+        assert f"<tr><th>{each.head}</th>{of_all}</tr>" in page, each.name
+
+
+def test_a_batch_has_each_of_its_measures_on_the_terminal(ctmc, case, tmp_path):
+    done = ctmc("batch", case / "volume-3.nii", "-o", tmp_path, "--label", 1, "--no-thumbnails")
+    record = json.loads((tmp_path / "volume-3.json").read_text("utf-8"))
+    shown = measures_in(Place.LINE)
+    assert ["case", "status", *(each.head for each in shown), "seconds"] in [
+        re.split(r" {2,}", line.strip()) for line in done.out.splitlines()
+    ]
+    assert "  ".join(["done", "volume-3", *(each.text(record[each.name]) for each in shown)]) in done.out
+
+
+@pytest.mark.parametrize(
+    ("record", "expected"),
+    [
+        # 0.2 has the components as parts, and neither quality nor collapsed components.
+        ({"parts": 3, "volume_mm3": 5.0, "area_mm2": 9.0}, {"volume_mm3": 5.0, "components": None}),
+        (
+            {"components": 3, "volume_mm3": 5.0, "collapsed_components": {"count": 2, "mm3": 0.5}},
+            {"components": 3, "collapsed_components": 2, "collapsed_mm3": 0.5, "size_x_mm": None, "size_z_mm": None},
+        ),
+    ],
+)
+def test_records_of_older_versions_are_read_and_what_they_lack_is_empty(record, expected):
+    from ctmc_addon.cli.batch.summary import SummaryRow
+
+    row = SummaryRow("a")
+    row.fill({"status": "done", "faces": 10, "seconds": 1.0, "error": None, **record})
+    columns = row.columns()
+    assert {name: columns[name] for name in expected} == expected
+    assert row.text(measure("size_mm")) == ""
