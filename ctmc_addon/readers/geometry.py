@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from ..core import ReadError
 from ..core.volume import SPACING_LIMITS, is_spacing, spacing_of
 
-ROUNDED = 1e-3  # share of a length by which two that a file says may differ
-AXIAL = np.diag([-1.0, -1.0, 1.0])  # directions where nothing is known: columns to the left, rows to the back
+ROUNDED = 1e-3  # Two lengths in a file are the same if they differ by at most this share.
+AXIAL = np.diag([-1.0, -1.0, 1.0])  # Unknown directions are taken so: columns to the left, rows to the back.
 
 
 def taken_as_axial(what: str) -> str:

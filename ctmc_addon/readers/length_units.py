@@ -27,7 +27,7 @@ def mm_of(unit: str) -> float | None:
     (0.001, 10.0, None, None)
     """
     word = unit.strip()
-    # Of two signs for micro and for angstrom `casefold` makes one.
+    # `casefold` maps both micro signs, and both angstrom signs, to one.
     return None if word in OTHER_IN_CAPITALS else TO_MM.get(word.casefold())
 
 
@@ -51,12 +51,8 @@ def in_mm(units: Iterable[str]) -> tuple[list[float], tuple[str, ...]]:
     notes = []
     if converted:
         notes.append(f"the file's positions are in {' and '.join(converted)} and were converted to mm")
-    return [lengths[word] or 1.0 for word in words], (*notes, *unknown_notes(unknown))
-
-
-def unknown_notes(units: Iterable[str]) -> tuple[str, ...]:
-    """Return a note that quotes each unit that is not known."""
-    return tuple(
+    notes += [
         f"the file's unit '{unit[:60]}' is not a known unit of length: taken as mm; give the spacing in mm for another"
-        for unit in units
-    )
+        for unit in unknown
+    ]
+    return [lengths[word] or 1.0 for word in words], tuple(notes)

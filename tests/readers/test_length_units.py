@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 import tifffile
 
+from ctmc_addon.core import CtmcError
 from ctmc_addon.readers import read_volume
-from ctmc_addon.readers.length_units import mm_of
+from ctmc_addon.readers.images.tiff_axes import spacing_in_mm
+from ctmc_addon.readers.length_units import in_mm, mm_of
 
 VALUES = np.arange(60, dtype=np.uint8).reshape(3, 4, 5)
 LENGTHS = (35.0, 70.0, 140.0)
@@ -89,7 +91,12 @@ MAKERS = (nrrd_of_space, nrrd_of_axes, metaimage, ome_zarr, ome_tiff, imagej)
 @pytest.mark.parametrize("make", MAKERS)
 @pytest.mark.parametrize("unit", MM)
 def test_a_length_in_any_unit_is_that_length_in_mm(tmp_path, make, unit):
-    volume = read_volume(make(tmp_path, unit))
+    path = make(tmp_path, unit)
+    if MM[unit] * max(LENGTHS) > 10000:
+        with pytest.raises(CtmcError, match=r"has a spacing of .* mm, and it must be from 1e-06 to 10000 mm"):
+            read_volume(path)
+        return
+    volume = read_volume(path)
     assert volume.spacing == pytest.approx([length * MM[unit] for length in LENGTHS], rel=1e-5)
     assert any(f" {unit.strip()} and w" in note for note in volume.notes) == (MM[unit] != 1)
     assert not any("known unit" in note for note in volume.notes)
@@ -146,3 +153,9 @@ def test_a_metaimage_in_latin_1_says_micrometers(tmp_path):
 
 def test_a_mark_of_inches_is_one():
     assert (mm_of('"'), mm_of("'"), mm_of("")) == (25.4, None, None)
+
+
+@pytest.mark.parametrize("unit", ["um", "mm", "furlong"])
+def test_a_tiff_and_any_other_format_say_a_unit_in_the_same_words(unit):
+    lengths, said = in_mm([unit] * 3)
+    assert spacing_in_mm([2.0, 3.0, 4.0], [unit] * 3) == (tuple(np.multiply((2, 3, 4), lengths)), said)

@@ -146,7 +146,7 @@ def listed(own_slice: Path, images: Sequence[Path]) -> Path:
     same = next((path for path in images if path.name == own_slice.name), None)
     same = same or next((path for path in images if path.samefile(own_slice)), None)
     if same is None:
-        raise ReadError(f"{own_slice.name} is a hidden file, and those are no slices; give it a name without the dot")
+        raise ReadError(f"{own_slice.name}: hidden files are not read as slices; rename it without the leading dot")
     return same
 
 

@@ -30,7 +30,6 @@ FUNCTIONS = {
     11: "exponential with offset",
     12: "Gaussian",
     13: "exponential recovery",
-    NONE: "none",
     21: "uncalibrated optical density",
     22: "custom",
 }
@@ -68,16 +67,19 @@ def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> Calibration:
         The identity where there is none, or none that is applied; a note names one that is not.
     """
     code = about.get("cf")
-    is_whole = layout.bits in (8, 16) and layout.dtype.kind in "iu"
-    if code is None or (not is_whole and code == NONE):
+    if code is None or code == NONE:
         return Calibration()
+    unfit = _unfit(layout)
+    if unfit:
+        return Calibration(notes=(f"ImageJ's calibration is not applied: cf={code} is for {unfit}",))
     slope, intercept = (_number(about.get(name)) for name in ("c1", "c0"))
+    remedy = "; in ImageJ, Image > Type > 32-bit applies it before saving"
     if code != STRAIGHT_LINE or isinstance(code, bool):
         why = f"cf={code} ({FUNCTIONS.get(code, 'unknown') if isinstance(code, int) else 'unknown'})"
     elif slope is None or intercept is None or slope == 0.0:
-        why = f"cf=0, c0={about.get('c0', 'missing')}, c1={about.get('c1', 'missing')}"
-    elif not is_whole or layout.samples > 1 or layout.photometric != BLACK_IS_ZERO or layout.dtype == np.int8:
-        why = f"cf=0 beside {layout.depth}"  # ImageJ calibrates gray values of 8 and 16 bits alone
+        why, remedy = f"cf=0, c0={about.get('c0', 'missing')}, c1={about.get('c1', 'missing')}", ""
+    elif layout.photometric != BLACK_IS_ZERO:
+        why = f"cf=0 of a picture {'with a palette' if layout.colors is not None else 'in which 0 is white'}"
     else:
         if layout.dtype.kind == "i":
             intercept += slope * SIGNED_16_BIT_OFFSET
@@ -87,8 +89,16 @@ def calibration_of(about: Mapping[str, Any], layout: PageLayout) -> Calibration:
         if about.get("zeroclip") is True:
             notes.append("ImageJ's zeroclip is not applied: gray values below 0 are kept")
         return Calibration(slope, intercept, tuple(notes))
-    remedy = "in ImageJ, Image > Type > 32-bit applies it before saving"
-    return Calibration(notes=(f"ImageJ's calibration {why} is not applied: gray values are those stored; {remedy}",))
+    return Calibration(notes=(f"ImageJ's calibration {why} is not applied: gray values are those stored{remedy}",))
+
+
+def _unfit(layout: PageLayout) -> str:
+    """Return the pixels that ImageJ calibrates and those of the file, '' where they are the same."""
+    if layout.samples > 1:
+        return "gray values, and this file has colors"
+    if layout.bits not in (8, 16) or layout.dtype.kind not in "iu" or layout.dtype == np.int8:
+        return f"8 and 16 bits, and this file has {layout.dtype.name}"
+    return ""
 
 
 def _line(slope: float, intercept: float) -> str:

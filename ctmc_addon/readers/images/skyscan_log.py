@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from ...core.files.input_files import add_inputs
+from .slice_names import step_of
 
 Spacing = tuple[float, float, float]
 SUFFIX = ".log"
@@ -47,11 +48,30 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
         size = _positive(text)
         if size is None:
             return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was not taken",)
-        step = _positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0
+        step, why = _pixels_apart(_positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0, step_of(slices) or 1.0)
         mm = size * MM_PER_UM
-        apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart (Section to Section Step)"
+        apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart ({why})"
         return (mm, mm, mm * step), (f"{log.name} says that pixels are {size:.6g} um wide: {mm:.6g} mm{apart}",)
     return None, ()
+
+
+def _pixels_apart(section_step: float, file_step: float) -> tuple[float, str]:
+    """Return how many pixels apart slices are, by the log's step and that of the numbers of the files, and why.
+
+    Files may be numbered by section, and then have the log's step or a multiple of it where some were taken out; or
+    one after the other.
+
+    Examples
+    --------
+    >>> [_pixels_apart(*steps)[0] for steps in ((1.0, 2.0), (3.0, 1.0), (2.0, 2.0), (2.0, 4.0), (2.0, 3.0))]
+    [2.0, 3.0, 2.0, 4.0, 6.0]
+    """
+    log_says = f"{STEP.title().replace(' To ', ' to ')} {section_step:g}"
+    if file_step in (1.0, section_step):
+        return section_step, log_says
+    files_say = f"the files are numbered in steps of {file_step:g}, {log_says}"
+    by_section = file_step % section_step == 0
+    return (file_step if by_section else file_step * section_step), files_say
 
 
 def _logs_of(slices: Sequence[Path]) -> list[Path]:

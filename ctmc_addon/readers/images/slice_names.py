@@ -1,28 +1,40 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Which pictures of a folder are the slices of one stack, by their names alone.
 
-Slices of a stack are named alike but for a number. A preview, a copy or a mask beside them is named in another way, and
-a second stack has another pattern or counts from the start again.
+Slices of a stack are named alike but for a number. A preview, a copy or a mask beside them is named in another way. A
+second stack has another pattern, or its number starts again. Several pictures that may lie between slices are refused.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable, Hashable, Iterable, Sequence
+from dataclasses import dataclass
+from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TypeVar
 
-import numpy as np
-from numpy.typing import NDArray
-
 from ...core import ReadError
+from .name_numbers import (
+    NUMBER,
+    WHOLE,
+    columns_of,
+    is_even,
+    is_nearly_even,
+    number_in_parts,
+    numbers_in_order,
+    single_number,
+    text_around,
+    varying,
+)
 
 Item = TypeVar("Item")
-NUMBER = r"[0-9]+"
 LIKE_SIZE = 0.75  # A second run with at least this share of the largest one's pictures may be meant as well.
 FEWEST_OF_PATTERN = 0.25  # Names follow a pattern if the longest run has at least this share of the pictures.
+MOST_BETWEEN = 0.05  # Up to this share of the slices, or one, other pictures between them are left out.
 MOST_NAMES = 3  # in a sentence
-MOST_DIGITS = 15  # of a number that is compared
+LETTERS = ((16, "0-9a-f"), (36, "0-9a-z"))  # Bases of counters with letters, and their digits.
 
 
 def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) -> tuple[list[Path], list[str]]:
@@ -40,11 +52,12 @@ def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) 
     Raises
     ------
     ReadError
-        If two stacks are of like size, or `own_slice` is not a slice of a stack.
+        If two stacks are of like size, pictures that would be left out lie between slices, or `own_slice` is not a
+        slice of a stack.
     """
     runs = runs_by_name(images)
-    if len(runs) < 2:
-        return list(images), []
+    if len(runs[0]) == len(images):
+        return runs[0], notes_on_parts(runs[0])
     if len(runs[0]) < max(2, FEWEST_OF_PATTERN * len(images)):
         return list(images), [f"the names of the {len(images)} pictures follow no pattern: read in their order"]
     stack = runs[0]
@@ -52,12 +65,14 @@ def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) 
         require_one_stack(runs, folder)
     else:
         stack = next(run for run in runs if own_slice in run)
-        if len(stack) == 1:
-            raise ReadError(
-                f"{own_slice.name} is not one of the slices beside it, {_ends(runs[0])}, by its name; choose one of "
-                "those, or the folder"
-            )
-    return stack, left_out(images, stack, f"not named like the {len(stack)} slices {_ends(stack)}")
+    require_none_between(images, runs, folder)
+    if len(stack) == 1:
+        raise ReadError(
+            f"by its name, {own_slice.name if own_slice else stack[0].name} does not belong to the slices "
+            f"{_ends(runs[0])}; choose one of those, or the folder"
+        )
+    why = f"not named like the {len(stack)} slices {_ends(stack)}"
+    return stack, [*notes_on_parts(stack), *left_out(images, stack, why)]
 
 
 def require_one_stack(runs: Sequence[Sequence[Path]], folder: str) -> None:
@@ -83,8 +98,39 @@ def require_one_stack(runs: Sequence[Sequence[Path]], folder: str) -> None:
         words = limited_names([f"{_ends(run)} ({len(run)})" for run in stacks])
         raise ReadError(
             f"the folder {folder} has {len(stacks)} stacks of pictures: {words}; choose a slice of the one to read, "
-            "or give each a folder of its own"
+            "or give each a folder of its own; if all are one stack, give its slices one number that rises (0001, 0002)"
         )
+
+
+def require_none_between(images: Sequence[Path], runs: Sequence[Sequence[Path]], folder: str) -> None:
+    """Refuse to leave out several pictures that seem to lie between the slices of the longest run.
+
+    They have letters in the slice's number, or a number that the slices skip. Runs of like size are stacks apart.
+
+    Raises
+    ------
+    ReadError
+        If there are more than one and than `MOST_BETWEEN` of the slices.
+    """
+    slices = runs[0]
+    form = _form(slices)
+    if form is None:
+        return
+    others = {path for run in runs[1:] if len(run) < LIKE_SIZE * len(slices) for path in run}
+    between = [path for path in images if path in others and form.has_between(path)]
+    if len(between) > max(1, MOST_BETWEEN * len(slices)):
+        raise ReadError(
+            f"{len(between)} pictures in the folder {folder} are named unlike the slices {_ends(slices)} and may lie "
+            f"between them: {limited_names([path.name for path in between])}; give all slices one number that rises "
+            "(0001, 0002), or take the others out of the folder"
+        )
+
+
+def notes_on_parts(stack: Sequence[Path]) -> list[str]:
+    """Return the note that several numbers of a name were read as one, or none."""
+    if single_number(stack, NUMBER) is not None or number_in_parts(stack) is None:
+        return []
+    return [f"the numbers in each name were read as one that rises from {_ends(stack)}"]
 
 
 def left_out(images: Sequence[Path], slices: Iterable[Path], why: str) -> list[str]:
@@ -104,8 +150,14 @@ def runs_by_name(images: Sequence[Path]) -> list[list[Path]]:
     >>> [[path.name for path in run] for run in runs_by_name([Path(name) for name in names])]
     [['a_1.png', 'a_2.png'], ['a_1 (1).png'], ['a_spr.png']]
     """
-    runs = _grouped(images, lambda path: tuple(re.split(NUMBER, path.stem.casefold())))
-    return sorted((part for run in runs for part in _counted_apart(run)), key=len, reverse=True)
+    groups = _grouped(images, lambda path: text_around(path, NUMBER))
+    runs = sorted((run for group in groups for run in _runs_of(group)), key=len, reverse=True)
+    lettered = _counted_with_letters(images, runs[0])
+    if lettered:
+        taken = set(lettered)
+        rest = [[path for path in run if path not in taken] for run in runs]
+        runs = sorted((run for run in (lettered, *rest) if run), key=len, reverse=True)
+    return runs
 
 
 def check_numbers(images: Sequence[Path]) -> None:
@@ -113,19 +165,29 @@ def check_numbers(images: Sequence[Path]) -> None:
 
     Names whose numbers differ in more than one place, or in no even step, say nothing about missing slices.
     """
-    numbers = _numbers(images)
-    varying = _varying(numbers)
-    if len(varying) != 1:
-        return
-    steps = np.diff(numbers[:, varying[0]])
-    usual = int(steps.min(initial=1 << 60))
-    gaps = np.flatnonzero(steps != usual)
-    if usual > 0 and len(gaps) and 2 * len(gaps) < len(steps) + 1 and not (steps % usual).any():
+    numbers = numbers_in_order(images) or []
+    steps = [after - before for before, after in pairwise(numbers)]
+    usual = min(steps, default=0)
+    gaps = [at for at, step in enumerate(steps) if step != usual]
+    if usual > 0 and gaps and 2 * len(gaps) < len(steps) + 1 and not any(step % usual for step in steps):
         before, after = images[gaps[0]], images[gaps[0] + 1]
         raise ReadError(
             f"slices are missing between {before.name} and {after.name}, as the others are numbered in steps of "
-            f"{usual}; add them, or number the slices without a gap"
+            f"{float(usual):.10g}; add them, or number the slices without a gap"
         )
+
+
+def step_of(slices: Sequence[Path]) -> float | None:
+    """Return the step of the number from slice to slice, None where it is not the same.
+
+    Examples
+    --------
+    >>> step_of([Path("s04.png"), Path("s06.png"), Path("s08.png")]), step_of([Path("a.png"), Path("b.png")])
+    (2.0, None)
+    """
+    numbers = numbers_in_order(slices) or []
+    steps = {after - before for before, after in pairwise(numbers)}
+    return float(steps.pop()) if len(steps) == 1 else None
 
 
 def limited_names(names: Sequence[str]) -> str:
@@ -140,23 +202,95 @@ def limited_names(names: Sequence[str]) -> str:
     return ", ".join(names[:MOST_NAMES]) + more
 
 
+@dataclass(frozen=True)
+class _Form:
+    """Names of slices in which one whole number varies: the text before and behind it, and the numbers."""
+
+    before: str
+    behind: str
+    widths: tuple[int, int]
+    numbers: frozenset[int]
+
+    def counter(self, path: Path, digits: str) -> str | None:
+        """Return the counter of a name of this form that is written in `digits`, or None."""
+        name = re.escape(self.before) + f"([{digits}]+)" + re.escape(self.behind)
+        found = re.fullmatch(name, path.stem.casefold())
+        return found[1] if found else None
+
+    def has_between(self, path: Path) -> bool:
+        """Return whether a name has letters in a counter as wide, or a number that is missing among the slices'."""
+        least, most = self.widths
+        if least <= len(self.counter(path, "0-9a-z") or "") <= most:
+            return True
+        found = re.search(re.escape(self.before) + f"({WHOLE})", path.stem.casefold())
+        number = int(found[1]) if found else -1
+        return min(self.numbers) < number < max(self.numbers) and number not in self.numbers
+
+
+def _form(run: Sequence[Path]) -> _Form | None:
+    """Return the form of names with exactly one whole number that varies."""
+    if len({text_around(path, WHOLE) for path in run}) > 1:
+        return None
+    columns = columns_of(run, WHOLE)
+    at = varying(columns)
+    if len(at) != 1:
+        return None
+    name, words = run[0].stem.casefold(), columns[at[0]]
+    place = list(re.finditer(WHOLE, name))[at[0]]
+    widths = sorted(map(len, words))
+    numbers = frozenset(map(int, words))
+    return _Form(name[: place.start()], name[place.end() :], (widths[0], widths[-1]), numbers)
+
+
+def _counted_with_letters(images: Sequence[Path], run: Sequence[Path]) -> list[Path]:
+    """Return the slices that count in even steps in hexadecimal or with all letters; `run` are those with digits alone.
+
+    Examples
+    --------
+    >>> digits = [Path(f"x{digit}.png") for digit in "789"]
+    >>> [path.stem for path in _counted_with_letters([*digits, Path("xa.png"), Path("x.png")], digits)]
+    ['x7', 'x8', 'x9', 'xa']
+    """
+    form = _form(run)
+    if form is None:
+        return []
+    found: list[list[Path]] = []
+    for base, digits in LETTERS:
+        values = {path: int(word, base) for path in images if (word := form.counter(path, digits))}
+        slices = sorted(values, key=lambda path: values[path])
+        if len(slices) > len(run) and is_even([Fraction(values[path]) for path in slices]):
+            found.append(slices)
+    return max(found, key=len, default=[])
+
+
+def _runs_of(group: list[Path]) -> list[list[Path]]:
+    """Part names that are alike around their numbers: one run where they are one number that rises."""
+    alike = _grouped(group, lambda path: text_around(path, WHOLE))
+    numbers = single_number(group, NUMBER)
+    if numbers is not None:
+        order = sorted(range(len(group)), key=lambda at: numbers[at])
+        rises = is_nearly_even if len(alike) == 1 else is_even
+        if rises([numbers[at] for at in order]):
+            return [[group[at] for at in order]]
+    return [part for run in alike for part in _counted_apart(run)]
+
+
 def _counted_apart(run: list[Path]) -> list[list[Path]]:
     """Part names with two numbers in which one counts from the same start for each value of the others.
 
     'scan1_01', 'scan1_02', 'scan2_01', 'scan2_02' are two stacks. Dates, times and positions beside a number of the
     slice are another for each slice, or do not start again.
     """
-    numbers = _numbers(run)
-    varying = _varying(numbers)
-    if len(varying) < 2:
+    columns = [list(map(int, column)) for column in columns_of(run, WHOLE)]
+    differing = [at for at, column in enumerate(columns) if len(set(column)) > 1]
+    if len(differing) < 2 or number_in_parts(run) is not None:
         return [run]
-    counter = max(varying, key=lambda at: (len(np.unique(numbers[:, at])), at))
-    others = [at for at in varying if at != counter]
-    parts = _grouped(range(len(run)), lambda at: tuple(numbers[at, others].tolist()))
-    starts = {int(numbers[part, counter].min()) for part in parts}
+    counter = max(differing, key=lambda at: (len(set(columns[at])), at))
+    parts = _grouped(range(len(run)), lambda name: tuple(columns[at][name] for at in differing if at != counter))
+    starts = {min(columns[counter][name] for name in part) for part in parts}
     if len(starts) > 1 or 2 * len(parts) > len(run):
         return [run]
-    return [[run[at] for at in part] for part in parts]
+    return [[run[name] for name in part] for part in parts]
 
 
 def _grouped(items: Iterable[Item], key: Callable[[Item], Hashable]) -> list[list[Item]]:
@@ -165,19 +299,6 @@ def _grouped(items: Iterable[Item], key: Callable[[Item], Hashable]) -> list[lis
     for item in items:
         groups.setdefault(key(item), []).append(item)
     return list(groups.values())
-
-
-def _numbers(images: Sequence[Path]) -> NDArray[np.int64]:
-    """Return the numbers of each name, (names, numbers); none where the text around them differs."""
-    if len({tuple(re.split(NUMBER, path.stem.casefold())) for path in images}) > 1:
-        return np.empty((len(images), 0), np.int64)
-    numbers = [[int(word[:MOST_DIGITS]) for word in re.findall(NUMBER, path.stem)] for path in images]
-    return np.array(numbers, np.int64).reshape(len(images), -1)
-
-
-def _varying(numbers: NDArray[np.int64]) -> list[int]:
-    """Return which columns have more than one value."""
-    return [at for at in range(numbers.shape[1]) if (numbers[:, at] != numbers[0, at]).any()]
 
 
 def _ends(run: Sequence[Path]) -> str:

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ...core import ReadError
-from ..length_units import mm_of, unknown_notes
+from ..length_units import in_mm
 from .imagej_calibration import Calibration, calibration_of
 from .tiff_tags import PageLayout
 
@@ -126,7 +126,7 @@ def spacing_of_ome(pixels: Mapping[str, str]) -> tuple[tuple[float, float, float
     """Return the PhysicalSize among the attributes of OME's `Pixels`; its unit is µm where none is given."""
     sizes = [pixels.get(f"PhysicalSize{axis}") for axis in "XYZ"]
     units = [pixels.get(f"PhysicalSize{axis}Unit", "µm") for axis in "XYZ"]
-    return in_mm([number_of(size) for size in sizes], units)
+    return spacing_in_mm([number_of(size) for size in sizes], units)
 
 
 def imagej_spacing(
@@ -146,7 +146,7 @@ def imagej_spacing(
         is_fraction = all(isinstance(part, int) and part > 0 for part in pair)
         sizes.append(pair[1] / pair[0] if is_fraction else None)
     depth = number_of(about.get("spacing", 1.0 if several else None))
-    return in_mm([*sizes, depth], units)
+    return spacing_in_mm([*sizes, depth], units)
 
 
 def unit_of(about: Mapping[str, Any], key: str, default: str) -> str:
@@ -164,8 +164,10 @@ def number_of(value: Any) -> float | None:
     return number if 0 < number < math.inf else None
 
 
-def in_mm(sizes: list[float | None], units: list[str]) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
-    """Lengths in mm; none where x or y is not known or the unit is a pixel, and those of an unknown unit as mm."""
+def spacing_in_mm(
+    sizes: list[float | None], units: list[str]
+) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
+    """Return the spacing in mm, or None where x or y is not known or its unit is a pixel; and what was assumed."""
     x, y, z = sizes
     units = [unit.strip() for unit in units]
     if x is None or y is None or not all(units) or any(unit.lower() in PIXELS for unit in units):
@@ -174,10 +176,6 @@ def in_mm(sizes: list[float | None], units: list[str]) -> tuple[tuple[float, flo
     if z is None:
         z, units = x, [units[0], units[1], units[0]]
         notes.append("the TIFF has no spacing between slices: that between columns is taken; give the spacing in mm")
-    known = {unit: mm_of(unit) for unit in units}
-    others = sorted(unit for unit, mm in known.items() if mm not in (None, 1.0))
-    if others:
-        notes.append(f"the TIFF's spacing is in {' and '.join(others)} and was converted to mm")
-    notes += unknown_notes(sorted(unit for unit, mm in known.items() if mm is None))
-    lengths = [size * (known[unit] or 1.0) for size, unit in zip((x, y, z), units, strict=True)]
-    return (lengths[0], lengths[1], lengths[2]), tuple(notes)
+    lengths_mm, said = in_mm(units)
+    lengths = [size * mm for size, mm in zip((x, y, z), lengths_mm, strict=True)]
+    return (lengths[0], lengths[1], lengths[2]), (*notes, *said)

@@ -90,7 +90,6 @@ def test_each_time_and_channel_is_calibrated(tmp_path):
     [
         (1, "polynomial of degree 2"),
         (8, "gamma variate"),
-        (20, "none"),
         (21, "uncalibrated optical density"),
         (99, "unknown"),
     ],
@@ -108,7 +107,8 @@ def test_a_line_without_slope_or_numbers_is_named_and_not_applied(tmp_path, bad)
     stored = (HU + 1024).astype(np.uint16)
     volume = read_volume(saved(tmp_path / "ct.tif", stored, metadata=bad))
     np.testing.assert_array_equal(volume.values, stored)
-    assert notes_with(volume, "ImageJ's calibration cf=0, c0=")
+    (note,) = notes_with(volume, "ImageJ's calibration cf=0, c0=")
+    assert note.endswith("is not applied: gray values are those stored")
 
 
 def test_the_identity_and_the_range_of_display_change_nothing(tmp_path):
@@ -123,12 +123,33 @@ def test_the_identity_and_the_range_of_display_change_nothing(tmp_path):
 def test_floating_point_values_and_colors_are_not_calibrated(tmp_path):
     floats = saved(tmp_path / "float.tif", HU.astype(np.float32))
     colors = saved(tmp_path / "rgb.tif", np.repeat((HU % 200).astype(np.uint8)[..., None], 3, axis=3), "ZYXS")
-    for path, expected in ((floats, HU), (colors, HU % 200)):
+    of_floats = "8 and 16 bits, and this file has float32"
+    of_colors = "gray values, and this file has colors"
+    for path, expected, fits in ((floats, HU, of_floats), (colors, HU % 200, of_colors)):
         volume = read_volume(path)
         np.testing.assert_array_equal(volume.values, expected)
-        assert notes_with(volume, "ImageJ's calibration cf=0 beside 5 x 6 pixels of ")
-    plain = read_volume(saved(tmp_path / "plain.tif", HU.astype(np.float32), metadata={"cf": 20}))
-    assert not notes_with(plain, "calibration")
+        assert f"ImageJ's calibration is not applied: cf=0 is for {fits}" in volume.notes
+
+
+@pytest.mark.parametrize("dtype", ["u1", "u2", "f4"])
+def test_the_code_of_no_calibration_is_not_said(tmp_path, dtype):
+    stored = (HU % 200).astype(dtype)
+    volume = read_volume(saved(tmp_path / "plain.tif", stored, metadata={"cf": 20}))
+    np.testing.assert_array_equal(volume.values, stored)
+    assert not notes_with(volume, "calibration")
+
+
+def test_a_function_beside_floating_point_values_has_no_remedy_in_imagej(tmp_path):
+    volume = read_volume(saved(tmp_path / "float.tif", HU.astype(np.float32), byteorder=">", metadata={"cf": 8}))
+    (note,) = notes_with(volume, "calibration")
+    assert note == "ImageJ's calibration is not applied: cf=8 is for 8 and 16 bits, and this file has float32"
+
+
+def test_a_calibration_where_0_is_white_is_named_and_not_applied(tmp_path):
+    stored = (HU + 1024).astype(np.uint16)
+    volume = read_volume(saved(tmp_path / "ct.tif", stored, photometric="miniswhite"))
+    (note,) = notes_with(volume, "ImageJ's calibration cf=0 of a picture in which 0 is white is not applied")
+    assert note.endswith("in ImageJ, Image > Type > 32-bit applies it before saving")
 
 
 def test_zeroclip_is_said(tmp_path):

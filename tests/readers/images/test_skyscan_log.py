@@ -60,7 +60,22 @@ def test_sections_that_were_passed_over_are_further_apart(tmp_path):
     (tmp_path / "bone_rec.log").write_text(RECONSTRUCTION.replace("Step=1", "Step=3"))
     volume = read_volume(tmp_path)
     assert volume.spacing == pytest.approx((0.01368221, 0.01368221, 0.04104663))
-    assert any("slices are 3 pixels apart (Section to Section Step)" in note for note in volume.notes)
+    assert any("slices are 3 pixels apart (Section to Section Step 3)" in note for note in volume.notes)
+
+
+@pytest.mark.parametrize(
+    ("log_step", "file_step", "apart"), [(1, 2, 2), (1, 10, 10), (2, 2, 2), (2, 4, 4), (3, 1, 3), (2, 3, 6)]
+)
+def test_slices_that_were_taken_out_are_further_apart(tmp_path, log_step, file_step, apart):
+    for number in range(0, 5 * file_step, file_step):
+        iio.imwrite(tmp_path / f"x_rec{number:08d}.bmp", np.full((4, 5), number, np.uint8))
+    step = f"Section to Section Step={log_step}"
+    (tmp_path / "x_rec.log").write_text(f"[Reconstruction]\nPixel Size (um)=10\n{step}\n")
+    volume = read_volume(tmp_path)
+    assert volume.spacing == pytest.approx((0.01, 0.01, 0.01 * apart))
+    (note,) = (note for note in volume.notes if "x_rec.log" in note)
+    by_files = f"the files are numbered in steps of {file_step}, " if file_step not in (1, log_step) else ""
+    assert note.endswith(f"slices are {apart} pixels apart ({by_files}Section to Section Step {log_step})")
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,22 @@ KEPT = {
     "numbers that go on": [f"part{1 + number // 5}_{number:03d}" for number in range(15)],
     "identifiers": [f"1.2.840.113619.2.55.{number}.9" for number in range(1, 12)],
     "both cases": [f"{'SL' if number % 2 else 'sl'}{number:02d}" for number in range(8)],
+    "decimals": [f"slice_{number / 2:.1f}" for number in range(10)],
+    "decimals with a comma": [f"slice_{number / 2:.1f}".replace(".", ",") for number in range(10)],
+    "decimals from 0 on": [f"z{number / 4:.2f}mm" for number in range(12)],
+    "decimals of different length": [f"z{number / 4}mm" for number in range(12)],
+    "decimals without zeros": [f"z{number / 4:g}" for number in range(12)],
+    "decimals behind one number": [f"z1.{text}" for text in ("1", "15", "2", "25", "3")],
+    "versions": [f"1.{number}" for number in range(1, 13)],
+    "a date and numbers that go on": [f"scan_2020-01-{2 + number // 5:02d}_{number:03d}" for number in range(10)],
+    "a date for each": [f"scan_2020-{1 + at // 5:02d}-{1 + at % 5:02d}_{at:03d}" for at in range(10)],
+    "hexadecimal": [f"{number:04x}" for number in range(40)],
+    "hexadecimal in capitals": [f"IM{number:02X}_b" for number in range(5, 40)],
+    "hexadecimal without zeros": [f"x{number:x}" for number in range(40)],
+    "hexadecimal of many": [f"{number:03x}" for number in range(100, 350)],
+    "every second, hexadecimal": [f"x{number:02x}" for number in range(0, 60, 2)],
+    "one letter": [f"x{digit}" for digit in "0123456789abcdef"],
+    "all letters": [f"x{digit}" for digit in "0123456789abcdefghijklmnopqrstuvwxyz"],
     "a word for each": ["axis", "body", "head", "skull"],
 }
 
@@ -101,10 +117,69 @@ def test_names_of_one_stack_are_all_read_in_their_order(tmp_path, kind):
     save(tmp_path, [f"{name}.png" for name in KEPT[kind]])
     assert slices_of(tmp_path) == list(range(len(KEPT[kind])))
     assert not notes_with(tmp_path, "left out")
+    assert bool(notes_with(tmp_path, "read as one")) == (kind == "times over a minute")
     assert bool(notes_with(tmp_path, "the names of the 4 pictures follow no pattern")) == (kind == "a word for each")
 
 
+PARTS = {
+    "ones and tens": [f"{number // 10}_{number % 10}" for number in range(20)],
+    "times": [f"IM 12.{1 + number // 3:02d}.{number % 3 * 20:02d}" for number in range(12)],
+    "times of two hours": [f"ct_{9 + at // 4:02d}-{at % 4 * 15:02d}-00" for at in range(10)],
+}
+
+
+@pytest.mark.parametrize("kind", PARTS)
+def test_a_number_in_parts_is_one_number_and_a_note_says_so(tmp_path, kind):
+    names = [f"{name}.png" for name in PARTS[kind]]
+    save(tmp_path, names)
+    assert slices_of(tmp_path) == list(range(len(names)))
+    assert slices_of(tmp_path / names[-1]) == list(range(len(names)))
+    said = f"the numbers in each name were read as one that rises from {names[0]} to {names[-1]}"
+    assert notes_with(tmp_path, said)
+
+
+def test_pictures_beside_decimal_or_hexadecimal_slices_are_left_out(tmp_path):
+    for kind in ("decimals", "hexadecimal"):
+        save(tmp_path / kind, [f"{name}.png" for name in KEPT[kind]])
+        save(tmp_path / kind, [f"{KEPT[kind][3]} (1).png", "preview_1.png", f"Copy of {KEPT[kind][4]}.png"], first=90)
+        assert slices_of(tmp_path / kind) == list(range(len(KEPT[kind])))
+        assert notes_with(tmp_path / kind, "3 pictures left out")
+
+
+@pytest.mark.parametrize(
+    ("names", "between"),
+    [
+        ([f"x{digit}" for digit in "0123456789abcf"], ["xa.png", "xb.png", "xc.png and 1 more"]),
+        ([f"{number:03x}" for number in (*range(40), 50, 60, 62)], ["00a.png", "00b.png", "00c.png and 11 more"]),
+        (
+            [f"s{number:02d}{'_new' * (number in (4, 5, 9))}" for number in range(14)],
+            ["s04_new.png", "s05_new.png", "s09_new.png"],
+        ),
+    ],
+)
+def test_pictures_between_slices_are_refused_by_name_and_not_left_out(tmp_path, names, between):
+    save(tmp_path / "ct", [f"{name}.png" for name in names])
+    for path in (tmp_path / "ct", tmp_path / "ct" / f"{names[2]}.png"):
+        with pytest.raises(CtmcError) as error:
+            read_volume(path)
+        assert f"in the folder ct are named unlike the slices {names[0]}.png to " in str(error.value)
+        assert str(error.value).endswith(
+            f"and may lie between them: {', '.join(between)}; give all slices one number that rises (0001, 0002), or "
+            "take the others out of the folder"
+        )
+
+
+def test_a_missing_decimal_is_refused_by_its_step(tmp_path):
+    save(tmp_path, [f"z{number / 4:.2f}.png" for number in range(10) if number != 6])
+    words = r"slices are missing between z1.25.png and z1.75.png, as the others are numbered in steps of 0.25;"
+    with pytest.raises(CtmcError, match=words):
+        read_volume(tmp_path)
+
+
 TWO = {
+    "numbers behind a point": [[f"scan{scan}.{number:03d}.png" for number in range(1, 6)] for scan in (1, 2)],
+    "hundreds": [[f"scan{scan}_{number:02d}.png" for number in range(100)] for scan in (1, 2)],
+    "dates": [[f"scan_2020-01-{day:02d}_{number:03d}.png" for number in range(5)] for day in (1, 2)],
     "words": [[f"{side}_{number:03d}.png" for number in range(5)] for side in ("left", "right")],
     "numbers": [[f"scan{scan}_{number:03d}.png" for number in range(5)] for scan in (1, 2)],
     "channels": [[f"z{number:03d}_c{channel}.png" for number in range(5)] for channel in (0, 1)],
@@ -123,7 +198,7 @@ def test_two_stacks_of_like_size_are_refused_by_name_and_each_is_read_by_a_slice
         read_volume(tmp_path / "ct")
     assert str(error.value) == (
         f"the folder ct has 2 stacks of pictures: {ends}; choose a slice of the one to read, or give "
-        "each a folder of its own"
+        "each a folder of its own; if all are one stack, give its slices one number that rises (0001, 0002)"
     )
     for number, names in enumerate(stacks):
         path = tmp_path / "ct" / names[2]
@@ -168,8 +243,7 @@ def test_a_picture_that_is_not_a_slice_does_not_stand_for_the_folder(tmp_path):
     with pytest.raises(CtmcError) as error:
         read_volume(tmp_path / "preview.png")
     assert str(error.value) == (
-        "preview.png is not one of the slices beside it, s0.png to s3.png, by its name; choose one of those, or the "
-        "folder"
+        "by its name, preview.png does not belong to the slices s0.png to s3.png; choose one of those, or the folder"
     )
 
 
@@ -181,7 +255,8 @@ def test_a_missing_number_is_still_refused(tmp_path):
 
 def test_a_hidden_picture_is_refused_and_one_by_another_path_is_found(tmp_path):
     save(tmp_path / "ct", [f"s{number}.png" for number in range(4)] + [".s9.png"])
-    with pytest.raises(CtmcError, match=r"\.s9\.png is a hidden file, .*; give it a name without the dot"):
+    words = r"\.s9\.png: hidden files are not read as slices; rename it without the leading dot"
+    with pytest.raises(CtmcError, match=words):
         read_volume(tmp_path / "ct" / ".s9.png")
     (tmp_path / "ct" / ".link.png").symlink_to(tmp_path / "ct" / "s2.png")
     assert slices_of(tmp_path / "ct" / ".link.png") == [0, 1, 2, 3]
