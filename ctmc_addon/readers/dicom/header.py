@@ -227,7 +227,9 @@ def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
     if number:
         return Broken(path, series, number, EXPORT)
     padding = padding_ends(elements, options)
-    pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options, elements.get("HighBit"))
+    pixels = Pixels(
+        plain.syntax, plain.compressed, False, padding, plain.pixels.start, options, elements.get("HighBit")
+    )
     end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, else it would not be plain
     damage = missing_pixels(pixels, plain.pixels.length, end)
     return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)

@@ -94,9 +94,8 @@ def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
     if not counts:
         return []
     (high_bit, stored), _ = counts.most_common(1)[0]
-    slices = f"{counts.total()} slice{'s' * (counts.total() > 1)}"
     return [
-        f"HighBit is {high_bit} in {slices}, and with BitsStored {stored} it must be {stored - 1}: "
+        f"HighBit is {high_bit} (slices: {counts.total()}), and with BitsStored {stored} it must be {stored - 1}: "
         f"the lowest {stored} bits are the value"
     ]
 
@@ -134,8 +133,7 @@ def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] |
     if len(whole) < 2:
         return None
     bits = options.get("bits_stored") or allocated  # floats have none
-    low, high = (as_stored(end, bits, signed) for end in sorted(whole))
-    assert low is not None and high is not None, "they are numbers"
+    low, high = (low_bits(end, bits, signed) for end in sorted(whole))
     # A range across a multiple of 2**bits would become the rest of all values.
     return (low, high) if high - low == max(whole) - min(whole) else (min(whole), max(whole))
 
@@ -165,6 +163,11 @@ def as_stored(value: Any, bits: int, signed: bool) -> int | None:
     if value is None:
         return None
     number = int.from_bytes(value[: (bits + 7) // 8], "little") if isinstance(value, bytes) else int(value)
+    return low_bits(number, bits, signed)
+
+
+def low_bits(number: int, bits: int, signed: bool) -> int:
+    """Return the lowest bits of a whole number as a number, the highest of them its sign if it has one."""
     number %= 1 << bits
     return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number
 
@@ -213,9 +216,7 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
     return values
 
 
-def overshot(
-    beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]
-) -> NDArray[np.bool_] | None:
+def overshot(beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
     """Return which pixels a lossy codec pushed beyond an end of the range of values; None where none are beyond it.
 
     Errors of a codec are small and go both ways, so a saturated body also has pixels just before the end, and those
