@@ -55,7 +55,27 @@ def respaced(
     before = spacing_of(scaled)
     # An axis that has no length still is left alone: Volume refuses it as singular.
     scaled[:3, :3] *= np.divide(spacing, before, out=np.ones(3), where=before > 0)
-    return scaled, f"in place of the file's own {lengths_text(lengths)} mm", notes
+    return scaled, instead_of(lengths), notes
+
+
+def instead_of(lengths_mm: Iterable[float]) -> str:
+    """Return words about a file's spacing where another one is asked for."""
+    return f"instead of the file's own {lengths_text(lengths_mm)} mm"
+
+
+def turned_notes(what: str, lengths: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the note on axes that a file turns round by a length below 0; `what` is the name of its field.
+
+    Examples
+    --------
+    >>> turned_notes("spacings", np.array([1.0, 1.0, -2.0]))
+    ("the file's spacings are 1 x 1 x -2: an axis below 0 runs backwards; flip x, y or z changes it",)
+    """
+    if not (lengths < 0).any():
+        return ()
+    return (
+        f"the file's {what} are {lengths_text(lengths)}: an axis below 0 runs backwards; flip x, y or z changes it",
+    )
 
 
 def require_spacing(affine: NDArray[np.float64], name: str) -> None:

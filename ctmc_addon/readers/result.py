@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """What every format hands to the package's face: a source whose headers are known, and the values read from it.
 
-Spacing given by the user, mirrored axes (placing.py) and the meaning of the values are the same question in every
+Spacing given by the user, mirrored axes (geometry.py) and the meaning of the values are the same question in every
 format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
 """
 
@@ -31,7 +31,7 @@ from ..core import (
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
-from .geometry import AXIAL, flipped, lengths_text, require_spacing, respaced, taken_as_axial
+from .geometry import AXIAL, flipped, instead_of, lengths_text, require_spacing, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
@@ -349,10 +349,7 @@ class VolumeSource(ABC):
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
-                notes.append(
-                    f"spacing {lengths_text(spacing)} mm as asked, in place of the file's own "
-                    f"{lengths_text(raw.spacing)} mm"
-                )
+                notes.append(f"spacing {lengths_text(spacing)} mm as asked, {instead_of(raw.spacing)}")
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:

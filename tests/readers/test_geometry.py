@@ -58,7 +58,7 @@ def test_axes_without_length_are_at_right_angles_of_any_others(missing, matrix):
 def test_an_affine_with_all_lengths_keeps_its_directions_without_a_note():
     affine, words, notes = respaced(affine_of(TURN * (1, 2, 3)), GIVEN)
     np.testing.assert_allclose(affine, affine_of(TURN * GIVEN))
-    assert (words, notes) == ("in place of the file's own 1 x 2 x 3 mm", ())
+    assert (words, notes) == ("instead of the file's own 1 x 2 x 3 mm", ())
 
 
 @pytest.mark.parametrize("hand", [1, -1])
@@ -70,7 +70,7 @@ def test_a_metaimage_says_the_direction_of_an_axis_without_length(tmp_path, hand
     (tmp_path / "ct.mha").write_bytes(head.encode() + VALUES.tobytes())
     volume = read_volume(tmp_path / "ct.mha", spacing=GIVEN)
     np.testing.assert_allclose(volume.affine[:3, :3], np.diag([-1, -1, 1]) @ matrix * GIVEN, atol=1e-12)
-    assert volume.notes == ("spacing 0.5 x 0.7 x 2 mm as asked, in place of the file's own 1 x 1 x 0 mm",)
+    assert volume.notes == ("spacing 0.5 x 0.7 x 2 mm as asked, instead of the file's own 1 x 1 x 0 mm",)
 
 
 def test_axes_in_one_plane_are_refused_with_and_without_a_spacing(tmp_path):

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import tifffile
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import ReadError
 from ctmc_addon.readers import read_volume
 from ctmc_addon.readers.images.tiff_axes import spacing_in_mm
 from ctmc_addon.readers.length_units import in_mm, mm_of
@@ -92,8 +92,8 @@ MAKERS = (nrrd_of_space, nrrd_of_axes, metaimage, ome_zarr, ome_tiff, imagej)
 @pytest.mark.parametrize("unit", MM)
 def test_a_length_in_any_unit_is_that_length_in_mm(tmp_path, make, unit):
     path = make(tmp_path, unit)
-    if MM[unit] * max(LENGTHS) > 10000:
-        with pytest.raises(CtmcError, match=r"has a spacing of .* mm, and it must be from 1e-06 to 10000 mm"):
+    if max(LENGTHS) * MM[unit] > 10000:
+        with pytest.raises(ReadError, match=r"it must be from 1e-06 to 10000 mm; give the spacing x, y, z in mm"):
             read_volume(path)
         return
     volume = read_volume(path)
@@ -134,6 +134,57 @@ def test_each_axis_of_a_nrrd_has_its_own_unit(tmp_path):
     assert volume.notes == ("the file's positions are in cm and nm and um and were converted to mm",)
     of_axes = read_volume(nrrd(tmp_path / "b.nrrd", "spacings: 35 70 140", 'units: "um" "um" "mm"'))
     np.testing.assert_allclose(of_axes.spacing, (0.035, 0.07, 140))
+
+
+PLACED = (
+    "space: right-anterior-superior",
+    "space directions: (35,0,0) (0,70,0) (0,0,140)",
+    "space origin: (1000,2000,3)",
+)
+
+
+def test_units_of_axes_convert_directions_where_space_has_none(tmp_path):
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", *PLACED, 'units: "um" "um" "mm"'))
+    np.testing.assert_allclose(volume.affine, [[0.035, 0, 0, 1], [0, 0.07, 0, 2], [0, 0, 140, 3], [0, 0, 0, 1]])
+    assert volume.notes == (
+        "the file's units 'um', 'um', 'mm' differ and it has no space units: directions and origin were converted by "
+        "the unit of each axis",
+        "the file's positions are in um and were converted to mm",
+    )
+    even = read_volume(nrrd(tmp_path / "b.nrrd", *PLACED, 'units: "um" "micron" "um"', 'space units: "" "" ""'))
+    np.testing.assert_allclose(even.affine[:3, 3], (1, 2, 0.003))
+    np.testing.assert_allclose(even.spacing, (0.035, 0.07, 0.14))
+
+
+def test_the_first_sample_keeps_its_place_in_samples_where_units_of_oblique_axes_differ(tmp_path):
+    directions = "space directions: (3,4,0) (-4,3,0) (0,0,2)", "space origin: (10,55,-8)"
+    words = "space: right-anterior-superior", *directions, 'units: "cm" "mm" "m"'
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", *words))
+    np.testing.assert_allclose(volume.affine[:3, :3], [[30, -4, 0], [40, 3, 0], [0, 0, 2000]])
+    # (10, 55) is 10 times (3, 4) and 5 times (-4, 3)
+    np.testing.assert_allclose(volume.affine[:3, 3], (10 * 30 - 5 * 4, 10 * 40 + 5 * 3, -8000), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("units", "space_units", "said"),
+    [
+        ("um um um", "mm mm mm", "'mm', 'mm', 'mm' and units 'um', 'um', 'um'"),
+        ("um um mm", "mm mm mm", "'mm', 'mm', 'mm' and units 'um', 'um', 'mm'"),
+        ("mm MM millimeter", "mm mm mm", ""),
+    ],
+)
+def test_units_beside_other_space_units_are_said(tmp_path, units, space_units, said):
+    words = [" ".join(f'"{word}"' for word in text.split()) for text in (units, space_units)]
+    volume = read_volume(nrrd(tmp_path / "a.nrrd", *PLACED, f"units: {words[0]}", f"space units: {words[1]}"))
+    assert volume.spacing == LENGTHS
+    assert volume.notes == ((f"the file has space units {said}: the space units are taken",) if said else ())
+    without = read_volume(
+        nrrd(tmp_path / "b.nrrd", "spacings: 35 70 140", 'units: "um" "um" "um"', 'space units: "mm"')
+    )
+    np.testing.assert_allclose(without.spacing, (0.035, 0.07, 0.14))
+    assert without.notes[1] == (
+        "the file has units 'um', 'um', 'um' and space units 'mm', 'mm', 'mm': the units are taken"
+    )
 
 
 def test_the_unit_of_time_converts_no_length(tmp_path):

@@ -66,7 +66,7 @@ def test_a_given_spacing_sets_the_lengths_and_keeps_directions_and_origin(obliqu
 
 def test_a_given_spacing_names_the_one_it_replaces(oblique):
     own = " x ".join(f"{side:.4g}" for side in read_volume(oblique).spacing)
-    assert any(f"in place of the file's own {own} mm" in note for note in read_volume(oblique, spacing=2).notes)
+    assert any(f"instead of the file's own {own} mm" in note for note in read_volume(oblique, spacing=2).notes)
 
 
 def test_a_series_is_refused_where_there_is_none_to_choose(oblique):

@@ -7,6 +7,8 @@ JPEG's markers are those of ITU T.81 and T.87, JPEG 2000's those of ITU T.800.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 START, END = b"\xff\xd8", b"\xff\xd9"  # SOI and EOI; EOC of JPEG 2000 has the same value as EOI
 JPEG_2000 = b"\xff\x4f\xff\x51"  # SOC and SIZ
 BOXES = b"\x00\x00\x00\x0cjP"  # a JPEG 2000 file around the codestream, which DICOM forbids and some write
@@ -14,6 +16,9 @@ MOST_BOXES = 4096  # bytes before the codestream in it
 # Start of frame: all of 0xC0 to 0xCF that are not DHT, JPG and DAC; 0xF7 is JPEG-LS.
 FRAMES = {*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC}
 WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
+SCAN, CODING, TILE = 0xDA, 0x52, 0x90  # SOS of JPEG and JPEG-LS; COD and SOT of JPEG 2000
+JPEG_LS_FRAME = 0xF7
+REVERSIBLE = 1  # the 5-3 transformation of JPEG 2000
 
 
 def frame_damage(frame: bytes, rows: int, columns: int, samples: int) -> str:
@@ -41,10 +46,36 @@ def frame_damage(frame: bytes, rows: int, columns: int, samples: int) -> str:
     return ""
 
 
+def is_reversible(frame: bytes) -> bool:
+    r"""Return whether a frame gives the pixels that were compressed: JPEG 2000 of the 5-3 wavelet, JPEG-LS of NEAR 0.
+
+    Parameters
+    ----------
+    frame : bytes
+
+    Examples
+    --------
+    >>> start = b"\xff\xd8\xff\xf7\x00\x0b\x10\x00\x05\x00\x07\x01\x01\x11\x00\xff\xda\x00\x08\x01\x01\x00"
+    >>> is_reversible(start + b"\x00\x00\x00"), is_reversible(start + b"\x02\x00\x00")
+    (True, False)
+    """
+    frame = codestream(frame)
+    segments = {marker: frame[at : at + length] for marker, at, length in reversed(list(segments_of(frame)))}
+    if frame.startswith(JPEG_2000):
+        coding = segments.get(CODING, b"")  # its length, style, progression, layers, colors, levels and blocks
+        return len(coding) > 11 and coding[11] == REVERSIBLE
+    scan = segments.get(SCAN, b"")
+    return JPEG_LS_FRAME in segments and len(scan) >= 3 and scan[-3] == 0
+
+
+def codestream(frame: bytes) -> bytes:
+    """Return a frame from its first marker on."""
+    return frame[max(0, frame.find(JPEG_2000, 0, MOST_BOXES)) :] if frame.startswith(BOXES) else frame
+
+
 def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
     """(rows, columns, samples of a pixel) in a frame's own header; zeros where it breaks off, None for another kind."""
-    if frame.startswith(BOXES):
-        frame = frame[max(0, frame.find(JPEG_2000, 0, MOST_BOXES)) :]
+    frame = codestream(frame)
     if frame.startswith(JPEG_2000):
         right, lower, left, upper = (int.from_bytes(frame[at : at + 4], "big") for at in (8, 12, 16, 20))
         return lower - upper, right - left, int.from_bytes(frame[40:42], "big")
@@ -53,16 +84,25 @@ def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
 
 def jpeg_size(frame: bytes) -> tuple[int, int, int]:
     """`codestream_size` of JPEG and JPEG-LS, whose start of frame follows other segments."""
-    at = 2
-    while at + 10 <= len(frame) and frame[at] == 0xFF:
-        marker = frame[at + 1]
+    for marker, at, _ in segments_of(frame):
         if marker in FRAMES:
-            rows, columns = (int.from_bytes(frame[offset : offset + 2], "big") for offset in (at + 5, at + 7))
-            return rows, columns, frame[at + 9]
+            rows, columns = (int.from_bytes(frame[offset : offset + 2], "big") for offset in (at + 3, at + 5))
+            return (rows, columns, frame[at + 7]) if at + 8 <= len(frame) else (0, 0, 0)
+    return 0, 0, 0
+
+
+def segments_of(frame: bytes) -> Iterator[tuple[int, int, int]]:
+    """Yield the marker, the first byte behind it and the length of each segment up to the first scan or tile."""
+    at = 2
+    while at + 4 <= len(frame) and frame[at] == 0xFF:
+        marker = frame[at + 1]
         if marker == 0xFF:  # fill bytes
             at += 1
         elif marker in WITHOUT_LENGTH:
             at += 2
         else:
-            at += 2 + max(2, int.from_bytes(frame[at + 2 : at + 4], "big"))
-    return 0, 0, 0
+            length = max(2, int.from_bytes(frame[at + 2 : at + 4], "big"))
+            yield marker, at + 2, length
+            if marker in (SCAN, TILE):
+                return
+            at += 2 + length

@@ -223,11 +223,13 @@ def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
     series = elements.get("SeriesInstanceUID", None) or ""
     options = {option: elements[keyword] for keyword, option in OPTIONS.items()}
     options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
-    number = unusable_number(options, elements.get("HighBit"))
+    number = unusable_number(options)
     if number:
         return Broken(path, series, number, EXPORT)
     padding = padding_ends(elements, options)
-    pixels = Pixels(plain.syntax, plain.compressed, False, padding, plain.pixels.start, options)
+    pixels = Pixels(
+        plain.syntax, plain.compressed, False, padding, plain.pixels.start, options, elements.get("HighBit")
+    )
     end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, else it would not be plain
     damage = missing_pixels(pixels, plain.pixels.length, end)
     return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
@@ -293,7 +295,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
             return Broken(path, series, f"both {keywords[0]} and {keywords[1]}")
         keyword = keywords[0]
         options = options_of(dataset, keyword)
-        number = unusable_number(options, elements.get("HighBit", None))
+        number = unusable_number(options)
         if number:
             return Broken(path, series, number, EXPORT)
         pixels = pixels_of(dataset, syntax, options)
@@ -385,4 +387,5 @@ def pixels_of(dataset: Any, syntax: str, options: Mapping[str, Any]) -> Pixels:
         padding_ends(dataset, options),
         dataset.get_item(keyword, keep_deferred=True).value_tell,
         options,
+        dataset.get("HighBit", None),
     )

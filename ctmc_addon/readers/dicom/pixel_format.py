@@ -6,7 +6,8 @@ Clauses are those of DICOM PS3.5.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections import Counter
+from collections.abc import Iterable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -21,6 +22,8 @@ WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloat
 LOSSY = {f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 203)}
 OVERSHOOT = 1 / 16  # of the range of values
 MOST_OVERSHOT = 4  # pixels beyond an end for each within the same distance before it: errors go both ways
+AROUND = 4  # pixels to each side in which those are counted
+FARTHEST = 16  # pixels from such values at which others overshot too
 
 
 class Pixels(NamedTuple):
@@ -32,9 +35,10 @@ class Pixels(NamedTuple):
     padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
     start: int  # byte of the file where they begin
     options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
+    high_bit: Any = None  # of the header; None where it has none
 
 
-def unusable_number(options: Mapping[str, Any], high_bit: Any) -> str:
+def unusable_number(options: Mapping[str, Any]) -> str:
     """Return in words which number of a header no pixels can have; empty where all are usable.
 
     Color images are not read, and of theirs the size alone is checked.
@@ -43,13 +47,11 @@ def unusable_number(options: Mapping[str, Any], high_bit: Any) -> str:
     ----------
     options : mapping of str to object
         As of `Pixels`, with the keyword of the pixels.
-    high_bit : object
-        HighBit, None where the file has none.
 
     Examples
     --------
     >>> gray = {"rows": 5, "columns": 7, "number_of_frames": 1, "samples_per_pixel": 1, "pixel_keyword": "PixelData"}
-    >>> unusable_number(gray | {"bits_allocated": 4096, "bits_stored": 12, "pixel_representation": 0}, 11)
+    >>> unusable_number(gray | {"bits_allocated": 4096, "bits_stored": 12, "pixel_representation": 0})
     'BitsAllocated is 4096, and it must be 1, 8, 16, 32 or 64'
     """
     for keyword, side in (("Rows", options["rows"]), ("Columns", options["columns"])):
@@ -72,16 +74,30 @@ def unusable_number(options: Mapping[str, Any], high_bit: Any) -> str:
         return f"BitsAllocated is {bits}, and it must be 1, 8, 16, 32 or 64"
     if not isinstance(stored, int) or not 1 <= stored <= bits:
         return f"BitsStored is {shown(stored)}, and with BitsAllocated {bits} it must be from 1 to {bits}"
-    if high_bit not in (None, stored - 1):  # 8.1.1; older files may have others, which readers take in two ways
-        return f"HighBit is {shown(high_bit)}, and with BitsStored {stored} it must be {stored - 1}"
     if not isinstance(sign, int) or sign not in (0, 1):
         return f"PixelRepresentation is {shown(sign)}, and it must be 0 or 1"
     return ""
 
 
 def shown(number: Any) -> str:
-    """Return a number of a header in words; those that are none are not repeated, as they may be long."""
+    """Return a number of a header in words; other values are not quoted, because they may be long."""
     return "missing" if number is None else str(number) if isinstance(number, int) else "not one whole number"
+
+
+def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
+    """Return a note where HighBit is not the highest of BitsStored bits (8.1.1), which does not change the values."""
+    counts = Counter(
+        (shown(pixels.high_bit), int(pixels.options["bits_stored"]))
+        for pixels in all_pixels
+        if not pixels.floating and pixels.high_bit not in (None, pixels.options["bits_stored"] - 1)
+    )
+    if not counts:
+        return []
+    (high_bit, stored), _ = counts.most_common(1)[0]
+    return [
+        f"HighBit is {high_bit} (slices: {counts.total()}), and with BitsStored {stored} it must be {stored - 1}: "
+        f"the lowest {stored} bits are the value"
+    ]
 
 
 def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
@@ -109,14 +125,17 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
 
 
 def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] | None:
-    """Return the lowest and the highest stored value that means 'no pixel'."""
+    """Return the lowest and the highest value of BitsStored bits that means 'no pixel'."""
     padding, limit = elements.get("PixelPaddingValue", None), elements.get("PixelPaddingRangeLimit", None)
-    signed = bool(options.get("pixel_representation", 0))
-    ends = [
-        as_stored(value, options["bits_allocated"], signed) for value in (padding, padding if limit is None else limit)
-    ]
+    signed, allocated = bool(options.get("pixel_representation", 0)), options["bits_allocated"]
+    ends = [as_stored(value, allocated, signed) for value in (padding, padding if limit is None else limit)]
     whole = [end for end in ends if end is not None]
-    return (min(whole), max(whole)) if len(whole) == 2 else None
+    if len(whole) < 2:
+        return None
+    bits = options.get("bits_stored") or allocated  # floats have none
+    low, high = (low_bits(end, bits, signed) for end in sorted(whole))
+    # A range across a multiple of 2**bits would become the rest of all values.
+    return (low, high) if high - low == max(whole) - min(whole) else (min(whole), max(whole))
 
 
 def as_stored(value: Any, bits: int, signed: bool) -> int | None:
@@ -127,7 +146,7 @@ def as_stored(value: Any, bits: int, signed: bool) -> int | None:
     value : int or bytes or None
         As pydicom gives it.
     bits : int
-        Bits allocated to a pixel.
+        Bits of a pixel.
     signed : bool
         Whether pixels are signed.
 
@@ -143,7 +162,12 @@ def as_stored(value: Any, bits: int, signed: bool) -> int | None:
     """
     if value is None:
         return None
-    number = int.from_bytes(value[: bits // 8], "little") if isinstance(value, bytes) else int(value)
+    number = int.from_bytes(value[: (bits + 7) // 8], "little") if isinstance(value, bytes) else int(value)
+    return low_bits(number, bits, signed)
+
+
+def low_bits(number: int, bits: int, signed: bool) -> int:
+    """Return the lowest bits of a whole number as a number, the highest of them its sign if it has one."""
     number %= 1 << bits
     return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number
 
@@ -154,7 +178,7 @@ def value_range(pixels: Pixels) -> tuple[int, int]:
     return (-(1 << (bits - 1)), (1 << (bits - 1)) - 1) if signed else (0, (1 << bits) - 1)
 
 
-def value_bits(stored: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
+def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDArray[Any]:
     """Return pixels without the bits above BitsStored, which may hold overlays or anything else (PS3.5 8.1.1).
 
     The highest bit of BitsStored is the sign, if there is one. Values that a lossy codec overshot take the nearest end.
@@ -164,6 +188,8 @@ def value_bits(stored: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
     stored : (rows, columns) array
         As a decoder gives them, of at least as many bits; changed in place where it can be written to.
     pixels : Pixels
+    exact : bool
+        Whether the pixels are those that were compressed, although the transfer syntax allows others.
 
     Examples
     --------
@@ -175,23 +201,60 @@ def value_bits(stored: NDArray[Any], pixels: Pixels) -> NDArray[Any]:
     unused = 8 * stored.dtype.itemsize - pixels.options["bits_stored"]
     if pixels.floating or unused <= 0:
         return stored
+    low, high = value_range(pixels)
+    above, below = None, None
+    if pixels.syntax in LOSSY and not exact:
+        margin = int((high - low) * OVERSHOOT)
+        above = overshot(stored > high, stored > high - margin, stored <= high + margin)
+        below = overshot(stored < low, stored < low + margin, stored >= low - margin)
     out = stored if stored.flags.writeable else None
-    if pixels.syntax in LOSSY:
-        low, high = value_range(pixels)
-        if is_overshot(stored, low, high):
-            return np.clip(stored, low, high, out=out)
     shifted = np.left_shift(stored, unused, out=out)
-    return np.right_shift(shifted, unused, out=shifted)
+    values = np.right_shift(shifted, unused, out=shifted)
+    for pixels_beyond, end in ((above, high), (below, low)):
+        if pixels_beyond is not None:
+            values[pixels_beyond] = end
+    return values
 
 
-def is_overshot(stored: NDArray[Any], low: int, high: int) -> bool:
-    """Return whether all values are from `low` to `high` but for the errors of a lossy codec.
+def overshot(beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+    """Return which pixels a lossy codec pushed beyond an end of the range of values; None where none are beyond it.
 
-    Such errors are small and go both ways, so as many values lie as near before the end. Overlays leave no such values:
-    on the air in a corner of a picture they are just beyond the end, and nothing else is near it.
+    Errors of a codec are small and go both ways, so a saturated body also has pixels just before the end, and those
+    that overshot are connected with them. Overlays on air are just beyond the end too, without such pixels.
+
+    Parameters
+    ----------
+    beyond : (rows, columns) bool
+        Pixels beyond the end.
+    past : (rows, columns) bool
+        Pixels beyond the end, or less than the largest error before it.
+    within : (rows, columns) bool
+        Pixels up to the largest error beyond the end, or anywhere before it.
     """
-    margin = int((high - low) * OVERSHOOT)
-    beyond = (stored > high, stored < low)
-    near = (stored > high - margin) & ~beyond[0], (stored < low + margin) & ~beyond[1]
-    few = all(over.sum() <= MOST_OVERSHOT * before.sum() for over, before in zip(beyond, near, strict=True))
-    return few and low - margin <= int(stored.min()) and int(stored.max()) <= high + margin
+    if not beyond.any():
+        return None
+    near, small = past & ~beyond, beyond & within
+    reached = near & (around(small) <= MOST_OVERSHOT * around(near))
+    for _ in range(FARTHEST):
+        wider = (around(reached, 1) > 0) & small | reached
+        if np.array_equal(wider, reached):
+            break
+        reached = wider
+    return reached & small
+
+
+def around(mask: NDArray[np.bool_], reach: int = AROUND) -> NDArray[np.int64]:
+    """Return the number of pixels of a mask in the square around each pixel, `reach` to each side.
+
+    Examples
+    --------
+    >>> around(np.array([[True, False, False], [True, False, False]]), 1).tolist()
+    [[2, 2, 0], [2, 2, 0]]
+    """
+    counts = mask.astype(np.int64)
+    for axis in (0, 1):
+        size = counts.shape[axis]
+        sums = np.concatenate([np.zeros_like(counts.take([0], axis)), counts.cumsum(axis)], axis)
+        last, first = np.minimum(np.arange(size) + reach + 1, size), np.maximum(np.arange(size) - reach, 0)
+        counts = sums.take(last, axis) - sums.take(first, axis)
+    return counts

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..optional_imports import needed, quiet, reason
-from .codestream import frame_damage
+from .codestream import frame_damage, is_reversible
 from .deflated import DEFLATED
 from .frames import FrameGeometry
 from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
@@ -88,21 +88,23 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         decoder = needed("pydicom.pixels", "pydicom", "DICOM").get_decoder(syntax)
         with image.path.open("rb") as file:
             source: Any = file
+            exact = [False] * len(frames)
             if syntax == DEFLATED:  # its pixels are at their place only when the file is unpacked
                 source = pydicom.dcmread(file, specific_tags=PIXEL_KEYWORDS)[options["pixel_keyword"]].value
             else:
                 if image.pixels.compressed:
-                    check_codestreams(image, frames, file)
+                    exact = checked_codestreams(image, frames, file)
                 file.seek(image.pixels.start)
             options = {**options, "view_only": True, "correct_unused_bits": False}
-            for stored, _ in decoder.iter_array(source, indices=frames, **options):
+            decoded = decoder.iter_array(source, indices=frames, **options)
+            for (stored, _), is_exact in zip(decoded, exact, strict=True):
                 if stored.shape != (image.rows, image.columns):
                     raise ReadError(
                         f"the pixels of {image.path.name} are {stored.shape}, and its header says "
                         f"{(image.rows, image.columns)}; copy it again"
                     )
                 native = stored if stored.dtype.isnative else stored.astype(stored.dtype.newbyteorder("="))
-                yield value_bits(native, image.pixels)
+                yield value_bits(native, image.pixels, is_exact)
     except pydicom_errors() as error:
         if isinstance(error, OSError) and error.errno is not None:  # the system's
             raise
@@ -140,10 +142,17 @@ def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) 
             yield value_bits(plane, image.pixels)
 
 
-def check_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> None:
-    """Refuse frames that are cut off, or of another size than the header says, before they are decoded."""
+def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> list[bool]:
+    """Return which frames give the pixels that were compressed, by their own headers, before they are decoded.
+
+    Raises
+    ------
+    ReadError
+        If a frame is cut off, or of another size than the header says.
+    """
     encaps = needed("pydicom.encaps", "pydicom", "DICOM")
     options = image.pixels.options
+    exact = []
     for number in frames:
         file.seek(image.pixels.start)
         frame = encaps.get_frame(
@@ -158,6 +167,8 @@ def check_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> Non
                 f"the pixels of {image.path.name} ({syntax_name(image.pixels.syntax)}) are truncated or damaged "
                 f"({damage}); copy it again"
             )
+        exact.append(is_reversible(frame))
+    return exact
 
 
 def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]:

@@ -34,6 +34,7 @@ from .header import (
     read_other,
 )
 from .listing import is_placed, is_scout, largest_group, listed, turning
+from .pixel_format import high_bit_notes
 from .pixels import check_codec
 from .slices import values_steps
 from .stack_geometry import Stack, stack_up
@@ -119,6 +120,7 @@ class DicomSource(VolumeSource):
         if not request.mask:
             mask = yield from stages.run("Looking at the values", is_mask_steps(values))
         notes += [*([] if mask or request.mask else meaning(ordered)), *stack.notes, *padding_notes]
+        notes += high_bit_notes(ct_slice.image.pixels for ct_slice in ordered)
         names = {mask: self.name} if mask else {}
         return RawValues(
             values, stack.affine, tuple(notes), ValueKind.LABEL if mask else kind, names, own_spacing=own_spacing

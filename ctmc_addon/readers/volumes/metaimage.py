@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Steps, equal_part
 from ...core.volume import SliceReader, ValuesInMemory
+from ..geometry import turned_notes
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import JoinedSlices, PackedSlices, RawSlices, TimeSlices
@@ -252,6 +253,7 @@ def placed(
     affine[:2, 3] *= -1.0
     if spacing is None:
         notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
+    notes += turned_notes(next((key for key in SPACING if key.lower() in fields), ""), lengths[:3])
     lengths_mm, said = in_mm([fields.get("distanceunits", "")])
     affine[:3] *= lengths_mm[0]
     return affine, directions, (*notes, *said)

@@ -6,6 +6,7 @@ The named spaces are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from typing import Any
 
@@ -13,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError
-from ...core.volume import spacing_of
-from ..geometry import AXIAL, differ, lengths_text
-from ..length_units import in_mm
+from ...core.volume import determinant, spacing_of, to_index, transform_points
+from ..geometry import AXIAL, differ, lengths_text, turned_notes
+from ..length_units import in_mm, mm_of
 
 # Signs that turn a named space's axes to right, anterior, superior.
 SPACES = {
@@ -75,11 +76,45 @@ def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[
             f"the file's space '{space or 'none'}' names no side of the patient: taken as right-anterior-superior"
         )
     affine[:3] *= np.array(signs)[:, None]
-    units = _units_of_axes(header, kept)
-    units = _units_of_space(header) or (units if len(set(units)) == 1 else [""] * 3)
-    lengths_mm, said = in_mm(units)
-    affine[:3] *= np.array(lengths_mm)[:, None]
-    return affine, (*notes, *said)
+    of_space, of_axes = _units_of_space(header), _units_of_axes(header, kept)
+    if of_space:
+        lengths_mm, said = in_mm(of_space)
+        affine[:3] *= np.array(lengths_mm)[:, None]
+        return affine, (*notes, *said, *_other_units("space units", of_space, "units", of_axes))
+    lengths_mm, said = in_mm(of_axes or [""] * 3)
+    if len(set(lengths_mm)) == 1:
+        affine[:3] *= lengths_mm[0]
+        return affine, (*notes, *said)
+    notes.append(
+        f"the file's units {_quoted(of_axes)} differ and it has no space units: "
+        "directions and origin were converted by the unit of each axis"
+    )
+    return _converted_along(affine, lengths_mm), (*notes, *said)
+
+
+def _converted_along(affine: NDArray[np.float64], lengths_mm: list[float]) -> NDArray[np.float64]:
+    """Return an affine whose axes of samples are in different units in mm, with the origin as many samples away."""
+    directions = affine.copy()
+    directions[:3, 3] = 0.0
+    converted = directions * [*lengths_mm, 1.0]
+    if 0 < abs(determinant(affine)) < math.inf:
+        (converted[:3, 3],) = transform_points(converted, to_index(directions, affine[None, :3, 3]))
+    return converted
+
+
+def _other_units(taken: str, words: list[str], other: str, others: list[str]) -> tuple[str, ...]:
+    """Return the note on units under two names of a field that differ; the first are taken."""
+    lengths, other_lengths = (
+        {mm_of(word) or word.strip() for word in each if word.strip()} for each in (words, others)
+    )
+    if not others or not words or lengths == other_lengths:
+        return ()
+    return (f"the file has {taken} {_quoted(words)} and {other} {_quoted(others)}: the {taken} are taken",)
+
+
+def _quoted(units: list[str]) -> str:
+    """Return units in words: 'um', 'um', 'mm'."""
+    return ", ".join(f"'{unit.strip()[:60]}'" for unit in units)
 
 
 def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
@@ -105,7 +140,9 @@ def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np
         first, signs = origin, np.array(SPACES.get(space, signs))
     elif np.isfinite(low).any() and not all(word in ("cell", "node") for word in centerings):
         notes.append("the NRRD has axis mins without centerings: taken as the positions of the first samples")
-    lengths_mm, said = in_mm(_units_of_axes(header, kept) or _units_of_space(header) or [""] * 3)
+    of_axes, of_space = _units_of_axes(header, kept), _units_of_space(header)
+    notes += [*turned_notes("spacings", spacings), *_other_units("units", of_axes, "space units", of_space)]
+    lengths_mm, said = in_mm(of_axes or of_space or [""] * 3)
     affine = np.eye(4)
     affine[:3, :3] = AXIAL * spacings * lengths_mm
     affine[:3, 3] = signs * first * lengths_mm + 0.0
@@ -124,12 +161,15 @@ def _per_axis(header: Mapping[str, Any], name: str, kept: list[int]) -> NDArray[
 
 
 def _units_of_space(header: Mapping[str, Any]) -> list[str]:
-    """Return the unit along each axis of the patient; one stands for all, a fourth is that of time."""
+    """Return the unit along each axis of the patient, none where the file has none; one is all's, a fourth time's."""
     words = [str(word) for word in _field(header, "space units")]
+    if not any(word.strip() for word in words):
+        return []
     return words[:3] if len(words) > 2 else words[:1] * 3
 
 
 def _units_of_axes(header: Mapping[str, Any], kept: list[int]) -> list[str]:
     """Return the unit along each axis of the samples; none where the file has none."""
     words = [str(word) for word in _field(header, "units")]
-    return [words[axis] if axis < len(words) else "" for axis in kept] if words else []
+    own = [words[axis] if axis < len(words) else "" for axis in kept]
+    return own if any(word.strip() for word in own) else []

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ...core.volume import ValueKind
 from ..file_formats import natural_key
-from ..geometry import AXIAL, taken_as_axial
+from ..geometry import AXIAL, taken_as_axial, turned_notes
 from ..labels.colors import RGB
 from ..labels.label_map import clean_name
 from ..length_units import in_mm
@@ -138,7 +138,7 @@ class OmeZarr(VolumeSource):
         affine = np.eye(4)
         affine[:3, :3] = AXIAL * lengths[list(space)] * lengths_mm
         affine[:3, 3] = AXIAL.diagonal() * shifts[list(space)] * lengths_mm + 0.0
-        notes = [taken_as_axial(self.format)]
+        notes = [taken_as_axial(self.format), *turned_notes("scales", lengths[list(space)])]
         if "" in units:
             notes.append("the file's axes have no unit: taken as mm; give the spacing in mm for another")
         return affine, [*notes, *said]

@@ -15,7 +15,7 @@ from refusals import refused
 
 from ctmc_addon.core import finish
 from ctmc_addon.readers import open_volume, read_volume
-from ctmc_addon.readers.dicom.pixel_format import LOSSY, Pixels, value_bits
+from ctmc_addon.readers.dicom.pixel_format import LOSSY, Pixels, padding_ends, value_bits
 
 OVERLAYS = np.random.default_rng(4).integers(0, 1 << 16, (64, 64)).astype(np.uint16)  # all 16 bits in use
 J2K_LOSSY = "1.2.840.10008.1.2.4.91"
@@ -114,6 +114,61 @@ def test_an_overlay_on_air_in_lossy_jpeg_2000_is_ignored(tmp_path, save_slice):
     np.testing.assert_array_equal(read_volume(tmp_path).values, np.stack([stored, stored]).astype(np.int16) - 1024)
 
 
+UNSIGNED = {"bits_stored": 12, "pixel_representation": 0}
+
+
+def air_and_metal(side=128):
+    """Air of 0 to 29 with a saturated block of 30 x 40 pixels, and which pixels it has."""
+    stored = np.random.default_rng(5).integers(0, 30, (side, side)).astype(np.uint16)
+    metal = np.zeros((side, side), bool)
+    metal[20:50, 20:60] = True
+    stored[metal] = 4095
+    return stored, metal
+
+
+@pytest.mark.parametrize("syntax", sorted(LOSSY))
+def test_an_overlay_on_air_is_ignored_although_the_picture_has_metal(syntax):
+    stored, _ = air_and_metal()
+    overlaid = stored.copy()
+    overlaid[80:90, 10:60] |= 1 << 12  # 500 pixels
+    pixels = Pixels(syntax, True, False, None, 0, UNSIGNED)
+    np.testing.assert_array_equal(value_bits(overlaid, pixels), stored)
+    overlaid = stored.copy()
+    overlaid[35] |= 1 << 12  # a line across the metal and the air to both sides
+    far = np.ones(stored.shape, bool)
+    far[35, :20], far[35, 60:] = np.arange(20) < 3, np.arange(60, 128) > 77
+    np.testing.assert_array_equal(value_bits(overlaid, pixels)[far], stored[far])
+
+
+@pytest.mark.parametrize("syntax", sorted(LOSSY))
+@pytest.mark.parametrize("worst", [1, 40, 200])
+@pytest.mark.parametrize("signed", [0, 1])
+def test_metal_that_a_codec_overshot_stays_metal_beside_overlays(syntax, worst, signed):
+    stored, metal = air_and_metal()
+    errors = np.random.default_rng(6).integers(-worst, worst + 1, stored.shape)
+    decoded = np.where(metal, stored + errors, stored).astype(np.int16)
+    decoded[25:30, 25:30] = 4096  # an even part
+    expected = np.where(metal, np.minimum(decoded, 4095), stored)
+    decoded[80:90, 10:60] |= 1 << 12
+    shift = 2048 * signed
+    if signed:
+        decoded[80:90, 10:60] = stored[80:90, 10:60]
+    options = UNSIGNED | {"pixel_representation": signed}
+    decoded = (decoded - shift).astype(np.int16 if signed else np.uint16)
+    values = value_bits(decoded, Pixels(syntax, True, False, None, 0, options))
+    np.testing.assert_array_equal(values.astype(int) + shift, expected)
+
+
+def test_pixels_of_a_reversible_codestream_are_never_overshot(tmp_path, save_slice):
+    stored, _ = air_and_metal()
+    overlaid = stored.copy()
+    overlaid[10:20, 20:60] |= 1 << 12  # touches the metal
+    for z in range(2):
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), BitsStored=12)
+        compressed(tmp_path / f"{z}.dcm", J2K_LOSSY, j2k(overlaid))
+    np.testing.assert_array_equal(read_volume(tmp_path).values[1], stored.astype(np.int16) - 1024)
+
+
 def test_metal_in_lossy_jpeg_2000_stays_metal(tmp_path, save_slice):
     """A codestream of 16 bits goes beyond the 4095 of a saturated implant."""
     stored = np.zeros((64, 64), np.uint16)
@@ -135,9 +190,6 @@ NUMBERS = [
     ({"BitsAllocated": 0}, "BitsAllocated is 0, and it must be 1, 8, 16, 32 or 64"),
     ({"BitsStored": 17}, "BitsStored is 17, and with BitsAllocated 16 it must be from 1 to 16"),
     ({"BitsStored": 0, "HighBit": 0}, "BitsStored is 0, and with BitsAllocated 16 it must be from 1 to 16"),
-    ({"BitsStored": 12, "HighBit": 15}, "HighBit is 15, and with BitsStored 12 it must be 11"),
-    ({"HighBit": 11}, "HighBit is 11, and with BitsStored 16 it must be 15"),
-    ({"HighBit": 60000}, "HighBit is 60000, and with BitsStored 16 it must be 15"),
     ({"PixelRepresentation": 7}, "PixelRepresentation is 7, and it must be 0 or 1"),
     ({"SamplesPerPixel": 0}, "SamplesPerPixel is 0, and it must be 1"),
     ({"SamplesPerPixel": 40000}, "SamplesPerPixel is 40000, and it must be 1"),
@@ -176,6 +228,49 @@ def test_a_number_that_is_missing_is_said(tmp_path, save_stack, keyword):
     delattr(dataset, keyword)
     dataset.save_as(tmp_path / "1.dcm")
     refused(tmp_path, "1.dcm", f"{keyword} is missing")
+
+
+@pytest.mark.parametrize(("bits", "high_bit"), [(12, 15), (16, 11), (12, 60000)])
+@pytest.mark.parametrize("kind", ["plain", "rle", "j2k", "frames"])
+def test_a_high_bit_changes_no_value_and_is_quoted(tmp_path, save_slice, save_frames, kind, bits, high_bit):
+    stored = np.random.default_rng(8).integers(0, 4096, (3, 40, 40)).astype(np.uint16)
+    compress = {"rle": uid.RLELossless, "j2k": uid.JPEG2000Lossless}.get(kind)
+    if kind == "frames":
+        save_frames(tmp_path / "0.dcm", stored, [(0, 0, z) for z in range(3)])
+    else:
+        for z in range(3):
+            save_slice(tmp_path / f"{z}.dcm", stored[z], (0, 0, z), compress=compress, RescaleIntercept=-1000)
+    for path in tmp_path.iterdir():
+        dataset = pydicom.dcmread(path)
+        dataset.BitsStored, dataset.HighBit = bits, high_bit
+        dataset.save_as(path)
+    volume = read_volume(tmp_path / "0.dcm" if kind == "frames" else tmp_path)
+    np.testing.assert_array_equal(volume.values, stored.astype(np.int16) - 1000)
+    assert f"HighBit is {high_bit} (slices: 3), and with BitsStored {bits} it must be {bits - 1}: " + (
+        f"the lowest {bits} bits are the value"
+    ) in [note for note in volume.notes if "HighBit" in note]
+
+
+@pytest.mark.parametrize(("padding", "limit"), [(63536, None), (63536, 63540), (63540, 63536)])
+@pytest.mark.parametrize("signed", [0, 1])
+def test_padding_with_bits_above_bits_stored_is_padding(tmp_path, save_slice, signed, padding, limit):
+    stored = np.random.default_rng(8).integers(0, 2000, (40, 40)).astype(np.uint16)
+    stored[:5] = 63536
+    padding, limit = (end and end - 65536 * signed for end in (padding, limit))  # elements have the pixels' sign
+    tags = {"BitsStored": 12, "PixelRepresentation": signed, "PixelPaddingValue": padding, "RescaleIntercept": -1000}
+    for z in range(2):
+        save_slice(tmp_path / f"{z}.dcm", stored, (0, 0, z), PixelPaddingRangeLimit=limit, **tags)
+    volume = read_volume(tmp_path)
+    lowest = int(stored[5:].min()) - 1000
+    assert (volume.values[:, :5] == lowest).all()
+    np.testing.assert_array_equal(volume.values[1, 5:], stored[5:].astype(np.int16) - 1000)
+    assert f"400 padding pixels were set to the lowest value, {lowest}" in volume.notes
+
+
+def test_a_padding_range_across_the_highest_value_is_not_all_values():
+    options = {"bits_allocated": 16, "bits_stored": 12, "pixel_representation": 0}
+    ends = padding_ends({"PixelPaddingValue": 4090, "PixelPaddingRangeLimit": 4097}, options)
+    assert ends == (4090, 4097)
 
 
 def test_a_file_without_high_bit_is_read(tmp_path, save_stack):

@@ -73,7 +73,7 @@ def test_imagej_says_its_spacing(tmp_path, unit, mm):
     assert any("converted to mm" in note for note in volume.notes) == (mm != 1)
     given = read_volume(tmp_path / "s.tif", spacing=(1, 2, 3))
     assert given.spacing == (1, 2, 3)
-    assert any("in place of the file's own" in note for note in given.notes)
+    assert any("instead of the file's own" in note for note in given.notes)
 
 
 @pytest.mark.parametrize("metadata", [{}, {"unit": "pixel", "spacing": 3}])

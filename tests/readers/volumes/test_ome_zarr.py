@@ -233,7 +233,7 @@ def test_transformations_of_all_levels_follow_those_of_one(tmp_path):
 def test_a_given_spacing_wins(tmp_path):
     volume = read_volume(save_store(tmp_path / "scan.ome.zarr", numbers()), spacing=(1, 2, 3))
     assert volume.spacing == (1, 2, 3)
-    assert any("in place of the file's own 0.7 x 0.5 x 2 mm" in note for note in volume.notes)
+    assert any("instead of the file's own 0.7 x 0.5 x 2 mm" in note for note in volume.notes)
 
 
 @pytest.mark.parametrize("dtype", ["?", "u1", "i1", "<u2", ">u2", ">i2", "<i4", ">i4", "u8", "<f4", ">f4", ">f8"])

@@ -114,7 +114,7 @@ def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: flo
     by_distance: dict[str, Counter[int]] = {}
     for label, layout in enumerate(layouts, 1):
         if layout.between:
-            by_distance.setdefault(f"{layout.usual_mm:.3g}", Counter())[label] = layout.between
+            by_distance.setdefault(f"{layout.apart_mm:.3g}", Counter())[label] = layout.between
     notes = [
         f"contours lie {mm} mm apart and slices {slice_mm:.3g} mm; slices between contours were filled by distance: "
         f"{_counted(label_map, between)}"
@@ -122,7 +122,7 @@ def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: flo
     ]
     named = _counted(label_map, apart)
     if named:
-        notes.append(f"slices between contours that lie beside each other are empty: {named}")
+        notes.append(f"slices between contours that do not overlap are empty: {named}")
     return notes
 
 

@@ -2,7 +2,7 @@
 """The planes that a structure's contours lie in, and which slice takes which of them.
 
 Contours need not lie on slices. A slice with a plane on it takes that plane as it is drawn. One between two planes
-takes the body between them, unless the planes are much farther apart than is usual for the structure: that is a gap.
+takes the body between them, unless the planes are much farther apart than the structure's others: that is a gap.
 Before the first and behind the last plane a slice takes that plane if it lies less than half a slice away, which is as
 far as a slice itself reaches. Heights are along the normal of the slices, mm.
 """
@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from .slice_grid import EVEN, SliceGrid
 
 SAME_PLANE = 0.05  # Contours that lie closer are in one plane, in distances between slices.
-WIDEST = 1.5  # Planes farther apart than this are a gap, in the structure's usual distances.
+WIDEST = 3.5  # Planes farther apart than this are a gap, in the usual distance and in those before and behind.
 ROUNDING = 0.01  # Heights that differ by less are the same, in distances between slices.
 
 
@@ -51,7 +51,7 @@ class Layout(NamedTuple):
     """How the planes of one structure become slices."""
 
     sources: list[Source]  # by slice
-    usual_mm: float  # between planes; 0 where there is one
+    apart_mm: float  # usual distance of planes with filled slices between; 0 where there are none
     gaps_mm: list[float]  # that hold slices, which stay empty
 
     @property
@@ -86,25 +86,41 @@ def planes_of(contours: Iterable[Contour], slice_mm: float) -> tuple[list[Plane]
 
 
 def layouts_of(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[Layout]:
-    """Return the layout of each structure's planes on the slices of the volume.
-
-    One distance is not usual by itself: a structure of two planes takes the usual distance of all structures.
-    """
-    heights = [np.array([plane.height for plane in planes]) for planes in structures]
-    numbers = [grid.scanned_numbers(own) for own in heights]
-    steps = [np.diff(own) for own in numbers]
-    usual_of_all = lower_median(np.concatenate(steps) if steps else np.zeros(0))
+    """Return the layout of each structure's planes on the slices of the volume."""
     layouts = []
-    for own_heights, own_steps in zip(heights, steps, strict=True):
-        usual = lower_median(own_steps) if len(own_steps) > 1 else usual_of_all
-        joined = own_steps <= WIDEST * max(usual, 1.0) + ROUNDING
-        sources = sources_of(own_heights, joined, grid.heights, grid.slice_mm)
+    for planes in structures:
+        heights = np.array([plane.height for plane in planes])
+        joined = are_joined(np.diff(grid.scanned_numbers(heights)))
+        sources = sources_of(heights, joined, grid.heights, grid.slice_mm)
         taken = {source.slice_ for source in sources}
-        inner = [np.flatnonzero((grid.heights > low) & (grid.heights < high)) for low, high in pairs(own_heights)]
+        inner = [np.flatnonzero((grid.heights > low) & (grid.heights < high)) for low, high in pairs(heights)]
         gaps = [not taken.issuperset(between.tolist()) for between in inner]
-        mm = np.diff(own_heights)
-        layouts.append(Layout(sources, lower_median(mm[joined]), mm[gaps].tolist()))
+        mm = np.diff(heights)
+        filled = sorted({source.below for source in sources if source.below != source.above})
+        layouts.append(Layout(sources, lower_median(mm[filled]), mm[gaps].tolist()))
     return layouts
+
+
+def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return whether the body goes on between each plane and the next: it does not where a step is far wider.
+
+    A skipped contour or two are not a gap, nor are contours that are drawn more rarely at an end of the structure.
+
+    Parameters
+    ----------
+    steps : (n,) float64
+        Distances between planes, in slices.
+
+    Examples
+    --------
+    >>> are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all(), are_joined(np.array([40.0])).all()
+    (True, True)
+    >>> are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
+    [True, True, False, True, True, True]
+    """
+    beside = np.concatenate([[0.0], steps, [0.0]])
+    usual = np.maximum(np.maximum(beside[:-2], beside[2:]), max(lower_median(steps), 1.0))
+    return np.asarray(steps <= WIDEST * usual + ROUNDING)
 
 
 def sources_of(

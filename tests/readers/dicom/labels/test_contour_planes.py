@@ -109,22 +109,38 @@ def test_a_gap_far_wider_than_the_usual_distance_stays_and_is_said(read):
     assert "gaps between contours far wider than the usual distance stay empty: two 12 mm" in volume.notes
 
 
-def test_one_slice_without_a_contour_stays_empty_and_is_said(read):
-    volume = read(np.arange(8) * 2.0, body=[box(z) for z in (2, 4, 6, 10, 12)])
-    assert counts(volume) == [0, 144, 144, 144, 0, 144, 144, 0]
-    assert volume.notes == ("gaps between contours far wider than the usual distance stay empty: body 4 mm",)
-
-
-def test_two_contours_take_the_usual_distance_of_the_other_structures(read):
-    volume = read(
-        np.arange(12) * 2.0,
-        body=[box(z, left=24) for z in range(0, 22, 2)],
-        nodes=[box(2), box(14)],
+@pytest.mark.parametrize(
+    ("drawn", "apart"),
+    [("#..#.#####..#..#", 3), (".###.###", 2), ("###..###", 3), ("#.#########.##..#", 2), ("#..........#", 11)],
+)
+def test_skipped_slices_are_filled_beside_contours_on_every_slice(read, drawn, apart):
+    heights = [float(z) for z, mark in enumerate(drawn) if mark == "#"]
+    volume = read(np.arange(len(drawn) + 1), body=[box(z) for z in heights], other=[box(2, left=24), box(3, left=24)])
+    first = int(heights[0])
+    assert counts(volume) == [0] * first + [144] * (len(drawn) - first) + [0]
+    assert volume.notes == (
+        f"contours lie {apart} mm apart and slices 1 mm; slices between contours were filled by distance: "
+        f"body {drawn[first:].count('.')}",
     )
-    assert counts(volume, 2) == [0, 144, 0, 0, 0, 0, 0, 144, 0, 0, 0, 0]
-    assert volume.notes == ("gaps between contours far wider than the usual distance stay empty: nodes 12 mm",)
+
+
+@pytest.mark.parametrize("skipped", [5, 8, 12])
+def test_a_gap_beside_contours_on_every_slice_stays_empty_and_is_said(read, skipped):
+    heights = [1, 2, 3, 4, *range(5 + skipped, 9 + skipped)]
+    volume = read(np.arange(10 + skipped), body=[box(z) for z in heights])
+    assert counts(volume) == [0] + [144] * 4 + [0] * skipped + [144] * 4 + [0]
+    assert volume.notes == (
+        f"gaps between contours far wider than the usual distance stay empty: body {skipped + 1} mm",
+    )
+
+
+def test_slices_between_two_contours_are_filled_whatever_other_structures_have(read):
     alone = read(np.arange(12) * 2.0, nodes=[box(2), box(14)])
     assert counts(alone) == [0] + [144] * 7 + [0] * 4
+    body = [box(z, left=24) for z in range(0, 22, 2)]
+    beside = read(np.arange(12) * 2.0, body=body, nodes=[box(2), box(14)])
+    assert counts(beside, 2) == counts(alone)
+    assert beside.notes == tuple(alone.notes)
 
 
 def test_contours_on_every_other_slice_change_evenly_between(read):
@@ -190,7 +206,7 @@ def test_contours_by_exclusive_or_leave_their_overlap_out(read):
 def test_bodies_that_lie_beside_each_other_leave_slices_between_empty_and_it_is_said(read):
     volume = read(np.arange(8) * 1.0, r=[box(1), box(5, left=30)])
     assert counts(volume) == [0, 144, 0, 0, 0, 144, 0, 0]
-    assert "slices between contours that lie beside each other are empty: r 3" in volume.notes
+    assert "slices between contours that do not overlap are empty: r 3" in volume.notes
 
 
 def test_a_tip_smaller_than_a_pixel_ends_a_cone(read):
