@@ -59,7 +59,7 @@ from .memory import (
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .own_process import BOOT, first_request, how_it_ended, interpreter
+from .own_process import BOOT, ending, first_request, interpreter
 from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
@@ -205,13 +205,13 @@ __all__ = [
     "descriptions",
     "distances",
     "each_label_steps",
+    "ending",
     "equal_part",
     "files_of",
     "finish",
     "first_request",
     "fits_in_memory",
     "give_back",
-    "how_it_ended",
     "interpreter",
     "is_allowed",
     "keep_little",

@@ -3,6 +3,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from functools import partial
 from pathlib import Path
 
@@ -91,13 +92,17 @@ def small_pictures(scene, monkeypatch):
 
 
 @pytest.fixture
-def cluster():
-    """A cluster of two worker processes: its address, and what has it kill one of them as soon as one is busy."""
+def cluster(tmp_path_factory):
+    """A cluster of two worker processes: its address, and what has it kill one of them as soon as one is busy.
+
+    At its end no process of a case leaves its folder.
+    """
     script = Path(__file__).with_name("batch") / "local_cluster.py"
+    temporary = tmp_path_factory.mktemp("temporary")
     process = subprocess.Popen(
         [sys.executable, str(script)],
         cwd=ROOT,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},  # the workers need the package
+        env={**os.environ, "PYTHONPATH": str(ROOT), "TMPDIR": str(temporary)},  # the workers need the package
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.DEVNULL,
@@ -107,3 +112,7 @@ def cluster():
         yield process
     finally:
         process.communicate("\n", timeout=60)
+    end = time.monotonic() + 60
+    while list(temporary.glob("ctmc-*")) and time.monotonic() < end:
+        time.sleep(0.05)
+    assert list(temporary.glob("ctmc-*")) == []

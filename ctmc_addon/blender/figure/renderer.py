@@ -3,28 +3,29 @@
 
 Nothing interrupts Blender while it renders: neither Ctrl-C nor Esc nor a window that wants to be drawn is heard before
 the picture is done. A process of its own gets the scene as a .blend in a hidden folder beside the output. Closing the
-steps ends it and removes the folder, so that nothing is left; it ends itself where whoever started it is gone.
+steps ends it and removes the folder, so that nothing is left; it does both itself where whoever started it is gone.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import queue
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import Any, Protocol
+from typing import IO, Any, Protocol
 
 import bpy
 
-from ...core import BOOT, OutputError, Step, Steps, first_request, how_it_ended, interpreter
+from ...core import BOOT, OutputError, Step, Steps, ending, first_request, interpreter
 from ...core.files.atomic_write import refused
 from ...core.files.temporary_names import temporary_name
+from ...core.own_process import temporary_files_in
 from ..output_files import require_room
 from .compose import FigureScene
 from .picture import Picture
@@ -104,20 +105,21 @@ class RenderProcess:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self.answers: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
-        temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), str(folder.resolve()))
+        self.answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         try:
             self.process = subprocess.Popen(
                 command(),
                 stdin=subprocess.PIPE,
                 stdout=subprocess.PIPE,
-                stderr=subprocess.DEVNULL,
-                env={**os.environ, **temporary},
+                stderr=self.errors,
+                env=temporary_files_in(str(folder.resolve())),
                 # Ctrl-C in a terminal reaches every process in its group; this one is ended by `close`.
                 start_new_session=True,
                 creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
             )
         except OSError as error:
+            self.errors.close()
             raise OutputError(f"no process could be started to render ({error.strerror}); end others first") from error
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
@@ -135,11 +137,16 @@ class RenderProcess:
         while True:
             yield step
             try:
-                answer = self.answers.get(timeout=TICK)
+                said = self.answers.get(timeout=TICK)
             except queue.Empty:
                 continue
-            if answer is None:
-                raise OutputError(f"the figure could not be rendered: its process is gone, {self._ending()}")
+            if said is None:
+                how = ending(self.process, self.errors, remedy="make a smaller picture")
+                raise OutputError(f"the figure could not be rendered: its process {how}")
+            try:
+                answer = json.loads(said)
+            except ValueError as error:
+                raise RuntimeError(f"the process that renders said {said!r}") from error
             if "sentence" in answer:
                 raise OutputError(answer["sentence"])
             if "defect" in answer:
@@ -154,6 +161,7 @@ class RenderProcess:
         self.process.kill()
         self.process.wait()
         self.reader.join()
+        self.errors.close()
         assert self.process.stdin is not None
         with suppress(OSError):
             self.process.stdin.close()
@@ -167,16 +175,14 @@ class RenderProcess:
     def _read(self) -> None:
         """Hand on what the process says, and None at its end."""
         assert self.process.stdout is not None
-        with self.process.stdout as stream:
-            for line in stream:
-                _, mark, answer = line.rpartition(MARK)
-                if mark:
-                    self.answers.put(json.loads(answer))
-        self.answers.put(None)
-
-    def _ending(self) -> str:
-        status = self.process.wait()
-        return how_it_ended(status) + ("; perhaps memory ran out: make a smaller picture" if status == -9 else "")
+        try:
+            with self.process.stdout as stream:
+                for line in stream:
+                    _, mark, answer = line.rpartition(MARK)
+                    if mark:
+                        self.answers.put(answer)
+        finally:
+            self.answers.put(None)
 
 
 def command() -> list[str]:

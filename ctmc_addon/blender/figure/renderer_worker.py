@@ -1,7 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The process that renders a figure's scene, from inside: a task in a line of JSON, until the input ends.
 
-Its end means that whoever asked is gone: then this process goes too, in the midst of a picture if need be.
+Its end means that whoever asked is gone: then this process removes its folder and goes too, in the midst of a picture
+if need be.
 """
 
 from __future__ import annotations
@@ -10,16 +11,17 @@ import json
 import os
 import queue
 import re
+import shutil
 import signal
-import sys
 import threading
 import traceback
-from contextlib import suppress
+from pathlib import Path
 from typing import Any
 
 import bpy
 
 from ...core import CtmcError
+from ...core.own_process import own_output, requests, say
 from .picture import Picture
 from .renderer import MARK
 from .video import Video
@@ -34,38 +36,43 @@ def serve(blend: str) -> None:
     Parameters
     ----------
     blend : str
-        Its path.
+        Its path, in the folder of this process.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
-    requests: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    threading.Thread(target=listen, args=(requests,), daemon=True).start()
+    tasks: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
+    threading.Thread(target=listen, args=(tasks, Path(blend).parent), daemon=True).start()
     out = own_output()
-    bpy.ops.wm.open_mainfile(filepath=blend, load_ui=False, use_scripts=False)
-    bpy.app.handlers.render_stats.append(lambda text, *_: say(out, {"share": share_of(str(text))}))
+    try:
+        bpy.ops.wm.open_mainfile(filepath=blend, load_ui=False, use_scripts=False)
+    except RuntimeError as error:
+        why = str(error).strip().removeprefix("Error: ")
+        say(out, line({"sentence": f"the scene cannot be read again to be rendered ({why}); choose another place"}))
+        return
+    bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": share_of(str(text))})))
     while True:
-        answer(requests.get(), out)
+        say(out, line(answer(tasks.get())))
 
 
-def listen(requests: queue.SimpleQueue[dict[str, Any]]) -> None:
-    """Take requests from standard input; at its end leave at once."""
-    for line in sys.stdin.buffer:
-        requests.put(json.loads(line))
+def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
+    """Take tasks from standard input; at its end remove the folder and leave at once."""
+    for task in requests():
+        tasks.put(task)
+    shutil.rmtree(folder, ignore_errors=True)
     os._exit(0)
 
 
-def answer(request: dict[str, Any], out: int) -> None:
-    """Do a task, and say what came of it."""
+def answer(request: dict[str, Any]) -> dict[str, Any]:
+    """Do a task, and return what came of it."""
     task = TASKS[request["task"]](**request["fields"])
     try:
         task.make(bpy.data.scenes[0])
     except CtmcError as error:
-        say(out, {"sentence": str(error)})
+        return {"sentence": str(error)}
     except OSError as error:
-        say(out, {"sentence": f"{task.name} cannot be written ({error.strerror or error}); choose another place"})
+        return {"sentence": f"{task.name} cannot be written ({error.strerror or error}); choose another place"}
     except Exception:  # noqa: BLE001  (raised again on the other side)
-        say(out, {"defect": traceback.format_exc()[-8000:]})
-    else:
-        say(out, {"done": True})
+        return {"defect": traceback.format_exc()[-8000:]}
+    return {"done": True}
 
 
 def share_of(text: str) -> float | None:
@@ -80,16 +87,6 @@ def share_of(text: str) -> float | None:
     return None if found is None else int(found[1]) / max(int(found[2]), 1)
 
 
-def own_output() -> int:
-    """Return standard output for the other side alone, and lead what Blender prints there nowhere."""
-    output = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.close(nowhere)
-    return output
-
-
-def say(out: int, words: dict[str, Any]) -> None:
-    """Write one line to the other side."""
-    with suppress(OSError):  # it is gone, which standard input says too
-        os.write(out, b"\n" + MARK + json.dumps(words).encode("ascii") + b"\n")
+def line(words: dict[str, Any]) -> bytes:
+    """Return a line for the other side, at the beginning of one."""
+    return b"\n" + MARK + json.dumps(words).encode("ascii") + b"\n"

@@ -10,7 +10,6 @@ import json
 import os
 import queue
 import shutil
-import signal
 import subprocess
 import sys
 import tempfile
@@ -22,8 +21,9 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ...core import CtmcError, OutputError
+from ...core import CtmcError, OutputError, ending
 from ...core.files.atomic_write import write_json
+from ...core.own_process import temporary_files_in
 from .files import RUNNING, WAITING, failed_record, read_record, record_path, require_batch, without_folders
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
@@ -61,7 +61,8 @@ class CaseProcess:
         self.start = 0.0
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         self.errors_before = 0  # bytes that earlier cases wrote, as the process says at the end of each
-        self.folder = tempfile.mkdtemp(prefix="ctmc-")  # for temporary files, which a killed process leaves
+        # For temporary files. The process removes it at its end, `stop` if it was killed.
+        self.folder = tempfile.mkdtemp(prefix="ctmc-")
         # Blender's own chatter is passed over; standard error is kept for a crash.
         try:
             self.process = subprocess.Popen(
@@ -83,23 +84,25 @@ class CaseProcess:
     def listen(self) -> None:
         """Hand on what the process says, until it ends."""
         assert self.process.stdout is not None
-        with self.process.stdout as stream:
-            for line in stream:
-                # Blender may print without an end of line before it.
-                _, mark, words = line.decode("utf-8", "replace").rpartition(MARK)
-                words = words.strip()
-                if mark and words.startswith(OVER):
-                    self.errors_before = int(words.removeprefix(OVER))
-                    words = OVER
-                if mark:
-                    self.messages.put((self, words))
-        self.messages.put((self, None))
+        try:
+            with self.process.stdout as stream:
+                for line in stream:
+                    # Blender may print without an end of line before it.
+                    _, mark, words = line.decode("utf-8", "replace").rpartition(MARK)
+                    words = words.strip()
+                    if mark and words.startswith(OVER):
+                        self.errors_before = int(words.removeprefix(OVER))
+                        words = OVER
+                    if mark:
+                        self.messages.put((self, words))
+        finally:
+            self.messages.put((self, None))
 
     def begin(self, task: Task) -> None:
         """Let the process make a case."""
         self.task = task
         self.start = time.perf_counter()
-        self.say({**task, "more": True})
+        self.say({**task, "more": True, "temporary": self.folder})
 
     def say(self, content: Any) -> None:
         """Send a line of JSON."""
@@ -113,10 +116,9 @@ class CaseProcess:
         assert self.task is not None
         error, printed = "the case left no record", ""
         if ended:
-            status = self.process.wait()
+            error = f"the case's process {ending(self.process, self.errors, self.errors_before, 'try fewer jobs')}"
             self.errors.seek(self.errors_before)
             printed = self.errors.read().decode("utf-8", "replace")
-            error = death(status, printed)
         settle(self.task, error, time.perf_counter() - self.start, printed)
         self.task = None
 
@@ -149,31 +151,14 @@ def command() -> list[str]:
 
 
 def environment(folder: str) -> dict[str, str]:
-    """Return the environment of this process, in which the package is found wherever it was started from.
-
-    Temporary files, such as those of Blender, go to `folder`.
+    """Return the environment of a process with temporary files in `folder`, in which the package is found.
 
     Workers of dask have the C library give every freed array back to the system, to fetch it again page by page: a
     liver takes 1.7 times the processor seconds. A case gives its memory back itself, once it is over.
     """
     paths = [str(PACKAGE.parent), os.environ.get("PYTHONPATH", "")]
-    kept = {name: value for name, value in os.environ.items() if name != "MALLOC_TRIM_THRESHOLD_"}
-    temporary = dict.fromkeys(("TMPDIR", "TEMP", "TMP"), folder)
-    return {**kept, **temporary, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
-
-
-def death(status: int, printed: str) -> str:
-    """Why a process ended without a record for each output, in one sentence."""
-    if status < 0:
-        try:
-            name = signal.Signals(-status).name
-        except ValueError:
-            name = "unknown"
-        killed = "; perhaps memory ran out: try fewer jobs" if name == "SIGKILL" else ""
-        return f"the case's process was ended by signal {-status} ({name}){killed}"
-    lines = [line.strip() for line in printed.splitlines() if line.strip()]
-    last = lines[-1].removeprefix("ctmc: ") if lines else "it printed nothing"
-    return f"the case's process ended with exit code {status}: {last}"
+    kept = {name: value for name, value in temporary_files_in(folder).items() if name != "MALLOC_TRIM_THRESHOLD_"}
+    return {**kept, "PYTHONPATH": os.pathsep.join(filter(None, paths))}
 
 
 def settle(task: Task, error: str, seconds: float | None = None, printed: str = "") -> None:

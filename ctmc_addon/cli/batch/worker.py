@@ -10,19 +10,19 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import os
 import queue
 import shutil
 import signal
 import sys
 import threading
-from contextlib import suppress
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ...core import CtmcError, case_process_is_large, give_back, reset_peak_bytes, resident_bytes
 from ...core.files.input_files import own_input_files
+from ...core.own_process import own_output, requests, say
 from .case import CHANGING_FOLDERS, do_case
 from .files import own_unfinished_folder, remove_own_unfinished
 
@@ -39,14 +39,22 @@ def add_parser(commands: Any) -> None:
 
 def run(_args: argparse.Namespace) -> None:
     """Take tasks from standard input, and do them, until it ends or this process has grown."""
-    lines = Lines()
-    first = lines.next()
-    if not first:
+    asked = requests()
+    first = next(asked, None)
+    if first is None:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
-    batch = Batch(lines, own_output())
-    batch.take(json.loads(first))
-    threading.Thread(target=batch.listen, daemon=True).start()
+    batch = Batch(asked, own_output(), Path(first["temporary"]))
+    try:
+        batch.take(first)
+        threading.Thread(target=batch.listen, daemon=True).start()
+        do_cases(batch)
+    finally:
+        shutil.rmtree(batch.temporary, ignore_errors=True)
+
+
+def do_cases(batch: Batch) -> None:
+    """Do one task after the other, until there is none or this process has grown."""
     while (task := batch.tasks.get()) is not None:
         unfinished = own_unfinished_folder(task)
         reset_peak_bytes()
@@ -64,29 +72,23 @@ def run(_args: argparse.Namespace) -> None:
             return
 
 
-class Lines:
-    """The lines of standard input, read without a buffer that would hold a lock at exit."""
-
-    def __init__(self) -> None:
-        self.rest = b""
-
-    def next(self) -> bytes:
-        """Return the next line; empty at the end."""
-        while b"\n" not in self.rest:
-            piece = os.read(0, 1 << 16)
-            if not piece:
-                return b""
-            self.rest += piece
-        line, _, self.rest = self.rest.partition(b"\n")
-        return line + b"\n"
-
-
 class Batch:
-    """The batch at the other end of standard input and output."""
+    """The batch at the other end of standard input and output.
 
-    def __init__(self, lines: Lines, output: int) -> None:
-        self.lines = lines
+    Parameters
+    ----------
+    asked : iterator
+        The tasks and words that it sends.
+    output : int
+        The file that it reads.
+    temporary : Path
+        The folder for this process's temporary files.
+    """
+
+    def __init__(self, asked: Iterator[Any], output: int, temporary: Path) -> None:
+        self.asked = asked
         self.output = output
+        self.temporary = temporary
         self.tasks: queue.SimpleQueue[dict[str, Any] | None] = queue.SimpleQueue()
         self.unfinished: Path | None = None  # of the task that is under way
         self.granted = threading.Event()
@@ -98,8 +100,7 @@ class Batch:
 
     def listen(self) -> None:
         """Take what comes on standard input; at its end leave, as soon as no output is being put in its place."""
-        while line := self.lines.next():
-            word = json.loads(line)
+        for word in self.asked:
             if word == GO:
                 self.granted.set()
             else:
@@ -110,6 +111,7 @@ class Batch:
             return
         with CHANGING_FOLDERS:  # never released: no folder comes again
             remove_own_unfinished(unfinished)
+            shutil.rmtree(self.temporary, ignore_errors=True)
             os._exit(1)
 
     def end_task(self, word: str) -> None:
@@ -125,8 +127,7 @@ class Batch:
 
     def say(self, words: str) -> None:
         """Write a line for the batch."""
-        with suppress(OSError):  # it is gone, which standard input says too
-            os.write(self.output, f"{MARK}{words}\n".encode("ascii"))
+        say(self.output, f"{MARK}{words}\n".encode("ascii"))
 
 
 def written_errors() -> int:
@@ -136,12 +137,3 @@ def written_errors() -> int:
     """
     sys.stderr.flush()
     return os.fstat(2).st_size
-
-
-def own_output() -> int:
-    """Return standard output for the batch alone, and lead what others print there nowhere."""
-    output = os.dup(1)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    os.dup2(nowhere, 1)
-    os.close(nowhere)
-    return output

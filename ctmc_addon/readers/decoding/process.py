@@ -22,12 +22,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import BOOT, ReadError, Step, Steps, first_request, how_it_ended, interpreter
+from ...core import BOOT, ReadError, Step, Steps, ending, first_request, interpreter
 
 WORKER = Path(__file__).with_name("worker.py")
 TICK = 0.02  # seconds between two looks whether there is an answer
 START_SECONDS = 60.0
-ENDING_SECONDS = 1.0  # between the end of its output and its own
 PICTURE_SECONDS = 8.0  # that a picture may take; a larger one for each MEGAPIXEL
 MEGAPIXEL = 1 << 20
 MEMORY = 2 << 30  # bytes that the process may address, and for each pixel
@@ -147,16 +146,8 @@ class DecodingProcess:
         except OSError:  # a broken pipe, on Windows
             piece = b""
         if not piece:
-            raise DecoderEnded(self._end())
+            raise DecoderEnded(f"it {ending(self.process)}")
         return piece
-
-    def _end(self) -> str:
-        """How the process ended, whose output has; one that goes on without it is ended."""
-        try:
-            return how_it_ended(self.process.wait(ENDING_SECONDS))
-        except subprocess.TimeoutExpired:
-            self.process.kill()
-            return "it closed its output"
 
     def close(self) -> None:
         """End the process."""

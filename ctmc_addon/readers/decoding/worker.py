@@ -7,18 +7,18 @@ A request names a DICOM file and one of its frames.
 from __future__ import annotations
 
 import json
-import os
 import signal
 import sys
 import traceback
 from functools import lru_cache
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ...core import CtmcError, ReadError, finish
+from ...core.own_process import own_output, requests, say
 from ..dicom.header import ImageFile, read_header
 from ..dicom.labels.classes import SEGMENTATION, label_class
 from ..dicom.labels.segmentation_header import header_steps
@@ -35,14 +35,12 @@ def serve(memory: int) -> None:
         Bytes that this process may address, where the system can hold it to that.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
-    # Libraries may print: what is meant for the other side has an output of its own.
-    with os.fdopen(os.dup(1), "wb", buffering=0) as out, open(os.devnull, "wb") as nowhere:
-        os.dup2(nowhere.fileno(), 1)
-        limit_memory(memory)
-        needed("pydicom.pixels", "pydicom", "DICOM")
-        say(out, {"ready": True})
-        for line in sys.stdin.buffer:
-            answer(json.loads(line), out)
+    out = own_output()  # libraries may print
+    limit_memory(memory)
+    needed("pydicom.pixels", "pydicom", "DICOM")
+    say(out, line({"ready": True}))
+    for request in requests():
+        say(out, answer(request))
 
 
 def limit_memory(most: int) -> None:
@@ -60,23 +58,21 @@ def limit_memory(most: int) -> None:
         pass
 
 
-def answer(request: dict[str, Any], out: IO[bytes]) -> None:
-    """Write the picture of one request, or why there is none."""
+def answer(request: dict[str, Any]) -> bytes:
+    """Return the picture of one request, or why there is none."""
     path = Path(request["path"])
     try:
         with quiet():
             picture = np.ascontiguousarray(decoded(path, request["frame"]))
     except CtmcError as error:
-        say(out, {"sentence": str(error)})
+        return line({"sentence": str(error)})
     except OSError as error:
-        say(out, {"sentence": f"{path.name} cannot be read ({error.strerror or error}); check the file"})
+        return line({"sentence": f"{path.name} cannot be read ({error.strerror or error}); check the file"})
     except MemoryError:
-        say(out, {"sentence": f"{path.name} needs more memory to be decoded than its size tells of; copy it again"})
+        return line({"sentence": f"{path.name} needs more memory to be decoded than its size tells of; copy it again"})
     except Exception:  # noqa: BLE001  (raised again on the other side)
-        say(out, {"defect": traceback.format_exc()[-8000:]})
-    else:
-        say(out, {"shape": picture.shape, "dtype": picture.dtype.str})
-        write(out, picture.tobytes())
+        return line({"defect": traceback.format_exc()[-8000:]})
+    return line({"shape": picture.shape, "dtype": picture.dtype.str}) + picture.tobytes()
 
 
 def decoded(path: Path, frame: int) -> NDArray[Any]:
@@ -95,13 +91,6 @@ def header_of(path: Path) -> ImageFile:
     return header
 
 
-def say(out: IO[bytes], words: dict[str, Any]) -> None:
-    """Write one line to the parent process."""
-    write(out, json.dumps(words).encode("ascii") + b"\n")
-
-
-def write(out: IO[bytes], content: bytes) -> None:
-    """Write all bytes, although a pipe accepts only some at a time."""
-    left = memoryview(content)
-    while left:
-        left = left[out.write(left) :]
+def line(words: dict[str, Any]) -> bytes:
+    """Return a line of JSON."""
+    return json.dumps(words).encode("ascii") + b"\n"

@@ -15,13 +15,14 @@ from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import OutputError, finish
 
 SLEEPS = "import time; time.sleep(1000)"
+CLOSES = "import os, time; os.close(1); time.sleep(1000)"
 CRASHES = "import os, signal; os.kill(os.getpid(), signal.SIGKILL)"
 FAILS = 'print(\'ctmc-renderer {"defect": "division by zero"}\', flush=True); input(); input()'
 
 
 @pytest.fixture
 def figure_of(scene, torus, tmp_path, monkeypatch):
-    """The steps of a figure that this script renders, and the processes that they start."""
+    """The steps of a figure that a script renders, else Blender, and the processes that they start."""
     thing = add_reconstruction(torus(rings=16, sides=8), scene)
     started, start = [], subprocess.Popen
 
@@ -29,8 +30,9 @@ def figure_of(scene, torus, tmp_path, monkeypatch):
         started.append(start(*args, **options))
         return started[-1]
 
-    def steps(script):
-        monkeypatch.setattr(renderer, "command", lambda: [sys.executable, "-c", script])
+    def steps(script=None):
+        if script:
+            monkeypatch.setattr(renderer, "command", lambda: [sys.executable, "-c", script])
         monkeypatch.setattr(renderer.subprocess, "Popen", begin)
         cell = Cell((ShownSurface(thing),))
         blend = tmp_path / "a.blend"
@@ -55,7 +57,9 @@ def test_closing_the_steps_ends_the_process_and_leaves_nothing(figure_of, tmp_pa
 @pytest.mark.parametrize(
     ("script", "said"),
     [
-        ("raise SystemExit(3)", "its process is gone, it ended with exit code 3"),
+        ("raise SystemExit(3)", "its process ended with exit code 3$"),
+        ("raise SystemExit('no room')", "its process ended with exit code 1: no room$"),
+        (CLOSES, "its process closed its output$"),
         (CRASHES, "SIGKILL; perhaps memory ran out: make a smaller picture"),
     ],
 )
@@ -71,4 +75,32 @@ def test_a_defect_in_the_process_is_one_here(figure_of, tmp_path):
     steps, _ = figure_of
     with pytest.raises(RuntimeError, match="division by zero"):
         finish(steps(FAILS))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_an_answer_that_is_none_is_a_defect(figure_of, tmp_path):
+    steps, _ = figure_of
+    with pytest.raises(RuntimeError, match=r"the process that renders said b'\{"):
+        finish(steps("print('ctmc-renderer {', flush=True); input(); input()"))
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_scene_that_cannot_be_read_again_is_a_sentence(figure_of, tmp_path, monkeypatch):
+    monkeypatch.setattr(renderer, "write_scene", lambda figure, path: path.write_bytes(b"noise"))
+    steps, _ = figure_of
+    with pytest.raises(OutputError, match=r"the scene cannot be read again to be rendered \(.*\); choose"):
+        finish(steps())
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_process_whose_input_ends_removes_its_folder(figure_of, tmp_path):
+    steps, started = figure_of
+    work = steps()
+    while not started:
+        next(work)
+    assert any(tmp_path.glob(".ctmc-*/scene.blend"))
+    started[0].stdin.close()  # as where this process is killed
+    assert started[0].wait(60) == 0
+    assert not any(path.is_dir() for path in tmp_path.iterdir())
+    work.close()
     assert list(tmp_path.iterdir()) == []

@@ -4,9 +4,12 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
 import sys
 import threading
 import time
+from pathlib import Path
 
 import nibabel
 import numpy as np
@@ -16,11 +19,12 @@ from shapes import distance_mm
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.case import NO_HU, Case, announced_budget, do_case
 from ctmc_addon.cli.batch.files import remove_own_unfinished, unfinished_folder
-from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here
+from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here, run_task
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
 from ctmc_addon.core import VERSION, CtmcError, MemoryLimitError
 from ctmc_addon.core.case_plan import PROCESS_BYTES
 from ctmc_addon.core.memory import peak_bytes, reset_peak_bytes, resident_bytes
+from ctmc_addon.core.own_process import PACKAGE
 
 # Says that it is over after every task; ends at a task called "bad", makes one called "long" without end, and asks for
 # memory where a task says how much. After one called "last" it dies before it is given another.
@@ -89,7 +93,7 @@ def test_a_crash_takes_one_case_and_a_new_process_the_others(started, tmp_path):
     assert events == [(name, status) for name in names for status in ("running", "ended")]
     assert len(started) == 2
     errors = {name: json.loads((tmp_path / f"{name}.json").read_text("utf-8"))["error"] for name in names}
-    assert errors.pop("bad").startswith("the case's process was ended by signal 6")
+    assert errors.pop("bad") == "the case's process crashed with SIGABRT"
     assert set(errors.values()) == {"the case left no record"}  # of a script that makes nothing
 
 
@@ -249,9 +253,41 @@ def test_a_clusters_worker_keeps_a_process_for_the_next_case_and_not_for_long(st
     [kept] = batch_process._idle
     kept.process.wait(60)
     end = time.monotonic() + 60
-    while batch_process._idle and time.monotonic() < end:
+    while Path(kept.folder).exists() and time.monotonic() < end:
         time.sleep(0.02)
+    assert not Path(kept.folder).exists()
     assert batch_process._idle == []
+
+
+@pytest.mark.parametrize("then", ["", "os._exit(1)"], ids=["it ends", "it dies"])
+def test_a_clusters_worker_that_is_gone_leaves_no_temporary_folder(tmp_path, then):
+    temporary = tmp_path / "temporary"
+    temporary.mkdir()
+    (tmp_path / "unfinished").mkdir()
+    code = f"import json, os, sys; from {run_task.__module__} import run_task; run_task(json.load(sys.stdin)); " + then
+    task = task_of(tmp_path, "a", reserved=0, unfinished="unfinished", verify=False)
+    worker = subprocess.run(
+        [sys.executable, "-c", code],
+        cwd=PACKAGE.parent,
+        env={**os.environ, "TMPDIR": str(temporary)},
+        input=json.dumps(task),
+        text=True,
+        check=False,
+    )
+    assert worker.returncode == (1 if then else 0)
+    assert json.loads((tmp_path / "a.json").read_text("utf-8"))["status"] == "failed"
+    end = time.monotonic() + 60
+    while list(temporary.iterdir()) and time.monotonic() < end:
+        time.sleep(0.02)
+    assert list(temporary.iterdir()) == []
+
+
+def test_a_process_that_talks_nonsense_costs_its_case(tmp_path, monkeypatch):
+    monkeypatch.setattr(threading, "excepthook", lambda args: None)
+    script = f"import time; print('{MARK}{OVER} many', flush=True); time.sleep(1000)"
+    monkeypatch.setattr(batch_process, "command", lambda: [sys.executable, "-c", script])
+    assert events_of([task_of(tmp_path, "a")], 1, [0], None) == [("a", "running"), ("a", "ended")]
+    assert json.loads((tmp_path / "a.json").read_text("utf-8"))["error"] == "the case's process closed its output"
 
 
 def test_a_worker_stops_the_case_of_a_batch_that_has_ended_and_writes_no_record(started, tmp_path):
