@@ -2,8 +2,9 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. They leave `SPARE` times as many triangles as are wanted. The last pass simplifies all of them,
-the seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
+quick clusters at first. They leave `SPARE` times as many triangles as are wanted, and those along the seams: where
+these are most, batches that follow each other are simplified again as one. The last pass simplifies all of them, the
+seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
 
 What holds at the end is what `simplify` promises. A maximum error is shared by the two passes: distances between three
 surfaces add up at most. A closed component may go as a whole; one that is cut by a seam, in the last pass.
@@ -12,6 +13,7 @@ surfaces add up at most. A closed component may go as a whole; one that is cut b
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
@@ -21,10 +23,10 @@ from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import MeshError
-from ..memory import require_or_killed
+from ..memory import give_back, require_or_killed
 from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
-from ..progress import Step, Steps
+from ..progress import Step, Steps, WithResult
 from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
 from .bounded import hold_bound_steps
 from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
@@ -47,6 +49,7 @@ BATCHES_SHARE = 0.8  # of the time
 # Times the memory of a batch that a further thread was seen to take, with batches that wait and what malloc keeps: a
 # foam's took 0.31 GiB on one thread and 0.69 GiB on two.
 THREAD_FACTOR = 4
+MERGED = 2  # Merge batches that hold more than `whole_faces` divided by this, where that halves their triangles.
 LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
 
 
@@ -74,6 +77,23 @@ class Reduced:
     handles_cut: int
     large: Numbers | None = None
     crossing_count: int | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class _Held:
+    """A simplified batch that waits for the last pass.
+
+    batch : Batch
+    wanted : float
+        Triangles that it may have, beside those along its seams.
+    below, above : int
+        Vertices that it shares with the batch before and with the next one.
+    """
+
+    batch: Batch
+    wanted: float
+    below: int
+    above: int
 
 
 Work = Callable[[], Steps[Reduced]]
@@ -119,6 +139,7 @@ class _Passes:
         self.most_at_once = goal.most_at_once(budget)
         self.large: list[Numbers] = []
         self.later_limit = LATER_SHARE * goal.largest_component
+        self.planned: deque[tuple[float, int, int]] = deque()  # `_Held` without its batch, for each batch at work
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
         self.collapsed, self.handles_cut = CollapsedComponents(), 0
         self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
@@ -127,6 +148,7 @@ class _Passes:
         """Simplify the batches; one that comes alone stays as it is."""
         single: list[Batch] = []
         left: list[Batch] = []
+        held: list[_Held] = []  # those after `left`, which may still be merged
         fraction = 0.0
         works = self._works_steps(batches, single)
         for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes):
@@ -135,8 +157,39 @@ class _Passes:
                 yield Step(BATCHES_SHARE * fraction, item.message)
             else:
                 self._count(item)
-                left.append(item.batch)
+                held.append(_Held(item.batch, *self.planned.popleft()))
+                most = self.budget.whole_faces // MERGED
+                if self.goal.max_error is None and sum(each.batch.face_count for each in held) > most:
+                    held = yield from self._merged_steps(held, BATCHES_SHARE * fraction)
+                    if sum(each.batch.face_count for each in held) > most // 2:
+                        left += [each.batch for each in held]
+                        held = []
+        left += [each.batch for each in held]
         return single or [batch for batch in left if batch.face_count]
+
+    def _merged_steps(self, held: list[_Held], fraction: float) -> Steps[list[_Held]]:
+        """Simplify batches that follow each other as one, where most of their triangles lie along seams between them.
+
+        A slab of a wide volume is thin: its seams may have more triangles than the goal leaves it.
+        """
+        faces = sum(each.batch.face_count for each in held)
+        wanted, below, above = sum(each.wanted for each in held), held[0].below, held[-1].above
+        border = 2 * (below + above)
+        if 2 * (wanted + border) > faces:
+            return held
+        self._require(faces)
+        batch = joined([each.batch for each in held])
+        held.clear()
+        reducing = WithResult(
+            reduce_batch_steps(
+                batch, wanted, border, largest_component=self.later_limit, by_box=True, protected=self.protected()
+            )
+        )
+        for step in reducing:
+            yield Step(fraction, step.message)
+        reduced = reducing.result
+        self._count(replace(reduced, face_count=0))  # its triangles were counted before
+        return [_Held(self.numbering.completed(reduced.batch), wanted, below, above)]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
         """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
@@ -149,33 +202,39 @@ class _Passes:
             require_finite(item.mesh, item.numbers)
             if held is not None:
                 following = shared_count(held, item)
-                yield self._work(held, seam + following)
+                yield self._work(held, seam, following)
                 seam = following
             held = item
             self.full_faces += item.face_count
         if held is not None and held.face_count == self.full_faces:
             single.append(held)
         elif held is not None:
-            yield self._work(held, seam)
+            yield self._work(held, seam, 0)
 
-    def _work(self, batch: Batch, seam_vertices: int) -> Work:
-        """Return the function that simplifies a batch, or raise if its memory is not available."""
-        max_error = self.goal.max_error
-        what = f"simplifying {batch.face_count} triangles at once"
+    def _require(self, face_count: int) -> None:
+        """Raise if the memory to simplify so many triangles at once is not available."""
+        what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
-        needed = memory_needed(batch.face_count, max_error)
+        needed = memory_needed(face_count, self.goal.max_error)
         if self.budget.bytes is None:
             require_or_killed(needed, what, remedy)
         else:
             self.budget.require(needed, what, remedy)
+
+    def _work(self, batch: Batch, below: int, above: int) -> Work:
+        """Return the function that simplifies a batch, or raise if its memory is not available."""
+        max_error = self.goal.max_error
+        self._require(batch.face_count)
         if max_error is not None:
+            self.planned.append((0.0, below, above))
             return partial(
                 reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error, largest_component=self.goal.largest_component
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
         wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
+        self.planned.append((wanted, below, above))
         return partial(
-            reduce_batch_steps, batch, wanted, 2 * seam_vertices, largest_component=self.goal.largest_component
+            reduce_batch_steps, batch, wanted, 2 * (below + above), largest_component=self.goal.largest_component
         )
 
     def _in_order_steps(
@@ -209,6 +268,7 @@ class _Passes:
         whole = stuck = False
         most, axis = self.last_faces, -1
         while faces > target and not (whole and faces == before):
+            give_back()  # what was freed between the batches that are kept
             surface = joined(batches)
             batches.clear()  # the caller's list too: all triangles are there twice and not three times
             parts, axis = regions(surface, faces if stuck else most, axis)

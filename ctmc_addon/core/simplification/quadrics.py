@@ -107,7 +107,8 @@ def best_step(quadric: EdgeQuadric) -> Floats:
     """Step (3, n) from the middle of the edges to the least error.
 
     Solves `(A + DAMPING trace(A) I) d = -g` by L D L^T, which in float32 keeps the digits that the
-    cofactors of a nearly flat A would lose, and once more for what the damping left over.
+    cofactors of a nearly flat A would lose, and once more for what the damping left over. The damping is also the
+    least that a pivot can be; where rounding makes it 0, it is the damping.
     """
     xx, xy, xz, yy, yz, zz = quadric.matrix
     trace = xx + yy + zz
@@ -121,9 +122,11 @@ def best_step(quadric: EdgeQuadric) -> Floats:
     lower_yx = xy / xx
     lower_zx = xz / xx
     pivot_y = yy - lower_yx * xy
+    pivot_y[pivot_y == 0] = DAMPING
     off = yz - lower_zx * xy
     lower_zy = off / pivot_y
     pivot_z = zz - lower_zx * xz - lower_zy * off
+    pivot_z[pivot_z == 0] = DAMPING
 
     def solve(right: Floats) -> Floats:
         x, y, z = right

@@ -7,6 +7,7 @@ import pytest
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.simplification.quadrics import (
     DAMPING,
+    EdgeQuadric,
     best_step,
     cross,
     dot,
@@ -87,6 +88,20 @@ def test_a_face_without_area_weighs_nothing():
     quadric = quadric_of_edge(np.zeros((3, 3), np.float32), np.array([[0, 1, 2]], np.int32), 0, 1)
     assert not quadric.matrix.any()
     assert not best_step(quadric).any()
+
+
+@pytest.mark.parametrize("other", [1, 2])
+def test_a_pivot_that_rounding_makes_zero_leads_onto_the_plane(other):
+    """Two rows of the damped matrix are the same bits: one plane, 3 away along either of two axes."""
+    damped = np.float32(0.5) + DAMPING
+    full = np.zeros((3, 3), np.float32)
+    full[0, 0] = full[other, other] = 1.0
+    full[0, other] = full[other, 0] = 2 * damped
+    gradient = np.zeros((3, 1), np.float32)
+    gradient[[0, other]] = 3.0
+    step = best_step(EdgeQuadric(full[np.triu_indices(3)][:, None], gradient, np.zeros(1, np.float32)))
+    assert step[0] + step[other] == pytest.approx(-3.0, abs=1e-4)
+    assert step[3 - other] == 0.0
 
 
 def test_cross_and_dot_are_those_of_the_columns():
