@@ -153,7 +153,7 @@ def runs_by_name(images: Sequence[Path]) -> list[list[Path]]:
     """
     groups = _grouped(images, lambda path: text_around(path, NUMBER))
     runs = sorted((run for group in groups for run in _runs_of(group)), key=len, reverse=True)
-    lettered = _counted_with_letters(images, runs[0])
+    lettered = _counted_with_letters(images, runs[0]) if runs else []
     if lettered:
         taken = set(lettered)
         rest = [[path for path in run if path not in taken] for run in runs]
