@@ -76,6 +76,22 @@ def number_in_parts(paths: Sequence[Path]) -> list[Fraction] | None:
     return next((values for values in readings if values is not None and is_even(values)), None)
 
 
+def date_columns(paths: Sequence[Path]) -> range:
+    """Return which whole numbers of names that are alike around them are year, month and day, such as 2020-01-31.
+
+    Examples
+    --------
+    >>> date_columns([Path("scan3_2020-01-31_004.png")]), date_columns([Path("scan3_004.png")])
+    (range(1, 4), range(0, 0))
+    """
+    columns, text = columns_of(paths, WHOLE), text_around(paths[0], WHOLE)
+    widths = [set(map(len, column)) for column in columns]
+    for at in range(len(columns) - 2):
+        if widths[at : at + 3] == [{4}, {2}, {2}] and all(between in MARKS for between in text[at + 1 : at + 3]):
+            return range(at, at + 3)
+    return range(0)
+
+
 def is_even(values: Sequence[Fraction]) -> bool:
     """Return whether at least three values rise in equal steps."""
     steps = _steps(values)

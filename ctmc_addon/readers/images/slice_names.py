@@ -20,6 +20,7 @@ from .name_numbers import (
     NUMBER,
     WHOLE,
     columns_of,
+    date_columns,
     is_even,
     is_nearly_even,
     number_in_parts,
@@ -152,7 +153,7 @@ def runs_by_name(images: Sequence[Path]) -> list[list[Path]]:
     """
     groups = _grouped(images, lambda path: text_around(path, NUMBER))
     runs = sorted((run for group in groups for run in _runs_of(group)), key=len, reverse=True)
-    lettered = _counted_with_letters(images, runs[0])
+    lettered = _counted_with_letters(images, runs[0]) if runs else []
     if lettered:
         taken = set(lettered)
         rest = [[path for path in run if path not in taken] for run in runs]
@@ -285,7 +286,8 @@ def _counted_apart(run: list[Path]) -> list[list[Path]]:
     differing = [at for at, column in enumerate(columns) if len(set(column)) > 1]
     if len(differing) < 2 or number_in_parts(run) is not None:
         return [run]
-    counter = max(differing, key=lambda at: (len(set(columns[at])), at))
+    date = date_columns(run)
+    counter = max(differing, key=lambda at: (at not in date, len(set(columns[at])), at))
     parts = _grouped(range(len(run)), lambda name: tuple(columns[at][name] for at in differing if at != counter))
     starts = {min(columns[counter][name] for name in part) for part in parts}
     if len(starts) > 1 or 2 * len(parts) > len(run):

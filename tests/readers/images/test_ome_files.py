@@ -67,7 +67,7 @@ def test_order_and_spacing_are_those_of_the_xml(mirrored, name):
     volume = read_volume(mirrored / name)
     np.testing.assert_array_equal(volume.values, tifffile.imread(mirrored / "f0.ome.tif"))
     assert (seen(volume), volume.spacing, volume.name) == (list(range(8)), SPACING, "ct")
-    assert notes_with(volume, "µm and was converted to mm")
+    assert notes_with(volume, "µm and were converted to mm")
     assert len(notes_with(volume, f"{name} belongs to an OME-TIFF of several files, which was read")) == bool(name)
     assert not notes_with(volume, "no spacing")
     part = read_volume(mirrored / name, region=(1, 0, 2, 5, 4, 7), stride=(2, 2, 3))
