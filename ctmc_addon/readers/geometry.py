@@ -69,13 +69,11 @@ def turned_notes(what: str, lengths: NDArray[np.float64]) -> tuple[str, ...]:
     Examples
     --------
     >>> turned_notes("spacings", np.array([1.0, 1.0, -2.0]))
-    ("the file's spacings are 1 x 1 x -2: an axis below 0 runs backwards; flip x, y or z changes it",)
+    ('the file has spacings 1 x 1 x -2: an axis below 0 runs backwards; flip x, y or z changes it',)
     """
     if not (lengths < 0).any():
         return ()
-    return (
-        f"the file's {what} are {lengths_text(lengths)}: an axis below 0 runs backwards; flip x, y or z changes it",
-    )
+    return (f"the file has {what} {lengths_text(lengths)}: an axis below 0 runs backwards; flip x, y or z changes it",)
 
 
 def require_spacing(affine: NDArray[np.float64], name: str) -> None:

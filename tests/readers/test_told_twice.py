@@ -203,18 +203,18 @@ def test_spacings_beside_other_directions_of_a_nrrd_are_said(tmp_path):
     assert read_volume(nrrd(tmp_path / "ct.nrrd", *lines, "spacings: 1 1 3")).notes == ()
 
 
-TURNED = "{} are 1 x 1 x -2: an axis below 0 runs backwards; flip x, y or z changes it"
+TURNED = "the file has {} 1 x 1 x -2: an axis below 0 runs backwards; flip x, y or z changes it"
 
 
 def test_a_spacing_below_0_turns_its_axis_and_is_said(tmp_path):
     volume = read_volume(nrrd(tmp_path / "ct.nrrd", "spacings: 1 1 -2"))
     np.testing.assert_array_equal(volume.affine[:3, :3], np.diag([-1, -1, -2]))
-    assert volume.notes == (AXIAL, f"the file's {TURNED.format('spacings')}")
+    assert volume.notes == (AXIAL, TURNED.format("spacings"))
     head = "NDims = 3\nDimSize = 5 6 7\nElementType = MET_SHORT\nElementSpacing = 1 1 -2\nElementDataFile = LOCAL\n"
     (tmp_path / "ct.mha").write_bytes(head.encode() + VALUES.tobytes())
     volume = read_volume(tmp_path / "ct.mha")
     np.testing.assert_array_equal(volume.affine[:3, :3], np.diag([-1, -1, -2]))
-    assert volume.notes == (f"the file's {TURNED.format('ElementSpacing')}",)
+    assert volume.notes == (TURNED.format("ElementSpacing"),)
 
 
 @pytest.mark.parametrize(

@@ -93,7 +93,10 @@ def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[
 
 
 def _converted_along(affine: NDArray[np.float64], lengths_mm: list[float]) -> NDArray[np.float64]:
-    """Return an affine whose axes of samples are in different units in mm, with the origin as many samples away."""
+    """Return an affine whose axes of samples are in different units in mm, with the origin as many samples away.
+
+    Where an axis has no length the origin stays as it is.
+    """
     directions = affine.copy()
     directions[:3, 3] = 0.0
     converted = directions * [*lengths_mm, 1.0]
@@ -163,9 +166,8 @@ def _per_axis(header: Mapping[str, Any], name: str, kept: list[int]) -> NDArray[
 def _units_of_space(header: Mapping[str, Any]) -> list[str]:
     """Return the unit along each axis of the patient, none where the file has none; one is all's, a fourth time's."""
     words = [str(word) for word in _field(header, "space units")]
-    if not any(word.strip() for word in words):
-        return []
-    return words[:3] if len(words) > 2 else words[:1] * 3
+    own = words[:3] if len(words) > 2 else words[:1] * 3
+    return own if any(word.strip() for word in own) else []
 
 
 def _units_of_axes(header: Mapping[str, Any], kept: list[int]) -> list[str]:

@@ -335,3 +335,14 @@ def test_a_store_keeps_its_name_in_a_batch(tmp_path):
 def test_metadata_are_json(tmp_path):
     path = save_store(tmp_path / "scan.ome.zarr", numbers())
     assert json.loads((path / "zarr.json").read_text())["attributes"]["ome"]["version"] == "0.5"
+
+
+def test_a_scale_below_0_turns_its_axis_and_is_said(tmp_path):
+    about = multiscales("0.4", unit="millimeter")
+    about["datasets"][0]["coordinateTransformations"] = [{"type": "scale", "scale": [-2.0, 0.5, 0.7]}]
+    values = numbers((3, 4, 5))
+    path = save_by_hand(tmp_path / "ct.ome.zarr", values, values.shape, attrs={"multiscales": [about]})
+    volume = read_volume(path)
+    np.testing.assert_array_equal(volume.affine[:3, :3], np.diag([-0.7, -0.5, -2]))
+    said = "the file has scales 0.7 x 0.5 x -2: an axis below 0 runs backwards; flip x, y or z changes it"
+    assert said in volume.notes
