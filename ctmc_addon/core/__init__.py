@@ -59,7 +59,7 @@ from .memory import (
 from .memory import refusal as memory_refusal
 from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .own_process import BOOT, ending, first_request, interpreter
+from .own_process import BOOT, ending, first_request, interpreter, own_output, requests, say, temporary_files_in
 from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
@@ -225,6 +225,7 @@ __all__ = [
     "memory_refusal",
     "one_line",
     "opacities_of",
+    "own_output",
     "peak_bytes",
     "plan_steps",
     "processors",
@@ -234,12 +235,14 @@ __all__ = [
     "reconstruct_labels_steps",
     "reconstruct_steps",
     "replayed_steps",
+    "requests",
     "require_memory",
     "require_opacities",
     "reset_peak_bytes",
     "resident_bytes",
     "result_and_full_steps",
     "save_structures",
+    "say",
     "setting",
     "shared_surfaces_steps",
     "shown_stride",
@@ -255,6 +258,7 @@ __all__ = [
     "table_cells",
     "table_csv",
     "table_heads",
+    "temporary_files_in",
     "timed_steps",
     "triangle_bytes",
     "unit_of",

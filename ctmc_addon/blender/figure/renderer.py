@@ -22,10 +22,9 @@ from typing import IO, Any, Protocol
 
 import bpy
 
-from ...core import BOOT, OutputError, Step, Steps, ending, first_request, interpreter
+from ...core import BOOT, OutputError, Step, Steps, ending, first_request, interpreter, temporary_files_in
 from ...core.files.atomic_write import refused
 from ...core.files.temporary_names import temporary_name
-from ...core.own_process import temporary_files_in
 from ..output_files import require_room
 from .compose import FigureScene
 from .picture import Picture

@@ -20,8 +20,7 @@ from typing import Any
 
 import bpy
 
-from ...core import CtmcError
-from ...core.own_process import own_output, requests, say
+from ...core import CtmcError, own_output, requests, say
 from .picture import Picture
 from .renderer import MARK
 from .video import Video

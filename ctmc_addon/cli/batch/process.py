@@ -21,9 +21,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
-from ...core import CtmcError, OutputError, ending
+from ...core import CtmcError, OutputError, ending, temporary_files_in
 from ...core.files.atomic_write import write_json
-from ...core.own_process import temporary_files_in
 from .files import RUNNING, WAITING, failed_record, read_record, record_path, require_batch, without_folders
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 

@@ -20,9 +20,17 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from ...core import CtmcError, case_process_is_large, give_back, reset_peak_bytes, resident_bytes
+from ...core import (
+    CtmcError,
+    case_process_is_large,
+    give_back,
+    own_output,
+    requests,
+    reset_peak_bytes,
+    resident_bytes,
+    say,
+)
 from ...core.files.input_files import own_input_files
-from ...core.own_process import own_output, requests, say
 from .case import CHANGING_FOLDERS, do_case
 from .files import own_unfinished_folder, remove_own_unfinished
 

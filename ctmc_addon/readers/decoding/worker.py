@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import CtmcError, ReadError, finish
-from ...core.own_process import own_output, requests, say
+from ...core import CtmcError, ReadError, finish, own_output, requests, say
 from ..dicom.header import ImageFile, read_header
 from ..dicom.labels.classes import SEGMENTATION, label_class
 from ..dicom.labels.segmentation_header import header_steps
