@@ -119,13 +119,13 @@ def test_illustrations_are_sampled_until_the_noise_is_low_and_denoised_where_the
 def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     thing = ShownSurface(add_reconstruction(ball(), scene), name="")
     style = FigureStyle("illustration", scale_bar=False, orientation=False)
-    figure = finish(compose_steps([Cell((thing,))], Page(30.0, 120.0), style))
+    figure = finish(compose_steps([Cell((thing,))], Page(30.0, 200.0), style))
     cycles = figure.scene.cycles
     cycles.use_denoising, cycles.sampling_pattern = False, "TABULATED_SOBOL"
 
     def rendered(name):
         (tmp_path / name).touch()
-        Picture(str(tmp_path / name), name, 120.0, WHITE).make(figure.scene)
+        Picture(str(tmp_path / name), name, 200.0, WHITE).make(figure.scene)
         with Image.open(tmp_path / name) as image:
             return np.asarray(image).astype(int)
 
