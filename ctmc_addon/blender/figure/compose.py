@@ -231,12 +231,12 @@ def arrange(
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
-    board = Board(scene, 1.0, (page.width_mm, page.width_mm), 1.0, page.font_mm, figure.blocks)
+    board = Board(scene, 1.0, (page.printed_width_mm, page.printed_width_mm), 1.0, page.font_mm, figure.blocks)
     board.pen, board.paper = page.pen, page.paper
     layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm), turning)
     figure.layout, figure.unit = layout, layout.unit
     figure.size, figure.paper = page.pixels(layout.height_mm, even), page.paper
-    unit, size_mm = layout.unit, (page.width_mm, layout.height_mm)
+    unit, size_mm = layout.unit, (page.printed_width_mm, layout.height_mm)
 
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)

@@ -85,7 +85,7 @@ def make_layout(
     """
     columns = min(style.columns or columns_for(len(cells)), len(cells))
     rows = math.ceil(len(cells) / columns)
-    inner = page.width_mm - 2 * MARGIN_MM
+    inner = page.printed_width_mm - 2 * MARGIN_MM
     names = [surface.name for surface in cells[0].surfaces if surface.name]
     aside = 0.0 if turning or len(cells) > 1 else names_beside_mm(names, style, board, inner)
     width = (inner - (columns - 1) * GAP_MM) / columns - 2 * aside
@@ -130,7 +130,7 @@ def make_layout(
     if min(width, height) < SMALLEST_MM or widest > width + GAP_MM:
         need = max(SMALLEST_MM, widest) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
         raise SettingsError(
-            f"{columns} x {rows} cells with their captions do not fit {page.width_mm:g} x {total:.0f} mm; "
+            f"{columns} x {rows} cells with their captions do not fit {page.printed_width_mm:g} x {total:.0f} mm; "
             f"choose a width of {math.ceil(need)} mm or more, fewer columns, smaller letters or a larger height"
         )
     pictures = []

@@ -139,6 +139,11 @@ class Page(Described):
         """Return how many pixels a millimeter has."""
         return self.dpi / MM_PER_INCH
 
+    @property
+    def printed_width_mm(self) -> float:
+        """Return the width, that of a column where none is given."""
+        return self.width_mm or COLUMN_MM
+
     def wide(self, structures: int) -> Page:
         """Return the page with a width: its own, else a journal's column, or two for a long legend.
 
@@ -160,8 +165,8 @@ class Page(Described):
             If that is more than a machine can be expected to render.
         """
         step = 2 if even else 1
-        width_mm = self.width_mm or COLUMN_MM
-        width, height = (max(step, step * round(side * self.pixels_per_mm / step)) for side in (width_mm, height_mm))
+        sides_mm = (self.printed_width_mm, height_mm)
+        width, height = (max(step, step * round(side * self.pixels_per_mm / step)) for side in sides_mm)
         if width * height > PIXELS:
             raise SettingsError(
                 f"{width} x {height} pixels are more than {PIXELS // 10**6} million; choose a smaller width or dpi"

@@ -204,7 +204,7 @@ def size_of(page: Page, size: tuple[int, int]) -> str:
         Pixels.
     """
     width_mm, height_mm = (side / page.pixels_per_mm for side in size)
-    return f"{width_mm:.4g} x {height_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
+    return f"{page.width_mm or round(width_mm):g} x {height_mm:.1f} mm, {dimensions(size)} pixels, {page.dpi:g} dpi"
 
 
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
