@@ -71,7 +71,7 @@ def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], li
 
     A remedy that depends on the bytes there are is a function of them.
     """
-    limit = _limit_for(needed_bytes, available_bytes, _available) if limit_bytes is None else limit_bytes
+    limit = _limit_for(needed_bytes, available_bytes) if limit_bytes is None else limit_bytes
     if limit is not None and needed_bytes > limit:
         advice = remedy if isinstance(remedy, str) else remedy(limit)
         raise MemoryLimitError(
@@ -85,20 +85,22 @@ def require_or_killed(needed_bytes: int, what: str, remedy: str) -> None:
     A limit of the address space is left out: it refuses, and what was asked for is often less than was expected.
     """
     if sys.platform.startswith("linux"):
-        require(needed_bytes, what, remedy, _limit_for(needed_bytes, _unrefused, _unrefused))
+        require(needed_bytes, what, remedy, _limit_for(needed_bytes, _unrefused))
 
 
 def _unrefused() -> int | None:
     return linux_available(Path("/"), address_space=False)
 
 
-def _limit_for(needed_bytes: int, available: Callable[[], int | None], again: Callable[[], int | None]) -> int | None:
-    """Return what is available; where that is too little, `again` without freed pages that the C library keeps."""
+def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | None:
+    """Return what is available; where that is too little, without freed pages that the C library keeps."""
+    global _seen
     limit = available()
     if limit is None or needed_bytes <= limit:
         return limit
     give_back()
-    return again()
+    _seen = (-math.inf, None)
+    return available()
 
 
 @contextmanager

@@ -160,12 +160,12 @@ def test_the_system_is_asked_for_its_memory_now_and_then(monkeypatch):
 def test_freed_pages_are_given_back_before_anything_is_refused(monkeypatch):
     given_back = []
     monkeypatch.setattr(memory, "give_back", lambda: given_back.append(None))
-    monkeypatch.setattr(memory, "available_bytes", lambda: 10 << 20)
-    monkeypatch.setattr(memory, "_available", lambda: 30 << 20)
+    monkeypatch.setattr(memory, "available_bytes", lambda: (30 if given_back else 10) << 20)
     memory.require(10 << 20, "this", "do that")
     assert given_back == []
     memory.require(30 << 20, "this", "do that")
     assert given_back == [None]
+    given_back.clear()
     with pytest.raises(
         MemoryLimitError, match=r"^this needs about 31 MiB of memory and 30 MiB are available; do that$"
     ):

@@ -11,6 +11,7 @@ from typing import Any
 from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
+from ...core.files.input_files import add_inputs
 from ..file_formats import format_of, natural_key, stem, suffix
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
@@ -125,6 +126,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
         if own_slice is not None:
             notes.insert(0, f"{own_slice.name} belongs to an OME-TIFF of several files, which was read")
         return ImageFolder(folder, headers, [*notes, *ome_notes], ome.pages.times)
+    add_inputs(images)  # No output replaces a picture that is left out, either.
     images, left_out = slices_by_name(images, own_slice, name)
     notes += left_out
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))

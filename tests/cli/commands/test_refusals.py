@@ -23,7 +23,7 @@ WRONG_USAGE = [
     (["--simplify", "-0.5"], ["at least 0 and below 1"]),
     (["--triangles", "2"], ["4 or more, not 2"]),
     (["--soften", "-1"], ["from 0 to 50"]),
-    (["--spacing", "0", "1", "1"], ["spacing", "above 0"]),
+    (["--spacing", "0", "1", "1"], ["spacing", "from 1e-06 to 10000 mm, not 0"]),
     (["--spacing", "nan"], ["spacing"]),
     (["--flip", "q"], ["flip", "'q'"]),
     (["--region", "5", "5", "5", "1", "1", "1"], ["region"]),
