@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 from ..version import VERSION
 from .budget import Budget, SlabWorkers
 from .described import Described, Setting, checked, defaults, descriptions, setting
-from .each_label import each_label_steps
 from .errors import (
     AbsentLabelError,
     CtmcError,
@@ -53,27 +52,26 @@ from .plan import (
     triangle_bytes,
 )
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
-from .reconstruct import (
+from .reconstruction import Reconstruction, Stage
+from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
+from .sinks import HOLD, Hold, Sink, Write
+from .surfaces.each_label import each_label_steps
+from .surfaces.extract import (
     reconstruct,
     reconstruct_steps,
     result_and_full_steps,
     simplified_steps,
     without_small_steps,
 )
-from .reconstruction import Reconstruction, Stage
-from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
-from .sinks import HOLD, Hold, Sink, Write
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
 if TYPE_CHECKING:
     from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
     from .files.structures import Structure, write_structures, write_structures_steps
-    from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
     from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances
     from .preview import Preview, PreviewResult
-    from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
     from .simplification.simplify import simplify, simplify_steps
     from .structure_table import (
         StructureRow,
@@ -92,17 +90,19 @@ if TYPE_CHECKING:
         structure_names,
         structures_of,
     )
+    from .surfaces.labels import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
+    from .surfaces.shared import SharedSurfaces, shared_surfaces_steps
 
 __getattr__ = names_later(
     __name__,
     {
         ".cost_estimate": "CALIBRATION CostEstimate FieldCache cost_estimate_steps",
         ".files.structures": "Structure write_structures write_structures_steps",
-        ".label_surfaces": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
+        ".surfaces.labels": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
         ".mesh.angles.alpha_choice": "AlphaChoice chosen_alpha_steps",
         ".mesh.distance.triangle_tree": "distances",
         ".preview": "Preview PreviewResult",
-        ".shared_surfaces": "SharedSurfaces shared_surfaces_steps",
+        ".surfaces.shared": "SharedSurfaces shared_surfaces_steps",
         ".simplification.simplify": "simplify simplify_steps",
         ".structure_table": "StructureRow measure_structures measure_structures_steps structure_row_steps "
         "table_cells table_csv table_heads",

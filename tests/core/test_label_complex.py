@@ -17,11 +17,11 @@ from ctmc_addon.core import (
     Volume,
     reconstruct,
 )
-from ctmc_addon.core.label_complex import complex_steps
 from ctmc_addon.core.mesh.label_complex import borders_of
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish
+from ctmc_addon.core.surfaces.interfaces import complex_steps
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])

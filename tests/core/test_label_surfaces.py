@@ -15,13 +15,13 @@ from ctmc_addon.core import (
     ReconstructionSettings,
     SettingsError,
     Volume,
-    each_label,
     reconstruct,
     reconstruct_labels,
     reconstruct_labels_steps,
 )
 from ctmc_addon.core.errors import MemoryLimitError
 from ctmc_addon.core.simplification.whole import memory_needed
+from ctmc_addon.core.surfaces import each_label
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])

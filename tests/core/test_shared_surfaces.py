@@ -18,7 +18,7 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.label_complex import ComplexMesh
-from ctmc_addon.core.shared_surfaces import _crossings_steps
+from ctmc_addon.core.surfaces.shared import _crossings_steps
 from ctmc_addon.core.volume import ValuesInMemory
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])

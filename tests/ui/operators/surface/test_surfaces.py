@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -114,6 +112,7 @@ def too_large(loaded, monkeypatch):
     """The ball, which does not fit as a whole and is simplified as it is extracted; the memory limit."""
 
     from ctmc_addon.core.simplification.whole import memory_needed
+    from ctmc_addon.core.surfaces.extract import FieldSurface
     from ctmc_addon.ui.operators.surface import reconstruct as operators
     from ctmc_addon.ui.properties.preferences import Machine
 
@@ -121,14 +120,13 @@ def too_large(loaded, monkeypatch):
     limit = memory_needed(len(active().data.polygons), None) - 1
     bpy.data.objects.remove(active())
     session.clear()
-    making = sys.modules["ctmc_addon.core.reconstruct"]._Making
-    full_steps = making.full_steps
+    full_steps = FieldSurface.full_steps
 
     def refused_steps(self):
         yield from full_steps(self)
         raise MemoryLimitError("the surface does not fit; choose a larger stride or a region")
 
-    monkeypatch.setattr(making, "full_steps", refused_steps)
+    monkeypatch.setattr(FieldSurface, "full_steps", refused_steps)
     budget = Budget(bytes=limit, slab_bytes=1, work_bytes=0, whole_faces=200)
     monkeypatch.setattr(operators, "machine", lambda: Machine(budget=budget))
     return budget

@@ -15,27 +15,27 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..extraction.grid import Axis, check_stride, make_axes
+from ..extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
+from ..extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
+from ..extraction.interfaces.crossings import Crossings, Placed, crossings_of
+from ..extraction.interfaces.label_samples import LabelSamples, label_samples_steps
+from ..extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
+from ..extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
+from ..mesh.label_complex import ComplexSurface
+from ..parallel import map_steps, side_by_side_steps
+from ..progress import PAUSE, Stages, Steps, equal_part
+from ..settings import ReconstructionSettings
+from ..volume.affine import transform_faces, transform_points
+from ..volume.field import field_steps, field_window_steps, refinement_of, smoothed_note
+from ..volume.field_values import fetched_steps
+from ..volume.labels import ALL, chosen_labels_steps, label_extents_steps
+from ..volume.region import region_box
+from ..volume.smoothing import refined_affine
+from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
-from .errors import CtmcError, LabelError, MeshError, ThresholdError
-from .extraction.grid import Axis, check_stride, make_axes
-from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
-from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
-from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
-from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
-from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
-from .mesh.label_complex import ComplexSurface
-from .parallel import map_steps, side_by_side_steps
-from .progress import PAUSE, Stages, Steps, equal_part
-from .settings import ReconstructionSettings
-from .volume.affine import transform_faces, transform_points
-from .volume.field import field_steps, field_window_steps, refinement_of, smoothed_note
-from .volume.field_values import fetched_steps
-from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
-from .volume.region import region_box
-from .volume.smoothing import refined_affine
-from .volume.volume import Box, Volume
 
 FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
@@ -129,7 +129,7 @@ def complex_steps(
     CtmcError
         As `reconstruct`; a label that was asked for and has no surface.
     """
-    making = _Making(volume, settings, budget or Budget(), all_needed and labels is not None)
+    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed and labels is not None)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -137,7 +137,7 @@ def complex_steps(
     return (yield from making.result_steps())
 
 
-class _Making:
+class LabelInterfaces:
     """A complex that is being made."""
 
     owners: Owners

@@ -15,26 +15,26 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
-from .errors import MemoryLimitError
-from .extraction.field_pieces import surface_pieces_steps
-from .extraction.grid import check_stride
-from .memory import give_back
-from .mesh.face_normals import vertex_normals_steps
-from .mesh.faces_shown import face_notes
-from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
-from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
-from .progress import Stages, Steps, WithResult, finish
-from .reconstruction import Reconstruction, Stage
-from .settings import AUTO, ReconstructionSettings
-from .sinks import HOLD, Sink, Taken
-from .volume.field import Field, field_steps, refinement_of
-from .volume.region import region_box
-from .volume.volume import Box, Volume
+from ..budget import Budget
+from ..errors import MemoryLimitError
+from ..extraction.field_pieces import surface_pieces_steps
+from ..extraction.grid import check_stride
+from ..memory import give_back
+from ..mesh.face_normals import vertex_normals_steps
+from ..mesh.faces_shown import face_notes
+from ..mesh.kept_pieces import KeptPieces, kept_and_removed_steps
+from ..mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from ..progress import Stages, Steps, WithResult, finish
+from ..reconstruction import Reconstruction, Stage
+from ..settings import AUTO, ReconstructionSettings
+from ..sinks import HOLD, Sink, Taken
+from ..volume.field import Field, field_steps, refinement_of
+from ..volume.region import region_box
+from ..volume.volume import Box, Volume
 
 if TYPE_CHECKING:
-    from .mesh.angles.alpha_choice import AlphaChoice
-    from .simplification.whole import Simplification
+    from ..mesh.angles.alpha_choice import AlphaChoice
+    from ..simplification.whole import Simplification
 
 # What report.json and a user read, and the usual share of the time.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
@@ -79,7 +79,7 @@ def reconstruct_steps(
     sink : Sink
         Where the surface goes; by default it is held. What went into a file is not in the result.
     """
-    making = _Making(volume, settings, budget or Budget(), sink)
+    making = FieldSurface(volume, settings, budget or Budget(), sink)
     yield from making.field_steps()
     return (yield from making.result_steps())
 
@@ -88,7 +88,7 @@ def result_and_full_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None
 ) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
     """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
-    making = _Making(volume, settings, budget or Budget(), HOLD)
+    making = FieldSurface(volume, settings, budget or Budget(), HOLD)
     yield from making.field_steps()
     if not _simplifies(settings):
         full = yield from making.full_steps()
@@ -103,7 +103,7 @@ def result_and_full_steps(
 
 def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:
     """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
-    making = _Making(volume, settings, budget or Budget(), HOLD, full=True)
+    making = FieldSurface(volume, settings, budget or Budget(), HOLD, full=True)
     yield from making.field_steps()
     return (yield from making.full_steps())
 
@@ -112,7 +112,7 @@ def simplified_steps(
     full: Reconstruction, settings: ReconstructionSettings, budget: Budget | None = None
 ) -> Steps[Reconstruction]:
     """Return what `full_steps` made, simplified as `settings` ask; their other fields are those it was made with."""
-    making = _Making(None, settings, budget or Budget(), HOLD)
+    making = FieldSurface(None, settings, budget or Budget(), HOLD)
     return (yield from making.simplified_steps(full))
 
 
@@ -192,7 +192,7 @@ class _Timed:
             self.sample, self._every = self.sample[::2].copy(), 2 * self._every
 
 
-class _Making:
+class FieldSurface:
     """A surface that is being made, from the values to the report."""
 
     field: Field
@@ -232,8 +232,8 @@ class _Making:
             return (yield from self.finished_steps(full, None))
         yield from self._choose_steps(holds=False)
         pieces, extracting = self._pieces_steps(joined=False)
-        from .simplification.simplify import simplified_pieces_steps
-        from .simplification.whole import Goal
+        from ..simplification.simplify import simplified_pieces_steps
+        from ..simplification.whole import Goal
 
         goal = Goal(*self._goals, LARGEST_COLLAPSED_MM3)
         with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
@@ -263,7 +263,7 @@ class _Making:
             self.settings = replace(self.settings, alpha=full.settings.alpha)
         simplification, settings = None, self.settings
         if _simplifies(settings):
-            from .simplification.simplify import simplification_steps
+            from ..simplification.simplify import simplification_steps
 
             simplifying = simplification_steps(full.mesh, *self._goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
@@ -324,7 +324,7 @@ class _Making:
             self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
 
     def _choice_steps(self, holds: bool) -> Steps[AlphaChoice]:
-        from .mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
+        from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
 
         if holds:
             extracting = _Timed()

@@ -13,18 +13,24 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
+from ..mesh.complex_components import keep_complex_components_steps
+from ..mesh.face_normals import vertex_normals_steps
+from ..mesh.intersections import self_intersections_steps
+from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
+from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
+from ..progress import Stages, Step, Steps
+from ..reconstruction import Reconstruction, Stage
+from ..settings import AUTO, ReconstructionSettings
+from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
+from ..simplification.component_removal import CollapsedComponents
+from ..volume.labels import labels_by_layer_steps
+from ..volume.region import region_box
+from ..volume.volume import Volume
 from .each_label import NoSurfaceError
-from .errors import CtmcError, LabelError, MeshError, ThresholdError
-from .label_complex import LabelComplex, complex_steps
-from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
-from .mesh.complex_components import keep_complex_components_steps
-from .mesh.face_normals import vertex_normals_steps
-from .mesh.intersections import self_intersections_steps
-from .mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
-from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .progress import Stages, Step, Steps
-from .reconstruct import (
+from .extract import (
     AVERAGING,
     CHOOSING,
     EXTRACTING,
@@ -35,13 +41,7 @@ from .reconstruct import (
     result_and_full_steps,
     voxels_visited,
 )
-from .reconstruction import Reconstruction, Stage
-from .settings import AUTO, ReconstructionSettings
-from .simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
-from .simplification.component_removal import CollapsedComponents
-from .volume.labels import labels_by_layer_steps
-from .volume.region import region_box
-from .volume.volume import Volume
+from .interfaces import LabelComplex, complex_steps
 
 LOOKING = "Looking for labels that cross"
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
@@ -110,7 +110,7 @@ def shared_surfaces_steps(
             if full is not None:
                 made.full[own[0]] = full
         else:
-            making = _Making(layer, settings, own, budget, all_needed)
+            making = TouchingLabels(layer, settings, own, budget, all_needed)
             try:
                 together = yield from stages.run(str(at), making.result_steps())
             except NoSurfaceError as error:
@@ -124,7 +124,7 @@ def shared_surfaces_steps(
     return made
 
 
-class _Making:
+class TouchingLabels:
     """Surfaces of labels of one layer that are being made together."""
 
     def __init__(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one volume: with shared interfaces (shared_surfaces.py), or each by itself.
+"""Surfaces of several labels of one volume: with shared interfaces (shared.py), or each by itself.
 
 By itself every surface has the bytes of `reconstruct` with that label alone.
 """
@@ -10,18 +10,18 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from .budget import Budget
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..progress import Stages, Steps, finish
+from ..reconstruction import Reconstruction
+from ..settings import ReconstructionSettings
+from ..sinks import HOLD, Sink
+from ..volume.labels import ALL, chosen_labels_steps, label_extents_steps
+from ..volume.region import region_box
+from ..volume.volume import Volume
 from .each_label import each_label_steps, left_out, no_surface
-from .errors import CtmcError, LabelError, MeshError, ThresholdError
-from .progress import Stages, Steps, finish
-from .reconstruct import reconstruct_steps
-from .reconstruction import Reconstruction
-from .settings import ReconstructionSettings
-from .shared_surfaces import shared_surfaces_steps
-from .sinks import HOLD, Sink
-from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
-from .volume.region import region_box
-from .volume.volume import Volume
+from .extract import reconstruct_steps
+from .shared import shared_surfaces_steps
 
 STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 

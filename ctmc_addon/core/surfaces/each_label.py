@@ -12,17 +12,17 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from .budget import Budget
-from .errors import CtmcError, LabelError, MemoryLimitError
-from .memory import give_back
-from .parallel import side_by_side_steps
-from .plan import advised_steps
-from .progress import Stages, Steps
-from .settings import ReconstructionSettings
-from .sinks import HOLD, Sink
-from .volume.labels import label_extents_steps
-from .volume.region import region_box
-from .volume.volume import Volume
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MemoryLimitError
+from ..memory import give_back
+from ..parallel import side_by_side_steps
+from ..plan import advised_steps
+from ..progress import Stages, Steps
+from ..settings import ReconstructionSettings
+from ..sinks import HOLD, Sink
+from ..volume.labels import label_extents_steps
+from ..volume.region import region_box
+from ..volume.volume import Volume
 
 Result = TypeVar("Result")
 SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
