@@ -56,13 +56,8 @@ from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .sinks import HOLD, Hold, Sink, Write
 from .surfaces.each_label import each_label_steps
-from .surfaces.extract import (
-    reconstruct,
-    reconstruct_steps,
-    result_and_full_steps,
-    simplified_steps,
-    without_small_steps,
-)
+from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
+from .surfaces.finish import simplified_steps, without_small_steps
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 

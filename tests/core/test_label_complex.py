@@ -156,7 +156,7 @@ def test_one_label_asked_for_alone_has_the_surface_of_today(label):
     alone = reconstruct(volume, ReconstructionSettings(label=label))
     assert np.array_equal(triangles(result.surface.of_label(label)[0].at(1.0)), triangles(alone.surface.at(1.0)))
     assert (result.wrong_side[label], result.notes[label]) == (alone.wrong_side, alone.notes)
-    assert (result.thresholds[label], result.slice_steps) == (alone.threshold, alone.slice_steps)
+    assert (result.thresholds[label], result.scope.slice_steps) == (alone.threshold, alone.slice_steps)
 
 
 def test_labels_that_touch_keep_their_volumes():

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import CtmcError, LabelError, MeshError, ThresholdError
-from ..extraction.grid import Axis, check_stride, make_axes
+from ..extraction.grid import Axis, make_axes
 from ..extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
 from ..extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
 from ..extraction.interfaces.crossings import Crossings, Placed, crossings_of
@@ -29,13 +29,13 @@ from ..parallel import map_steps, side_by_side_steps
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..settings import ReconstructionSettings
 from ..volume.affine import transform_faces, transform_points
-from ..volume.field import field_steps, field_window_steps, refinement_of, smoothed_note
+from ..volume.field import field_steps, field_window_steps, smoothed_note
 from ..volume.field_values import fetched_steps
 from ..volume.labels import ALL, chosen_labels_steps, label_extents_steps
-from ..volume.region import region_box
 from ..volume.smoothing import refined_affine
 from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
+from .request import Scope, scope_of_labels
 
 FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
@@ -75,7 +75,7 @@ class LabelComplex:
         What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
     constants_mm : dict of int to float
         Added to a label's field beside those that it touches.
-    slice_steps : int
+    scope : Scope
     """
 
     surface: ComplexSurface
@@ -88,7 +88,7 @@ class LabelComplex:
     volumes_mm3: dict[int, float]
     label_mm3: dict[int, float]
     constants_mm: dict[int, float]
-    slice_steps: int
+    scope: Scope
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,18 +149,17 @@ class LabelInterfaces:
         self.settings = replace(settings, threshold=None, label=None)
         self.stages = Stages(STAGES)
         self.method = replace(self.settings, label=1).smoothing_method
-        self.region = region_box(volume, settings)
-        self.slice_steps = refinement_of(volume.spacing, replace(self.settings, label=1))
-        first, last = self.region[2][0] * self.slice_steps, (self.region[2][1] - 1) * self.slice_steps
-        check_stride(settings.stride, (*self.region[:2], (first, last + 1)))
+        self.scope = scope_of_labels(volume, settings)
+        self.slice_steps = self.scope.slice_steps
+        self.scope.require_stride()
 
     def fields_steps(self, labels: Sequence[int] | None) -> Steps[None]:
         """Make the field of every label, as for that label alone."""
         volume, budget = self.volume, self.budget
         choices = (ALL,) if labels is None else tuple(labels)
-        chosen = sorted((yield from chosen_labels_steps(volume, choices, self.region, budget.threads)))
+        chosen = sorted((yield from chosen_labels_steps(volume, choices, self.scope.region, budget.threads)))
         runs = [replace(self.settings, label=label) for label in chosen]
-        extents = yield from label_extents_steps(volume, self.region, budget.threads)
+        extents = yield from label_extents_steps(volume, self.scope.region, budget.threads)
         for run in runs:
             if run.label not in extents:  # raises, with the labels that there are
                 yield from field_window_steps(volume, run, budget)
@@ -440,7 +439,7 @@ class LabelInterfaces:
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},
             constants_mm={label: float(self.constants[at]) for at, label in numbered},
-            slice_steps=self.slice_steps,
+            scope=self.scope,
         )
 
 

@@ -22,28 +22,34 @@ from ..mesh.intersections import self_intersections_steps
 from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Stages, Step, Steps
-from ..reconstruction import Reconstruction, Stage
+from ..reconstruction import Reconstruction
 from ..settings import AUTO, ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.component_removal import CollapsedComponents
+from ..sinks import Taken
 from ..volume.labels import labels_by_layer_steps
-from ..volume.region import region_box
 from ..volume.volume import Volume
 from .each_label import NoSurfaceError
-from .extract import (
+from .extract import result_and_full_steps
+from .finish import (
     AVERAGING,
     CHOOSING,
     EXTRACTING,
     KEEPING,
     LARGEST_COLLAPSED_MM3,
+    LOOKING,
     SIMPLIFYING,
-    missed_goal,
-    result_and_full_steps,
-    voxels_visited,
+    described,
+    drops_components,
+    goals_of,
+    simplification_notes,
+    simplifies_here,
+    timed,
 )
 from .interfaces import LabelComplex, complex_steps
+from .request import scope_of_labels
 
-LOOKING = "Looking for labels that cross"
+CLASSIC_NOTE = "Interfaces are cut by the classic cases; topology trilinear needs interfaces separate."
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
@@ -94,7 +100,7 @@ def shared_surfaces_steps(
         As `reconstruct`.
     """
     made = SharedSurfaces({}, {}, {})
-    layers = yield from labels_by_layer_steps(volume, labels, region_box(volume, settings), budget.threads)
+    layers = yield from labels_by_layer_steps(volume, labels, scope_of_labels(volume, settings).region, budget.threads)
     stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
     for at, (layer, own) in enumerate(layers):
         if len(own) == 1:
@@ -140,7 +146,6 @@ class TouchingLabels:
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
         self.choice: AlphaChoice | None = None
-        self.target = 0
         self.crossings: dict[int, int] = {}  # pairs of triangles; only of labels that have some
 
     def result_steps(self) -> Steps[SharedSurfaces]:
@@ -156,7 +161,7 @@ class TouchingLabels:
             self.choice = yield from stages.run(CHOOSING, choosing)
             settings = self.settings = replace(settings, alpha=self.choice.alpha)
         alpha = settings.alpha_number
-        if settings.keep_parts or settings.min_part_mm3:
+        if drops_components(settings):
             limits = (alpha, settings.keep_parts, settings.min_part_mm3)
             keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
             surface, dropped = yield from stages.run(KEEPING, keeping)
@@ -167,11 +172,10 @@ class TouchingLabels:
         if not labels:
             return SharedSurfaces({}, {}, errors)
         full_mesh, simplified = surface.at(alpha), None
-        if settings.simplifies and settings.simplifier == "builtin" and labels:
-            goals = (settings.reduction, settings.target_faces, settings.max_error_mm)
+        if simplifies_here(settings):
+            goals = goals_of(settings)
             simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
-            self.target = settings.target_faces or round(len(full_mesh.faces) * (1 - (settings.reduction or 0)))
         full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
         results = dict(full)
         if simplified is None:
@@ -181,10 +185,11 @@ class TouchingLabels:
         else:
             if simplified.self_intersections != 0:  # some, or not tested yet
                 self.crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
-            results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, full))
-        timed = tuple(Stage(name, stages.seconds[name]) for name in WEIGHTS if name in stages.seconds)
+            before = len(full_mesh.faces)
+            results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
+        ran = timed(WEIGHTS, stages.seconds)
         for made in (full, results):
-            made.update((label, replace(result, stages=timed)) for label, result in made.items())
+            made.update((label, replace(result, stages=ran)) for label, result in made.items())
         return SharedSurfaces(full, results, errors)
 
     def _full_steps(
@@ -204,11 +209,11 @@ class TouchingLabels:
         return full
 
     def _simplified_steps(
-        self, simplified: ComplexSimplification, full: Mapping[int, Reconstruction]
+        self, simplified: ComplexSimplification, full_faces: int, full: Mapping[int, Reconstruction]
     ) -> Steps[dict[int, Reconstruction]]:
         """Return what simplification has left of each label."""
         results: dict[int, Reconstruction] = {}
-        together = simplified.mesh
+        together, handles_cut = simplified.mesh, simplified.handles_cut
         interfaces = together.interfaces
         borders = borders_of(together.faces, together.sides)
         for label, result in full.items():
@@ -218,11 +223,14 @@ class TouchingLabels:
             if self.settings.normals == "mesh":
                 mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
             collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
+            notes = simplification_notes(
+                self.settings, full_faces, len(together.faces), simplified.self_intersections, collapsed, handles_cut
+            )
             results[label] = replace(
                 result,
                 mesh=mesh,
                 surface=None,
-                notes=(*result.notes, *self._notes_of(simplified, collapsed)),
+                notes=result.notes + notes,
                 collapsed_components=collapsed.count,
                 collapsed_mm3=collapsed.volume,
                 beyond=beyond,
@@ -231,48 +239,23 @@ class TouchingLabels:
             )
         return results
 
-    def _notes_of(self, simplified: ComplexSimplification, collapsed: CollapsedComponents) -> list[str]:
-        """Return what simplification did to all labels together, and which components a label lost."""
-        notes, faces = [], len(simplified.mesh.faces)
-        if simplified.self_intersections:
-            notes.append(f"Pairs of triangles that cross each other: {simplified.self_intersections:,}.")
-        if collapsed.count:
-            notes.append(f"{collapsed.sentence('mm3')}.")
-        if simplified.handles_cut:
-            notes.append(f"Small handles that were cut and capped: {simplified.handles_cut:,}.")
-        if self.settings.max_error_mm is None and faces > self.target:
-            notes.append(missed_goal(faces, self.target))
-        return notes
-
-    @property
-    def _notes(self) -> tuple[str, ...]:
-        """What holds for all labels."""
-        notes: tuple[str, ...] = () if self.choice is None else (self.choice.sentence(),)
-        if self.settings.topology != "classic":
-            notes += ("Interfaces are cut by the classic cases; topology trilinear needs interfaces separate.",)
-        return notes
-
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
         """Return the reconstruction of a label's own surface."""
-        volume, settings, extracted = self.volume, self.settings, self.extracted
-        return Reconstruction(
-            mesh=mesh,
-            surface=surface,
-            settings=replace(settings, threshold=None, label=label),
+        extracted = self.extracted
+        result = described(
+            self.volume,
+            extracted.scope,
+            replace(self.settings, threshold=None, label=label),
+            Taken(mesh, surface, wrong_side=extracted.wrong_side[label]),
+            notes=extracted.notes[label],
+            slice_steps=extracted.scope.slice_steps,
+            choice=self.choice,
             threshold=extracted.thresholds[label],
             full_faces=len(mesh.faces),
-            voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, extracted.slice_steps),
             stages=(),
-            spacing_mm=volume.spacing,
-            notes=(*extracted.notes[label], *self._notes),
-            name=volume.name,
-            slice_steps=extracted.slice_steps,
-            wrong_side=extracted.wrong_side[label],
-            label_name=volume.label_names.get(label, ""),
-            label_color=volume.label_colors.get(label),
             beyond=beyond,
-            alpha_choice=self.choice,
         )
+        return result if self.settings.topology == "classic" else replace(result, notes=(*result.notes, CLASSIC_NOTE))
 
 
 def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
