@@ -58,6 +58,8 @@ from .sinks import HOLD, Hold, Sink, Write
 from .surfaces.each_label import each_label_steps
 from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
 from .surfaces.finish import simplified_steps, without_small_steps
+from .surfaces.make import make_surfaces_steps
+from .surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
@@ -86,7 +88,6 @@ if TYPE_CHECKING:
         structures_of,
     )
     from .surfaces.labels import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
-    from .surfaces.shared import SharedSurfaces, shared_surfaces_steps
 
 __getattr__ = names_later(
     __name__,
@@ -97,7 +98,6 @@ __getattr__ = names_later(
         ".mesh.angles.alpha_choice": "AlphaChoice chosen_alpha_steps",
         ".mesh.distance.triangle_tree": "distances",
         ".preview": "Preview PreviewResult",
-        ".surfaces.shared": "SharedSurfaces shared_surfaces_steps",
         ".simplification.simplify": "simplify simplify_steps",
         ".structure_table": "StructureRow measure_structures measure_structures_steps structure_row_steps "
         "table_cells table_csv table_heads",
@@ -126,6 +126,7 @@ __all__ = [
     "Hold",
     "LabelError",
     "LabelSurfaces",
+    "MadeSurface",
     "MemoryLimitError",
     "MeshError",
     "OutputError",
@@ -136,7 +137,6 @@ __all__ = [
     "ReconstructionSettings",
     "Setting",
     "SettingsError",
-    "SharedSurfaces",
     "Sink",
     "SlabResult",
     "SlabTask",
@@ -148,6 +148,7 @@ __all__ = [
     "Structure",
     "StructureRow",
     "Surface",
+    "SurfaceRequest",
     "ThresholdError",
     "TriangleMesh",
     "Volume",
@@ -177,6 +178,7 @@ __all__ = [
     "fits_in_memory",
     "give_back",
     "is_allowed",
+    "make_surfaces_steps",
     "map_steps",
     "marching_cubes",
     "measure_structures",
@@ -200,7 +202,7 @@ __all__ = [
     "result_and_full_steps",
     "save_structures",
     "setting",
-    "shared_surfaces_steps",
+    "share_walls",
     "shown_stride",
     "side_by_side_steps",
     "simplified_steps",

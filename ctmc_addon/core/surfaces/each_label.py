@@ -107,13 +107,13 @@ def each_label_steps(
                 return (yield from working)
         except MemoryLimitError as error:
             if beside:
-                return let_go(error)
+                return without_traceback(error)
             label = runs[at].label  # whose surface nobody can do without: the others need not be made
             if label is None:
                 raise
             raise MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
         except CtmcError as error:
-            return let_go(error)
+            return without_traceback(error)
 
     def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
         works = [lambda at=at: tried_steps(at, at_once) for at in which]
@@ -130,7 +130,7 @@ def each_label_steps(
     return [made[at] for at in range(len(runs))]
 
 
-def let_go(error: CtmcError) -> CtmcError:
+def without_traceback(error: CtmcError) -> CtmcError:
     """The error without what its traceback and its causes hold: the arrays of the work that it ended."""
     error.__cause__ = error.__context__ = None
     return error.with_traceback(None)

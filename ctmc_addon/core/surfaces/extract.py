@@ -42,7 +42,7 @@ from .finish import (
     simplifies_here,
     timed,
 )
-from .request import scope_of
+from .request import MadeSurface, scope_of
 
 if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
@@ -93,19 +93,19 @@ def reconstruct_steps(
 
 def result_and_full_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None
-) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+) -> Steps[MadeSurface]:
     """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD)
     yield from making.field_steps()
     if not simplifies_here(settings):
         full = yield from making.full_steps()
-        return (yield from making.finished_steps(full, None)), full
+        return MadeSurface((yield from making.finished_steps(full, None)), full)
     try:
         full = yield from making.full_steps()
-        return (yield from making.simplified_steps(full)), full
+        return MadeSurface((yield from making.simplified_steps(full)), full)
     except (MemoryLimitError, MemoryError):
         give_back()  # the full surface, which went with its steps
-    return (yield from making.result_steps()), None
+    return MadeSurface((yield from making.result_steps()))
 
 
 def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:

@@ -19,7 +19,7 @@ from ..reconstruction import Reconstruction, Stage
 from ..settings import AUTO, ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
 from ..volume.volume import Volume
-from .request import Scope
+from .request import MadeSurface, Scope
 
 if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
@@ -64,6 +64,15 @@ def without_small_steps(
         full_faces=len(mesh.faces),
         removed_components=full.removed_components + removed,
     )
+
+
+def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget: Budget) -> Steps[MadeSurface]:
+    """Return the surface that the settings ask for, of a full one of other settings, and the full one of these."""
+    if full.surface is not None and full.settings.alpha != settings.alpha:  # the slider has moved since
+        full = replace(full, mesh=full.surface.at(settings.alpha_number), settings=settings)
+    if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
+        full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
+    return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
 def drops_components(settings: ReconstructionSettings) -> bool:

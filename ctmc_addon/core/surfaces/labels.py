@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one volume: with shared interfaces (shared.py), or each by itself.
+"""Surfaces of several labels of one volume: with shared interfaces, or each by itself.
 
 By itself every surface has the bytes of `reconstruct` with that label alone.
 """
@@ -11,17 +11,17 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from ..budget import Budget
-from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..errors import LabelError, MeshError, ThresholdError
 from ..progress import Stages, Steps, finish
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
-from ..volume.labels import ALL, chosen_labels_steps, label_extents_steps
+from ..volume.labels import ALL, chosen_labels_steps
 from ..volume.region import region_box
 from ..volume.volume import Volume
-from .each_label import each_label_steps, left_out, no_surface
-from .extract import reconstruct_steps
-from .shared import shared_surfaces_steps
+from .each_label import left_out, no_surface
+from .make import make_surfaces_steps
+from .request import MadeSurface, SurfaceRequest
 
 STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 
@@ -92,63 +92,19 @@ def reconstruct_labels_steps(
     budget = budget or Budget()
     stages = Stages(STAGES)
     finding, making = STAGES
-    box = region_box(volume, settings)
     choices = (ALL,) if labels is None else tuple(labels)
-    chosen = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
-    extents = yield from stages.run(finding, label_extents_steps(volume, box, budget.threads))
-    runs = [replace(settings, threshold=None, label=label) for label in chosen]
-    for run in runs:
-        if run.label not in extents:  # raises, with the labels that there are
-            yield from reconstruct_steps(volume, run, budget)
-    if settings.interfaces == "shared" and len(chosen) > 1:
-        results = yield from stages.run(
-            making, _shared_steps(volume, settings, chosen, budget, sink_of, labels is not None)
-        )
-    else:
-        results = yield from stages.run(making, _separate_steps(volume, runs, budget, sink_of))
+    looking = chosen_labels_steps(volume, choices, region_box(volume, settings), budget.threads)
+    chosen = yield from stages.run(finding, looking)
+    requests = [SurfaceRequest(replace(settings, threshold=None, label=label), sink_of(label)) for label in chosen]
+    working = make_surfaces_steps(volume, requests, budget, all_needed=labels is not None)
     surfaces, errors = [], {}
-    for label, result in zip(chosen, results, strict=True):
-        if isinstance(result, Reconstruction):
-            surfaces.append(result)
-        elif labels is None and isinstance(result, (LabelError, MeshError, ThresholdError)):
-            errors[label] = result
+    for label, outcome in zip(chosen, (yield from stages.run(making, working)), strict=True):
+        if isinstance(outcome, MadeSurface):
+            surfaces.append(outcome.result)
+        elif isinstance(outcome, (LabelError, MeshError, ThresholdError)):
+            errors[label] = outcome
         else:
-            raise result
+            raise outcome
     if not surfaces:
         raise no_surface(volume, errors)
     return LabelSurfaces(surfaces, [left_out(volume, label, error) for label, error in errors.items()])
-
-
-def _separate_steps(
-    volume: Volume, runs: Sequence[ReconstructionSettings], budget: Budget, sink_of: Callable[[int], Sink]
-) -> Steps[list[Reconstruction | CtmcError]]:
-    """Make each label by itself."""
-
-    def work_steps(at: int, budget: Budget) -> Steps[Reconstruction]:
-        return (yield from reconstruct_steps(volume, runs[at], budget, sinks[at]))
-
-    sinks = [sink_of(run.label) for run in runs if run.label is not None]
-    return (yield from each_label_steps(volume, runs, work_steps, budget, sinks[0]))
-
-
-def _shared_steps(
-    volume: Volume,
-    settings: ReconstructionSettings,
-    labels: Sequence[int],
-    budget: Budget,
-    sink_of: Callable[[int], Sink],
-    all_needed: bool,
-) -> Steps[list[Reconstruction | CtmcError]]:
-    """Make all labels together, then hand each to its sink."""
-    made = yield from shared_surfaces_steps(volume, settings, labels, budget, all_needed)
-    results: list[Reconstruction | CtmcError] = []
-    for label in labels:
-        if label not in made.results:
-            results.append(made.errors[label])
-            continue
-        result, sink = made.results[label], sink_of(label)
-        if not sink.holds:
-            taken = yield from sink.mesh_steps(result.mesh)
-            result = replace(result, mesh=taken.mesh, surface=None, measured=taken.measured, beyond=None)
-        results.append(result)
-    return results

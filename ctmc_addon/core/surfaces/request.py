@@ -4,13 +4,63 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 from ..extraction.grid import check_stride
+from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
+from ..sinks import HOLD, Sink
 from ..volume.field import refinement_of
 from ..volume.region import region_box
 from ..volume.volume import Box, Volume
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceRequest:
+    """A surface to make.
+
+    Parameters
+    ----------
+    settings : ReconstructionSettings
+    sink : Sink
+        Where the surface goes; by default it is held.
+    needs_full : bool
+        Whether the full surface is returned too, to be simplified again.
+    full : Reconstruction, optional
+        A full surface of other settings to begin with, so that nothing is extracted.
+    written_bytes : int
+        Of a triangle of a held surface, while Blender writes it.
+    """
+
+    settings: ReconstructionSettings
+    sink: Sink = HOLD
+    needs_full: bool = False
+    full: Reconstruction | None = None
+    written_bytes: int = 0
+
+
+class MadeSurface(NamedTuple):
+    """A surface, and all its triangles before the built-in simplifier.
+
+    Parameters
+    ----------
+    result : Reconstruction
+        As its settings ask.
+    full : Reconstruction or None
+        None where it was not asked for, or does not fit in memory.
+    """
+
+    result: Reconstruction
+    full: Reconstruction | None = None
+
+
+def share_walls(all_settings: Sequence[ReconstructionSettings]) -> bool:
+    """Return whether surfaces are made together because their walls are the same triangles."""
+    return len(all_settings) > 1 and all(
+        settings.label is not None and settings.interfaces == "shared" for settings in all_settings
+    )
 
 
 @dataclass(frozen=True)

@@ -1,20 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one volume whose neighbors share their interfaces: made and simplified together.
-
-Labels that overlap lie in different layers of the volume; interfaces are shared within a layer.
-"""
+"""Surfaces of several labels of one layer whose neighbors share their interfaces: made and simplified together."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
-from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..errors import CtmcError
 from ..mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from ..mesh.complex_components import keep_complex_components_steps
 from ..mesh.face_normals import vertex_normals_steps
@@ -27,10 +23,7 @@ from ..settings import AUTO, ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.component_removal import CollapsedComponents
 from ..sinks import Taken
-from ..volume.labels import labels_by_layer_steps
 from ..volume.volume import Volume
-from .each_label import NoSurfaceError
-from .extract import result_and_full_steps
 from .finish import (
     AVERAGING,
     CHOOSING,
@@ -47,87 +40,10 @@ from .finish import (
     timed,
 )
 from .interfaces import LabelComplex, complex_steps
-from .request import scope_of_labels
+from .request import MadeSurface
 
 CLASSIC_NOTE = "Interfaces are cut by the classic cases; topology trilinear needs interfaces separate."
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
-
-
-class SharedSurfaces(NamedTuple):
-    """Surfaces that fit each other, by label.
-
-    Parameters
-    ----------
-    full : mapping of int to Reconstruction
-        Every surface before the built-in simplifier, at both ends of alpha, where that fits in memory.
-    results : mapping of int to Reconstruction
-        What the settings ask for; the same where nothing is simplified.
-    errors : mapping of int to CtmcError
-        Why a label has no surface.
-    """
-
-    full: dict[int, Reconstruction]
-    results: dict[int, Reconstruction]
-    errors: dict[int, CtmcError]
-
-
-def shared_surfaces_steps(
-    volume: Volume,
-    settings: ReconstructionSettings,
-    labels: Sequence[int],
-    budget: Budget,
-    all_needed: bool = True,
-) -> Steps[SharedSurfaces]:
-    """Make the surfaces of labels that all have samples, neighbors with the same triangles where they touch.
-
-    Parameters
-    ----------
-    volume : Volume
-        Of labels.
-    settings : ReconstructionSettings
-        Of every surface; their own label does not count. A number of triangles is that of all surfaces of a layer, what
-        two of them share counted once.
-    labels : sequence of int
-    budget : Budget
-    all_needed : bool
-        Whether a label without a surface is an error; else its error is in the result.
-
-    Raises
-    ------
-    MemoryLimitError
-        Where the labels do not fit in memory together.
-    CtmcError
-        As `reconstruct`.
-    """
-    made = SharedSurfaces({}, {}, {})
-    layers = yield from labels_by_layer_steps(volume, labels, scope_of_labels(volume, settings).region, budget.threads)
-    stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
-    for at, (layer, own) in enumerate(layers):
-        if len(own) == 1:
-            alone = replace(settings, threshold=None, label=own[0])
-            try:
-                result, full = yield from stages.run(str(at), result_and_full_steps(layer, alone, budget))
-            except (LabelError, MeshError, ThresholdError) as error:
-                if all_needed:
-                    raise
-                made.errors[own[0]] = error
-                continue
-            made.results[own[0]] = result
-            if full is not None:
-                made.full[own[0]] = full
-        else:
-            making = TouchingLabels(layer, settings, own, budget, all_needed)
-            try:
-                together = yield from stages.run(str(at), making.result_steps())
-            except NoSurfaceError as error:
-                if all_needed:
-                    raise
-                made.errors.update(error.errors)
-                continue
-            made.full.update(together.full)
-            made.results.update(together.results)
-            made.errors.update(together.errors)
-    return made
 
 
 class TouchingLabels:
@@ -148,7 +64,7 @@ class TouchingLabels:
         self.choice: AlphaChoice | None = None
         self.crossings: dict[int, int] = {}  # pairs of triangles; only of labels that have some
 
-    def result_steps(self) -> Steps[SharedSurfaces]:
+    def result_steps(self) -> Steps[dict[int, MadeSurface | CtmcError]]:
         """Extract, drop small components, simplify, and return each label's own surface."""
         settings, stages = self.settings, self.stages
         extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed)
@@ -170,7 +86,7 @@ class TouchingLabels:
                 raise next(iter(dropped.values()))
         labels = [label for label in self.labels if label not in errors]
         if not labels:
-            return SharedSurfaces({}, {}, errors)
+            return {**errors}
         full_mesh, simplified = surface.at(alpha), None
         if simplifies_here(settings):
             goals = goals_of(settings)
@@ -188,9 +104,11 @@ class TouchingLabels:
             before = len(full_mesh.faces)
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
         ran = timed(WEIGHTS, stages.seconds)
-        for made in (full, results):
-            made.update((label, replace(result, stages=ran)) for label, result in made.items())
-        return SharedSurfaces(full, results, errors)
+        made = {
+            label: MadeSurface(replace(results[label], stages=ran), replace(result, stages=ran))
+            for label, result in full.items()
+        }
+        return {**made, **errors}
 
     def _full_steps(
         self, surface: ComplexSurface, mesh: ComplexMesh, labels: Iterable[int]

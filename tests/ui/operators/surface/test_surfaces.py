@@ -40,10 +40,10 @@ def active():
 
 def steps_of(scene, *runs, target=None):
     """The steps of a reconstruction, as the panel's button drives them."""
-    from ctmc_addon.ui.operators.surface.placing import SurfaceRequest
+    from ctmc_addon.ui.operators.surface.placing import ObjectRequest
     from ctmc_addon.ui.operators.surface.reconstruct import surfaces_steps
 
-    requests = [SurfaceRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
+    requests = [ObjectRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
     return surfaces_steps(volumes.current(scene), requests, scene.session_uid)
 
 
@@ -257,11 +257,11 @@ def test_ticks_and_the_label_setting_go_together(scene, labels_file):
 
 
 def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file, monkeypatch):
-    from ctmc_addon.ui.operators.surface import reconstruct as operators
+    from ctmc_addon.core.surfaces import make
 
     bpy.ops.ctmc.reconstruct()
     full = len(active().data.polygons)
-    monkeypatch.setattr(operators, "result_and_full_steps", None)  # extraction would fail
+    monkeypatch.setattr(make, "result_and_full_steps", None)  # extraction would fail
     for reduction in (0.5, 0.9, 0.25):
         loaded.ctmc.reduction = reduction
         assert bpy.ops.ctmc.simplify() == {"FINISHED"}
