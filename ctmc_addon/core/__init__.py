@@ -55,7 +55,6 @@ from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_step
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .sinks import HOLD, Hold, Sink, Write
-from .surfaces.each_label import each_label_steps
 from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
 from .surfaces.finish import simplified_steps, without_small_steps
 from .surfaces.make import make_surfaces_steps
@@ -171,7 +170,6 @@ __all__ = [
     "defaults",
     "descriptions",
     "distances",
-    "each_label_steps",
     "equal_part",
     "files_of",
     "finish",

@@ -45,6 +45,8 @@ class Budget:
         Bytes of working memory, at most, besides the values and the surface.
     whole_faces : int
         Triangles up to which a surface is simplified as a whole; batches of larger ones have about a quarter as many.
+    small_label : int
+        Voxels of work that each of several labels has besides those of its box.
 
     Examples
     --------
@@ -59,6 +61,7 @@ class Budget:
     slab_bytes: int = 1 << 22
     work_bytes: int = 128 << 20
     whole_faces: int = 1 << 20
+    small_label: int = 1 << 15
 
     @property
     def thread_count(self) -> int:

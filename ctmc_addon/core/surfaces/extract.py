@@ -42,7 +42,7 @@ from .finish import (
     simplifies_here,
     timed,
 )
-from .request import MadeSurface, scope_of
+from .request import MadeSurface, Scope, scope_of
 
 if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
@@ -77,7 +77,11 @@ def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget
 
 
 def reconstruct_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, sink: Sink = HOLD
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
+    scope: Scope | None = None,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels.
 
@@ -85,17 +89,19 @@ def reconstruct_steps(
     ----------
     sink : Sink
         Where the surface goes; by default it is held. What went into a file is not in the result.
+    scope : Scope, optional
+        Of volume and settings, where it is known already.
     """
-    making = FieldSurface(volume, settings, budget or Budget(), sink)
+    making = FieldSurface(volume, settings, budget or Budget(), sink, scope=scope)
     yield from making.field_steps()
     return (yield from making.result_steps())
 
 
 def result_and_full_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None
+    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, scope: Scope | None = None
 ) -> Steps[MadeSurface]:
     """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
-    making = FieldSurface(volume, settings, budget or Budget(), HOLD)
+    making = FieldSurface(volume, settings, budget or Budget(), HOLD, scope=scope)
     yield from making.field_steps()
     if not simplifies_here(settings):
         full = yield from making.full_steps()
@@ -149,10 +155,16 @@ class FieldSurface(Finish):
     field: Field
 
     def __init__(
-        self, volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False
+        self,
+        volume: Volume,
+        settings: ReconstructionSettings,
+        budget: Budget,
+        sink: Sink,
+        full: bool = False,
+        scope: Scope | None = None,
     ) -> None:
         super().__init__(settings, budget, sink, full)
-        self.volume, self.scope = volume, scope_of(volume, settings)
+        self.volume, self.scope = volume, scope or scope_of(volume, settings)
         self.choice: AlphaChoice | None = None
         self._held: Held | None = None  # the pieces of the surface, until it is taken
         self._held_seconds = 0.0
@@ -161,7 +173,8 @@ class FieldSurface(Finish):
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from."""
-        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
+        keeps = not self._shows_normals
+        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=keeps, region=self.scope.region)
         self.field = yield from self.stages.run(PREPARING, preparing)
         self.seconds[PREPARING] = self.stages.seconds[PREPARING]
 

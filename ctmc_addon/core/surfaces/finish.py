@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The end of every surface, of one field or of labels that touch: stages, notes, description, a second simplification.
+"""Finish every surface, of one field or of labels that touch: stages, notes, description, another simplification.
 
 The only place that names the stages.
 """

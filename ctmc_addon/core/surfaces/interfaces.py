@@ -60,7 +60,6 @@ class LabelComplex:
     ----------
     surface : ComplexSurface
         In RAS+ mm; its sides are the labels' values.
-    settings : ReconstructionSettings
     labels : tuple of int
         That have a surface, rising.
     errors : dict of int to CtmcError
@@ -79,7 +78,6 @@ class LabelComplex:
     """
 
     surface: ComplexSurface
-    settings: ReconstructionSettings
     labels: tuple[int, ...]
     errors: dict[int, CtmcError]
     thresholds: dict[int, float]
@@ -109,6 +107,7 @@ def complex_steps(
     labels: Sequence[int] | None = None,
     budget: Budget | None = None,
     all_needed: bool = True,
+    scope: Scope | None = None,
 ) -> Steps[LabelComplex]:
     """Make the surfaces of several labels as one complex.
 
@@ -123,13 +122,16 @@ def complex_steps(
         Threads and memory; the result does not depend on it.
     all_needed : bool
         Whether a label that was asked for and has no surface is an error; else it is left out.
+    scope : Scope, optional
+        Of volume and settings, where it is known already.
 
     Raises
     ------
     CtmcError
         As `reconstruct`; a label that was asked for and has no surface.
     """
-    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed and labels is not None)
+    scope = scope or scope_of_labels(volume, settings)
+    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed and labels is not None, scope)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -143,35 +145,35 @@ class LabelInterfaces:
     owners: Owners
     placed: Placed
 
-    def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool) -> None:
-        self.all_needed = all_needed
+    def __init__(
+        self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool, scope: Scope
+    ) -> None:
+        self.all_needed, self.scope, self.slice_steps = all_needed, scope, scope.slice_steps
         self.volume, self.budget = volume.as_labels, budget
         self.settings = replace(settings, threshold=None, label=None)
         self.stages = Stages(STAGES)
         self.method = replace(self.settings, label=1).smoothing_method
-        self.scope = scope_of_labels(volume, settings)
-        self.slice_steps = self.scope.slice_steps
-        self.scope.require_stride()
+        scope.require_stride()
 
     def fields_steps(self, labels: Sequence[int] | None) -> Steps[None]:
         """Make the field of every label, as for that label alone."""
-        volume, budget = self.volume, self.budget
+        volume, budget, region = self.volume, self.budget, self.scope.region
         choices = (ALL,) if labels is None else tuple(labels)
-        chosen = sorted((yield from chosen_labels_steps(volume, choices, self.scope.region, budget.threads)))
+        chosen = sorted((yield from chosen_labels_steps(volume, choices, region, budget.threads)))
         runs = [replace(self.settings, label=label) for label in chosen]
-        extents = yield from label_extents_steps(volume, self.scope.region, budget.threads)
+        extents = yield from label_extents_steps(volume, region, budget.threads)
         for run in runs:
             if run.label not in extents:  # raises, with the labels that there are
-                yield from field_window_steps(volume, run, budget)
+                yield from field_window_steps(volume, run, budget, region)
 
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
-            field = yield from field_steps(volume, runs[at], own)
+            field = yield from field_steps(volume, runs[at], own, region=region)
             if self.method != "constrained":
                 field.check()  # which constrained smoothing has done
             samples = None if self.method == "none" else (yield from label_samples_steps(field))
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
-        made = yield from self.stages.run(FIELDS, each_label_steps(volume, runs, work_steps, budget))
+        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, budget))
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}
@@ -430,7 +432,6 @@ class LabelInterfaces:
         numbered = [(at, label) for at, label in enumerate(self.labels, 1) if label in with_surface]
         return LabelComplex(
             surface=surface,
-            settings=settings,
             labels=tuple(label for _, label in numbered),
             errors=self.errors,
             thresholds={label: self.fields[at - 1].threshold for at, label in numbered},

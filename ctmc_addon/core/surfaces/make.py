@@ -20,7 +20,7 @@ from ..volume.volume import Volume
 from .each_label import NoSurfaceError, each_label_steps, without_traceback
 from .extract import reconstruct_steps, result_and_full_steps
 from .finish import remade_steps
-from .request import MadeSurface, SurfaceRequest, scope_of_labels, share_walls
+from .request import MadeSurface, Scope, SurfaceRequest, scope_of_labels, share_walls
 
 Outcome = MadeSurface | CtmcError
 
@@ -91,23 +91,21 @@ def _group_steps(
     if len(requests) == 1:
         return [(yield from _alone_steps(volume, requests[0], budget, all_needed))]
     assert volume is not None, "labels are extracted"
-    region = scope_of_labels(volume, requests[0].settings).region
-    extents = yield from label_extents_steps(volume, region, budget.threads)
+    scope = scope_of_labels(volume, requests[0].settings)
+    extents = yield from label_extents_steps(volume, scope.region, budget.threads)
+    present = [at for at, request in enumerate(requests) if request.settings.label in extents]
+    absent = [at for at in range(len(requests)) if at not in present]
+    several = present if len(present) > 1 else []
     made: dict[int, Outcome] = {}
-    present: list[int] = []
-    for at, request in enumerate(requests):
-        if request.settings.label in extents:
-            present.append(at)
-        else:  # an error that says which labels there are
-            made[at] = yield from _alone_steps(volume, request, budget, all_needed)
-    members = [requests[at] for at in present]
+    for at in absent if several else absent + present:  # an absent label gives an error that says which there are
+        made[at] = yield from _alone_steps(volume, requests[at], budget, all_needed)
+    members = [requests[at] for at in several]
+    results: list[Outcome] = []
     if share_walls([request.settings for request in members]):
-        results = yield from _together_steps(volume, members, budget, all_needed)
-    elif len(members) == 1:
-        results = [(yield from _alone_steps(volume, members[0], budget, all_needed))]
-    else:
-        results = yield from _each_steps(volume, members, budget)
-    made.update(zip(present, results, strict=True))
+        results = yield from _together_steps(volume, scope, members, budget, all_needed)
+    elif members:
+        results = yield from _each_steps(volume, scope, members, budget)
+    made.update(zip(several, results, strict=True))
     return [made[at] for at in range(len(requests))]
 
 
@@ -134,43 +132,46 @@ def _outcome_steps(making: Steps[MadeSurface], all_needed: bool) -> Steps[Outcom
         return without_traceback(error)
 
 
-def _one_steps(volume: Volume, request: SurfaceRequest, budget: Budget) -> Steps[MadeSurface]:
+def _one_steps(
+    volume: Volume, request: SurfaceRequest, budget: Budget, scope: Scope | None = None
+) -> Steps[MadeSurface]:
     """Make one surface, and the full one where that is needed."""
     if request.needs_full:
-        return (yield from result_and_full_steps(volume, request.settings, budget))
-    return MadeSurface((yield from reconstruct_steps(volume, request.settings, budget, request.sink)))
+        return (yield from result_and_full_steps(volume, request.settings, budget, scope))
+    return MadeSurface((yield from reconstruct_steps(volume, request.settings, budget, request.sink, scope)))
 
 
-def _each_steps(volume: Volume, requests: Sequence[SurfaceRequest], budget: Budget) -> Steps[list[Outcome]]:
+def _each_steps(
+    volume: Volume, scope: Scope, requests: Sequence[SurfaceRequest], budget: Budget
+) -> Steps[list[Outcome]]:
     """Make labels by themselves, several at a time."""
 
     def work_steps(at: int, own: Budget) -> Steps[MadeSurface]:
-        return (yield from _one_steps(volume, requests[at], own))
+        return (yield from _one_steps(volume, requests[at], own, scope))
 
     runs = [request.settings for request in requests]
-    return (yield from each_label_steps(volume, runs, work_steps, budget, requests[0].sink)) if runs else []
+    return (yield from each_label_steps(volume, scope.region, runs, work_steps, budget, requests[0].sink))
 
 
 def _together_steps(
-    volume: Volume, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
+    volume: Volume, scope: Scope, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
 ) -> Steps[list[Outcome]]:
     """Make labels that share their interfaces, layer by layer, then hand each to its sink."""
     from .shared import TouchingLabels
 
     settings = requests[0].settings
     labels = [request.settings.label for request in requests if request.settings.label is not None]
-    region = scope_of_labels(volume, settings).region
-    layers = yield from labels_by_layer_steps(volume, labels, region, budget.threads)
+    layers = yield from labels_by_layer_steps(volume, labels, scope.region, budget.threads)
     stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
     made: dict[int, Outcome] = {}
     for at, (layer, own) in enumerate(layers):
         if len(own) == 1:
             held = replace(requests[labels.index(own[0])], sink=HOLD)
-            lone = _outcome_steps(_one_steps(layer, held, budget), all_needed)
+            lone = _outcome_steps(_one_steps(layer, held, budget, scope), all_needed)
             made[own[0]] = yield from stages.run(str(at), lone)
             continue
         try:
-            making = TouchingLabels(layer, settings, own, budget, all_needed).result_steps()
+            making = TouchingLabels(layer, scope, settings, own, budget, all_needed).result_steps()
             made |= yield from stages.run(str(at), making)
         except NoSurfaceError as error:
             if all_needed:

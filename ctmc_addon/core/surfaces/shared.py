@@ -40,7 +40,7 @@ from .finish import (
     timed,
 )
 from .interfaces import LabelComplex, complex_steps
-from .request import MadeSurface
+from .request import MadeSurface, Scope
 
 CLASSIC_NOTE = "Interfaces are cut by the classic cases; topology trilinear needs interfaces separate."
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
@@ -52,13 +52,14 @@ class TouchingLabels:
     def __init__(
         self,
         volume: Volume,
+        scope: Scope,
         settings: ReconstructionSettings,
         labels: Sequence[int],
         budget: Budget,
         all_needed: bool,
     ) -> None:
-        self.volume, self.settings, self.labels, self.budget = volume, settings, labels, budget
-        self.all_needed = all_needed
+        self.volume, self.scope, self.settings, self.labels = volume, scope, settings, labels
+        self.budget, self.all_needed = budget, all_needed
         self.stages = Stages(WEIGHTS)
         self.extracted: LabelComplex
         self.choice: AlphaChoice | None = None
@@ -67,7 +68,7 @@ class TouchingLabels:
     def result_steps(self) -> Steps[dict[int, MadeSurface | CtmcError]]:
         """Extract, drop small components, simplify, and return each label's own surface."""
         settings, stages = self.settings, self.stages
-        extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed)
+        extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed, self.scope)
         self.extracted = yield from stages.run(EXTRACTING, extracting)
         surface = self.extracted.surface
         errors: dict[int, CtmcError] = dict(self.extracted.errors)
@@ -162,11 +163,11 @@ class TouchingLabels:
         extracted = self.extracted
         result = described(
             self.volume,
-            extracted.scope,
+            self.scope,
             replace(self.settings, threshold=None, label=label),
             Taken(mesh, surface, wrong_side=extracted.wrong_side[label]),
             notes=extracted.notes[label],
-            slice_steps=extracted.scope.slice_steps,
+            slice_steps=self.scope.slice_steps,
             choice=self.choice,
             threshold=extracted.thresholds[label],
             full_faces=len(mesh.faces),
