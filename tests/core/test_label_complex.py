@@ -22,6 +22,7 @@ from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.surfaces.interfaces import complex_steps
+from ctmc_addon.core.volume import chosen_labels_steps
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
@@ -41,7 +42,9 @@ def kidney(affine=None):
 
 
 def made(volume, labels=None, budget=None, **settings):
-    return finish(complex_steps(volume, ReconstructionSettings(**settings), labels, budget))
+    """Return the complex of some labels, or of all that have a surface."""
+    chosen = labels or finish(chosen_labels_steps(volume, ["all"]))
+    return finish(complex_steps(volume, ReconstructionSettings(**settings), chosen, budget, labels is not None))
 
 
 def is_closed(mesh):

@@ -39,7 +39,6 @@ from .finish import (
     described,
     drops_components,
     goals_of,
-    simplifies_here,
     timed,
 )
 from .request import MadeSurface, Scope, scope_of
@@ -103,7 +102,7 @@ def result_and_full_steps(
     """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD, scope=scope)
     yield from making.field_steps()
-    if not simplifies_here(settings):
+    if not settings.simplifies_here:
         full = yield from making.full_steps()
         return MadeSurface((yield from making.finished_steps(full, None)), full)
     try:
@@ -180,7 +179,7 @@ class FieldSurface(Finish):
 
     def result_steps(self) -> Steps[Reconstruction]:
         """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""
-        if not simplifies_here(self.settings):
+        if not self.settings.simplifies_here:
             full = yield from self.full_steps()
             return (yield from self.finished_steps(full, None))
         yield from self._choose_steps(holds=False)

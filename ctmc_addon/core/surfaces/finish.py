@@ -80,11 +80,6 @@ def drops_components(settings: ReconstructionSettings) -> bool:
     return bool(settings.keep_parts or settings.min_part_mm3)
 
 
-def simplifies_here(settings: ReconstructionSettings) -> bool:
-    """Return whether the built-in simplifier has a goal."""
-    return settings.simplifies and settings.simplifier == "builtin"
-
-
 def goals_of(settings: ReconstructionSettings) -> tuple[float | None, int | None, float | None]:
     """Return the reduction, the number of triangles and the maximum error that are asked for."""
     return settings.reduction, settings.target_faces, settings.max_error_mm
@@ -100,7 +95,7 @@ def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict
         CHOOSING: 50 * (settings.alpha == AUTO),
         EXTRACTING: 42,
         KEEPING: 3 * drops_components(settings),
-        SIMPLIFYING: 33 * (simplifies_here(settings) and not full),
+        SIMPLIFYING: 33 * (settings.simplifies_here and not full),
         AVERAGING: 2 * (settings.normals == "mesh" and not full),
         WRITING: 0 if sink.holds else 10,
     }
@@ -217,7 +212,7 @@ class Finish:
         if self.settings.alpha == AUTO:
             self.settings = replace(self.settings, alpha=full.settings.alpha)
         simplification = None
-        if simplifies_here(self.settings):
+        if self.settings.simplifies_here:
             from ..simplification.simplify import simplification_steps
 
             goals = goals_of(self.settings)
@@ -256,6 +251,6 @@ class Finish:
             mesh=mesh,
             settings=settings,
             stages=full.stages + timed((SIMPLIFYING, AVERAGING, WRITING), self.seconds),
-            self_intersections=None if settings.simplifies and not simplifies_here(settings) else crossings,
+            self_intersections=None if settings.simplifies and not settings.simplifies_here else crossings,
             measured=measured,
         )

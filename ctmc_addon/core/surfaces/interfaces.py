@@ -29,9 +29,8 @@ from ..parallel import map_steps, side_by_side_steps
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..settings import ReconstructionSettings
 from ..volume.affine import transform_faces, transform_points
-from ..volume.field import field_steps, field_window_steps, smoothed_note
+from ..volume.field import field_steps, smoothed_note
 from ..volume.field_values import fetched_steps
-from ..volume.labels import ALL, chosen_labels_steps, label_extents_steps
 from ..volume.smoothing import refined_affine
 from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
@@ -104,7 +103,7 @@ class _LabelField:
 def complex_steps(
     volume: Volume,
     settings: ReconstructionSettings,
-    labels: Sequence[int] | None = None,
+    labels: Sequence[int],
     budget: Budget | None = None,
     all_needed: bool = True,
     scope: Scope | None = None,
@@ -116,22 +115,21 @@ def complex_steps(
     volume : Volume
     settings : ReconstructionSettings
         Of all labels; their own label does not count.
-    labels : sequence of int, optional
-        By default all but 0; then those that have no surface are left out.
+    labels : sequence of int
     budget : Budget, optional
         Threads and memory; the result does not depend on it.
     all_needed : bool
-        Whether a label that was asked for and has no surface is an error; else it is left out.
+        Whether a label without a surface is an error; else it is left out.
     scope : Scope, optional
         Of volume and settings, where it is known already.
 
     Raises
     ------
     CtmcError
-        As `reconstruct`; a label that was asked for and has no surface.
+        As `reconstruct`.
     """
     scope = scope or scope_of_labels(volume, settings)
-    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed and labels is not None, scope)
+    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed, scope)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -155,16 +153,11 @@ class LabelInterfaces:
         self.method = replace(self.settings, label=1).smoothing_method
         scope.require_stride()
 
-    def fields_steps(self, labels: Sequence[int] | None) -> Steps[None]:
+    def fields_steps(self, labels: Sequence[int]) -> Steps[None]:
         """Make the field of every label, as for that label alone."""
-        volume, budget, region = self.volume, self.budget, self.scope.region
-        choices = (ALL,) if labels is None else tuple(labels)
-        chosen = sorted((yield from chosen_labels_steps(volume, choices, region, budget.threads)))
+        volume, region = self.volume, self.scope.region
+        chosen = sorted(set(labels))
         runs = [replace(self.settings, label=label) for label in chosen]
-        extents = yield from label_extents_steps(volume, region, budget.threads)
-        for run in runs:
-            if run.label not in extents:  # raises, with the labels that there are
-                yield from field_window_steps(volume, run, budget, region)
 
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
             field = yield from field_steps(volume, runs[at], own, region=region)
@@ -173,7 +166,7 @@ class LabelInterfaces:
             samples = None if self.method == "none" else (yield from label_samples_steps(field))
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
-        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, budget))
+        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}

@@ -36,7 +36,6 @@ from .finish import (
     drops_components,
     goals_of,
     simplification_notes,
-    simplifies_here,
     timed,
 )
 from .interfaces import LabelComplex, complex_steps
@@ -89,7 +88,7 @@ class TouchingLabels:
         if not labels:
             return {**errors}
         full_mesh, simplified = surface.at(alpha), None
-        if simplifies_here(settings):
+        if settings.simplifies_here:
             goals = goals_of(settings)
             simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
