@@ -12,13 +12,14 @@ from ..core import (
     HOLD,
     VERSION,
     Budget,
+    MadeSurface,
     Reconstruction,
     ReconstructionSettings,
     Stages,
     Steps,
+    SurfaceRequest,
     Volume,
-    advised_steps,
-    reconstruct_steps,
+    make_surfaces_steps,
     structure_names,
 )
 from ..core.volume import ALL, chosen_labels_steps, region_box
@@ -148,9 +149,11 @@ def surfaces_steps(
         settings = replace(settings, label=labels[0])
     if not several:
         sink = HOLD if writer is None else writer.sink_of(settings.label)
-        work = reconstruct_steps(volume, settings, budget, sink)
-        result = yield from stages.run(making, advised_steps(work, volume, settings, budget, sink, written_bytes))
-        return Surfaces(volume.name, (result,), files=() if writer is None else (writer.path_of(settings.label),))
+        request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
+        working = make_surfaces_steps(volume, [request], budget, all_needed=True)
+        [made] = yield from stages.run(making, working)
+        assert isinstance(made, MadeSurface), "an error is raised"
+        return surface_of(volume, made, writer)
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -164,6 +167,12 @@ def surfaces_steps(
         tuple(finished.left_out),
         files=files,
     )
+
+
+def surface_of(volume: Volume, made: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
+    """Return one surface that goes by the input's name; a `writer` has written it."""
+    files = () if writer is None else (writer.path_of(made.result.settings.label),)
+    return Surfaces(volume.name, (made.result,), files=files)
 
 
 def may_be_several(choices: Sequence[int | str]) -> bool:

@@ -14,7 +14,6 @@ from .case_plan import (
     cases_bytes,
 )
 from .described import Described, Setting, checked, defaults, descriptions, setting
-from .each_label import each_label_steps
 from .errors import (
     AbsentLabelError,
     CtmcError,
@@ -70,16 +69,13 @@ from .plan import (
     triangle_bytes,
 )
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
-from .reconstruct import (
-    reconstruct,
-    reconstruct_steps,
-    result_and_full_steps,
-    simplified_steps,
-    without_small_steps,
-)
 from .reconstruction import Reconstruction, Stage
 from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
 from .sinks import HOLD, Hold, Sink, Write
+from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
+from .surfaces.finish import simplified_steps, without_small_steps
+from .surfaces.make import make_surfaces_steps
+from .surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from .units import Unit, length_text, unit_of, volume_text
 from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
@@ -87,11 +83,9 @@ from .volume.volume import Volume
 if TYPE_CHECKING:
     from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
     from .files.structures import Structure, write_structures, write_structures_steps
-    from .label_surfaces import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
     from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances
     from .preview import Preview, PreviewResult
-    from .shared_surfaces import SharedSurfaces, shared_surfaces_steps
     from .simplification.simplify import simplify, simplify_steps
     from .structure_table import (
         StructureRow,
@@ -110,17 +104,17 @@ if TYPE_CHECKING:
         structure_names,
         structures_of,
     )
+    from .surfaces.labels import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
 
 __getattr__ = names_later(
     __name__,
     {
         ".cost_estimate": "CALIBRATION CostEstimate FieldCache cost_estimate_steps",
         ".files.structures": "Structure write_structures write_structures_steps",
-        ".label_surfaces": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
+        ".surfaces.labels": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
         ".mesh.angles.alpha_choice": "AlphaChoice chosen_alpha_steps",
         ".mesh.distance.triangle_tree": "distances",
         ".preview": "Preview PreviewResult",
-        ".shared_surfaces": "SharedSurfaces shared_surfaces_steps",
         ".simplification.simplify": "simplify simplify_steps",
         ".structure_table": "StructureRow measure_structures measure_structures_steps structure_row_steps "
         "table_cells table_csv table_heads",
@@ -155,6 +149,7 @@ __all__ = [
     "Hold",
     "LabelError",
     "LabelSurfaces",
+    "MadeSurface",
     "Measure",
     "MemoryLimitError",
     "MeshError",
@@ -167,7 +162,6 @@ __all__ = [
     "ReconstructionSettings",
     "Setting",
     "SettingsError",
-    "SharedSurfaces",
     "Sink",
     "SlabResult",
     "SlabTask",
@@ -179,6 +173,7 @@ __all__ = [
     "Structure",
     "StructureRow",
     "Surface",
+    "SurfaceRequest",
     "ThresholdError",
     "TriangleMesh",
     "Unit",
@@ -204,7 +199,6 @@ __all__ = [
     "defaults",
     "descriptions",
     "distances",
-    "each_label_steps",
     "ending",
     "equal_part",
     "files_of",
@@ -216,6 +210,7 @@ __all__ = [
     "is_allowed",
     "keep_little",
     "length_text",
+    "make_surfaces_steps",
     "map_steps",
     "marching_cubes",
     "measure",
@@ -244,7 +239,7 @@ __all__ = [
     "save_structures",
     "say",
     "setting",
-    "shared_surfaces_steps",
+    "share_walls",
     "shown_stride",
     "side_by_side_steps",
     "simplified_steps",

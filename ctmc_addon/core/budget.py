@@ -49,6 +49,8 @@ class Budget:
         Slabs in which triangles are counted, at most, to tell whether a surface fits before it is made. In 24 of 512
         slabs of a foam of 2 GiB, 1.7 % fewer were counted than there are, in 1.7 s of processor time with what is
         advised.
+    small_label : int
+        Voxels of work that each of several labels has besides those of its box.
 
     Examples
     --------
@@ -64,6 +66,7 @@ class Budget:
     work_bytes: int = 128 << 20
     whole_faces: int = 1 << 20
     counted_slabs: int = 24
+    small_label: int = 1 << 15
 
     @property
     def thread_count(self) -> int:

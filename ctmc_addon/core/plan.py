@@ -75,7 +75,7 @@ class Plan:
     @property
     def simplifies(self) -> bool:
         """Whether the built-in simplifier has a goal, so that the full surface need not be there as a whole."""
-        return self.settings.simplifies and self.settings.simplifier == "builtin"
+        return self.settings.simplifies_here
 
     @property
     def left(self) -> int:

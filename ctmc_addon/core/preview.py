@@ -19,8 +19,8 @@ from .budget import Budget
 from .errors import CtmcError, LabelError
 from .mesh.triangle_mesh import Surface
 from .progress import Steps, finish, timed_steps
-from .reconstruct import full_steps
 from .settings import ReconstructionSettings
+from .surfaces.extract import full_steps
 from .volume.field import refinement_of
 from .volume.region import region_box
 from .volume.smoothing import smoothing_of

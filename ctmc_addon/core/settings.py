@@ -261,6 +261,11 @@ class ReconstructionSettings(Described):
         return self.simplifier != "none" and any(getattr(self, goal) is not None for goal in GOALS)
 
     @property
+    def simplifies_here(self) -> bool:
+        """Whether the built-in simplifier has a goal; Blender's modifier works later."""
+        return self.simplifies and self.simplifier == "builtin"
+
+    @property
     def smoothing_method(self) -> str:
         """How the values are smoothed: 'none', 'gaussian' or 'constrained'."""
         if self.smoothing in ("auto", "gaussian") and self.smoothing_mm is not None:

@@ -40,7 +40,7 @@ def structures_of(
     Examples
     --------
     >>> import numpy as np
-    >>> from .label_surfaces import reconstruct_labels
+    >>> from .surfaces.labels import reconstruct_labels
     >>> from .settings import ReconstructionSettings
     >>> from .volume.volume import Volume
     >>> values = np.zeros((8, 8, 20), np.uint8)

@@ -15,8 +15,8 @@ from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.reconstruct import reconstruct
 from ctmc_addon.core.settings import ReconstructionSettings
+from ctmc_addon.core.surfaces.extract import reconstruct
 from ctmc_addon.core.volume.volume import Volume
 
 from . import peers, scenes

@@ -21,10 +21,11 @@ from numpy.typing import NDArray
 from vtk.util.numpy_support import vtk_to_numpy
 
 from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, reconstruct_labels, simplify
-from ctmc_addon.core.label_complex import LabelComplex, complex_steps
 from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
 from ctmc_addon.core.mesh.label_complex import ComplexMesh
 from ctmc_addon.core.simplification.complexes.simplify import label_distances_steps, simplify_complex_steps
+from ctmc_addon.core.surfaces.interfaces import LabelComplex, complex_steps
+from ctmc_addon.core.volume import chosen_labels_steps
 from ctmc_addon.readers import read_volume
 
 from .label_peers import Mesh, image_of, mesh_of
@@ -85,7 +86,8 @@ class Wall:
 
 
 def complex_of(volume: Volume) -> LabelComplex:
-    return finish(complex_steps(volume, ReconstructionSettings(close_border=True)))
+    labels = finish(chosen_labels_steps(volume, ["all"]))
+    return finish(complex_steps(volume, ReconstructionSettings(close_border=True), labels, all_needed=False))
 
 
 def ours(values: NDArray[np.uint8], affine: NDArray[np.float64]) -> Mesh:

@@ -29,7 +29,7 @@ from ctmc_addon.core import ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
 from ctmc_addon.ui.operators.ct import load
 from ctmc_addon.ui.operators.surface import reconstruct, results
-from ctmc_addon.ui.operators.surface.placing import SurfaceRequest
+from ctmc_addon.ui.operators.surface.placing import ObjectRequest
 from ctmc_addon.ui.state import measurements, surfaces, volumes
 from ctmc_addon.ui.viewport import live, preview
 
@@ -116,7 +116,7 @@ class Panel:
     def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
         """Reconstruct Surface, or Update Surface of an object."""
         uid = None if target is None else target.session_uid
-        request = SurfaceRequest(settings, target=uid, fingerprint=self.scene.ctmc.volume_fingerprint)
+        request = ObjectRequest(settings, target=uid, fingerprint=self.scene.ctmc.volume_fingerprint)
         return reconstruct.surfaces_steps(volumes.current(self.scene), [request], self.scene.session_uid)
 
     @property
@@ -126,7 +126,7 @@ class Panel:
 
     def simplify(self, **goal: Any) -> Steps[Any]:
         """Simplify Surface."""
-        request = SurfaceRequest(
+        request = ObjectRequest(
             replace(CLASSIC, simplifier="builtin", **goal),
             target=self.surface.session_uid,
             fingerprint=self.scene.ctmc.volume_fingerprint,

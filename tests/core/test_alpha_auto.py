@@ -2,7 +2,6 @@
 """An alpha of auto makes the surface of the number it chooses: held, written, simplified, with dropped components."""
 
 import math
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -23,7 +22,7 @@ from ctmc_addon.core import (
     result_and_full_steps,
     simplified_steps,
 )
-from ctmc_addon.core.reconstruct import full_steps
+from ctmc_addon.core.surfaces.extract import FieldSurface
 
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)
 AUTO = ReconstructionSettings(threshold=0.0, alpha="auto", normals="mesh")
@@ -127,7 +126,7 @@ def test_a_full_surface_that_does_not_fit_is_looked_at_piece_by_piece(result, mo
         yield from ()
         raise MemoryLimitError("the surface does not fit")
 
-    monkeypatch.setattr(sys.modules[full_steps.__module__]._Making, "_fitting_steps", refused_steps)
+    monkeypatch.setattr(FieldSurface, "_fitting_steps", refused_steps)
     there, nothing = finish(result_and_full_steps(in_file(VOLUME), settings, budget))
     assert nothing is None
     assert there.alpha_choice == here.alpha_choice == result.alpha_choice

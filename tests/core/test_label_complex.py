@@ -17,11 +17,12 @@ from ctmc_addon.core import (
     Volume,
     reconstruct,
 )
-from ctmc_addon.core.label_complex import complex_steps
 from ctmc_addon.core.mesh.label_complex import borders_of
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish
+from ctmc_addon.core.surfaces.interfaces import complex_steps
+from ctmc_addon.core.volume import chosen_labels_steps
 
 REAL = Path(__file__).resolve().parents[3] / "shared" / "data" / "ts_nifti"
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
@@ -41,7 +42,9 @@ def kidney(affine=None):
 
 
 def made(volume, labels=None, budget=None, **settings):
-    return finish(complex_steps(volume, ReconstructionSettings(**settings), labels, budget))
+    """Return the complex of some labels, or of all that have a surface."""
+    chosen = labels or finish(chosen_labels_steps(volume, ["all"]))
+    return finish(complex_steps(volume, ReconstructionSettings(**settings), chosen, budget, labels is not None))
 
 
 def is_closed(mesh):
@@ -156,7 +159,7 @@ def test_one_label_asked_for_alone_has_the_surface_of_today(label):
     alone = reconstruct(volume, ReconstructionSettings(label=label))
     assert np.array_equal(triangles(result.surface.of_label(label)[0].at(1.0)), triangles(alone.surface.at(1.0)))
     assert (result.wrong_side[label], result.notes[label]) == (alone.wrong_side, alone.notes)
-    assert (result.thresholds[label], result.slice_steps) == (alone.threshold, alone.slice_steps)
+    assert (result.thresholds[label], result.scope.slice_steps) == (alone.threshold, alone.slice_steps)
 
 
 def test_labels_that_touch_keep_their_volumes():

@@ -15,7 +15,6 @@ from ctmc_addon.core import (
     ReconstructionSettings,
     SettingsError,
     Volume,
-    each_label,
     reconstruct,
     reconstruct_labels,
     reconstruct_labels_steps,
@@ -25,6 +24,8 @@ from ctmc_addon.core.simplification.whole import memory_needed
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
+
+SIDE_BY_SIDE = Budget(threads=3, small_label=1 << 30)
 
 
 def separate(**more):
@@ -158,10 +159,9 @@ def test_what_does_not_fit_beside_others_is_made_alone():
         reconstruct_labels(volume, separate(), None, Budget(threads=4, bytes=low))
 
 
-def test_closing_the_steps_ends_every_thread(monkeypatch):
-    monkeypatch.setattr(each_label, "SMALL_WORK", 1 << 30)  # all side by side
+def test_closing_the_steps_ends_every_thread():
     before = threading.active_count()
-    steps = reconstruct_labels_steps(organs(), separate(), None, Budget(threads=3))
+    steps = reconstruct_labels_steps(organs(), separate(), None, SIDE_BY_SIDE)
     assert any(threading.active_count() > before for _ in steps)
     steps.close()
     assert threading.active_count() == before
@@ -175,7 +175,6 @@ def test_the_fraction_rises_to_one():
 
 @pytest.mark.parametrize("room", [0, 1, 2])
 def test_where_the_system_gives_no_thread_labels_are_made_one_after_the_other(monkeypatch, room):
-    monkeypatch.setattr(each_label, "SMALL_WORK", 1 << 30)  # all side by side
     settings = separate(smoothing="none", reduction=0.5)
     expected = reconstruct_labels(organs(), settings, None, Budget(threads=1))
     left = [None] * room
@@ -189,7 +188,7 @@ def test_where_the_system_gives_no_thread_labels_are_made_one_after_the_other(mo
 
     before = threading.active_count()
     monkeypatch.setattr(threading.Thread, "start", refused)
-    found = reconstruct_labels(organs(), settings, None, Budget(threads=3))
+    found = reconstruct_labels(organs(), settings, None, SIDE_BY_SIDE)
     assert (left, threading.active_count()) == ([], before)
     assert found.left_out == expected.left_out
     for first, second in zip(found.surfaces, expected.surfaces, strict=True):

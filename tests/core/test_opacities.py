@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import AbsentLabelError, ReconstructionSettings, Volume, opacities_of, require_opacities
-from ctmc_addon.core.label_surfaces import reconstruct_labels
+from ctmc_addon.core.surfaces.labels import reconstruct_labels
 
 NAMES = {1: "liver", 2: "kidney_left", 3: "kidney_right"}
 

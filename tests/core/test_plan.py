@@ -18,7 +18,6 @@ from ctmc_addon.core import (
     advised_steps,
     cost_estimate_steps,
     finish,
-    label_surfaces,
     plan,
     plan_steps,
     reconstruct,
@@ -29,6 +28,7 @@ from ctmc_addon.core.extraction.field_pieces import WORK_BYTES
 from ctmc_addon.core.extraction.marching_cubes import Counts
 from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.plan import FACE_BYTES, Plan, widest_slices
+from ctmc_addon.core.surfaces import make
 
 SETTINGS = ReconstructionSettings(threshold=132.0)
 SEPARATE = ReconstructionSettings(interfaces="separate")
@@ -142,7 +142,7 @@ def test_of_several_labels_the_one_that_does_not_fit_is_named_before_others_are_
         tried.append(given)
         return reconstruct_steps(*given, **named)
 
-    monkeypatch.setattr(label_surfaces, "reconstruct_steps", watched_steps)
+    monkeypatch.setattr(make, "reconstruct_steps", watched_steps)
     with pytest.raises(MemoryLimitError, match=r"^label 2: smoothing label 2 as constrained needs more than the"):
         reconstruct_labels(labels, SEPARATE, [1, 2], Budget(threads=2, bytes=100_000, work_bytes=0))
     assert len(tried) == 1

@@ -2,7 +2,6 @@
 """The whole of core: space, labels, regions, softening, parts, simplification, in their order."""
 
 import pickle
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -32,9 +31,7 @@ from ctmc_addon.core.errors import (
 )
 from ctmc_addon.core.extraction import grid
 from ctmc_addon.core.mesh.measures import component_volumes_steps
-from ctmc_addon.core.reconstruct import full_steps
-
-reconstruct_module = sys.modules[full_steps.__module__]  # the package has a function of its name
+from ctmc_addon.core.surfaces.extract import full_steps
 
 
 def ball(size=(40, 36, 30), radius=9.0, spacing=(1.0, 1.0, 1.0), where=0.5):

@@ -3,7 +3,6 @@
 
 import hashlib
 import re
-import sys
 import weakref
 from dataclasses import replace
 
@@ -15,9 +14,7 @@ from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, reco
 from ctmc_addon.core.errors import MemoryLimitError
 from ctmc_addon.core.extraction import grid
 from ctmc_addon.core.phantom import foam
-from ctmc_addon.core.reconstruct import full_steps
-
-reconstruct_module = sys.modules[full_steps.__module__]  # the package has a function of its name
+from ctmc_addon.core.surfaces.extract import FieldSurface
 
 
 @pytest.fixture(scope="module")
@@ -84,8 +81,7 @@ def test_a_full_surface_that_does_not_fit_is_gone_before_it_is_simplified_as_it_
     whole, full = finish(result_and_full_steps(in_file(sponge), settings, budget))
     assert (len(full.mesh.faces), full.surface is not None) == (whole.full_faces, True)
     held = []
-    making = reconstruct_module._Making
-    full_surface_steps, result_steps = making.full_steps, making.result_steps
+    full_surface_steps, result_steps = FieldSurface.full_steps, FieldSurface.result_steps
 
     def refused_steps(self):
         made = yield from full_surface_steps(self)
@@ -96,8 +92,8 @@ def test_a_full_surface_that_does_not_fit_is_gone_before_it_is_simplified_as_it_
         assert [one() for one in held] == [None]
         return (yield from result_steps(self))
 
-    monkeypatch.setattr(making, "full_steps", refused_steps)
-    monkeypatch.setattr(making, "result_steps", watched_steps)
+    monkeypatch.setattr(FieldSurface, "full_steps", refused_steps)
+    monkeypatch.setattr(FieldSurface, "result_steps", watched_steps)
     result, nothing = finish(result_and_full_steps(in_file(sponge), settings, budget))
     assert nothing is None
     assert len(held) == 1

@@ -3,23 +3,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 
 from ctmc_addon.core import (
     Budget,
     LabelError,
+    MadeSurface,
     MeshError,
     ReconstructionSettings,
+    SurfaceRequest,
     Volume,
     finish,
+    make_surfaces_steps,
     reconstruct,
     reconstruct_labels,
-    shared_surfaces_steps,
 )
 from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.label_complex import ComplexMesh
-from ctmc_addon.core.shared_surfaces import _crossings_steps
+from ctmc_addon.core.surfaces.shared import _crossings_steps
 from ctmc_addon.core.volume import ValuesInMemory
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
@@ -34,9 +39,28 @@ def two_halves(island=0):
     return values
 
 
+class Together(NamedTuple):
+    """What was made of labels, by label."""
+
+    full: dict
+    results: dict
+    errors: dict
+
+
+def made_of(volume, settings, labels, all_needed=True):
+    requests = [SurfaceRequest(replace(settings, label=label), needs_full=True) for label in labels]
+    outcomes = finish(make_surfaces_steps(volume, requests, Budget(threads=1), all_needed=all_needed))
+    together = Together({}, {}, {})
+    for label, outcome in zip(labels, outcomes, strict=True):
+        if isinstance(outcome, MadeSurface):
+            together.results[label], together.full[label] = outcome
+        else:
+            together.errors[label] = outcome
+    return together
+
+
 def made(values, settings, labels=(1, 2), **more):
-    volume = Volume(values, AFFINE, kind="label", **more)
-    return finish(shared_surfaces_steps(volume, settings, labels, Budget(threads=1)))
+    return made_of(Volume(values, AFFINE, kind="label", **more), settings, labels)
 
 
 def test_neighbors_say_the_same_of_the_triangles_that_they_share():
@@ -185,9 +209,7 @@ def test_a_layer_of_which_nothing_is_left_takes_no_other_with_it():
         ]
     with pytest.raises(MeshError, match="no component has a volume of 1e"):
         made(two_halves(), ReconstructionSettings(min_part_mm3=1e9))
-    together = finish(
-        shared_surfaces_steps(volume, ReconstructionSettings(min_part_mm3=1e9), (1, 2), Budget(threads=1), False)
-    )
+    together = made_of(volume, ReconstructionSettings(min_part_mm3=1e9), (1, 2), all_needed=False)
     assert (together.results, sorted(together.errors)) == ({}, [1, 2])
 
 

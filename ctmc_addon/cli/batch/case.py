@@ -13,22 +13,24 @@ from typing import Any
 from ... import readers
 from ...core import (
     GRAY_VALUES,
+    HOLD,
     VERSION,
     AbsentLabelError,
     Budget,
     CtmcError,
     FinishedSurface,
+    MadeSurface,
     ReconstructionSettings,
-    SharedSurfaces,
     Stage,
+    SurfaceRequest,
     Volume,
     asked_bytes,
     combined,
     finish,
+    make_surfaces_steps,
     measure,
     peak_bytes,
     resident_bytes,
-    shared_surfaces_steps,
 )
 from ...core.files.atomic_write import made_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
@@ -45,7 +47,8 @@ from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
 from ..outputs import Outputs, written_steps
-from ..surfaces import Surfaces, surfaces_steps
+from ..surface_writer import SurfaceWriter
+from ..surfaces import Surfaces, surface_of, surfaces_steps
 from .files import (
     ABSENT,
     DONE,
@@ -151,7 +154,7 @@ class Case:
         self.source: Path | None = None
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
-        self.together: SharedSurfaces | None = None
+        self.made: dict[int | None, MadeSurface | CtmcError] = {}
         self.ct: Volume | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
@@ -165,10 +168,10 @@ class Case:
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.output_fields(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
-            surfaces = self.shared(volume, settings, output["beside"])
-            if surfaces is None:
-                making = surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes)
-                surfaces = finish(making)
+            if choices:
+                surfaces = finish(surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes))
+            else:
+                surfaces = self.surface(volume, settings, output["beside"], writer, written_bytes)
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = outputs.surface_files(surfaces)
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -206,24 +209,31 @@ class Case:
             if not batch_is_over(self.task):
                 put_output(Path(self.task["folder"]), name, self.unfinished, files, thumbnail, record)
 
-    def shared(self, volume: Volume, settings: ReconstructionSettings, labels: Sequence[int]) -> Surfaces | None:
-        """Return the surface of a label that shares interfaces with others of `labels`; None where there are none.
-
-        All are made with the first, and kept for the outputs to come.
-        """
-        if labels and self.together is None:
-            budget = self.budget
-            extents = finish(label_extents_steps(volume, region_box(volume, settings), budget.threads))
-            existing = [label for label in labels if label in extents]
-            if len(existing) > 1:
-                self.together = finish(shared_surfaces_steps(volume, settings, existing, budget, all_needed=False))
+    def surface(
+        self,
+        volume: Volume,
+        settings: ReconstructionSettings,
+        beside: Sequence[int],
+        writer: SurfaceWriter | None,
+        written_bytes: int,
+    ) -> Surfaces:
+        """Return the surface of an output; those of labels `beside` it are made with the first, and kept for theirs."""
         label = settings.label
-        if self.together is None or label is None:
-            return None
-        if label in self.together.errors:
-            raise self.together.errors[label]
-        result = self.together.results.get(label)
-        return None if result is None else Surfaces(volume.name, (result,))
+        if label not in self.made:
+            every = [replace(settings, label=other) for other in beside] or [settings]
+            own = HOLD if writer is None else writer.sink_of(label)
+            sinks = [own if each.label == label else HOLD for each in every]
+            requests = [
+                SurfaceRequest(each, sink, written_bytes=written_bytes) for each, sink in zip(every, sinks, strict=True)
+            ]
+            outcomes = finish(make_surfaces_steps(volume, requests, self.budget))
+            self.made = dict(zip((each.label for each in every), outcomes, strict=True))
+        else:
+            writer = None  # it was held
+        outcome = self.made.pop(label)
+        if isinstance(outcome, CtmcError):
+            raise outcome
+        return surface_of(volume, outcome, writer)
 
     def hu_inside(self, surfaces: Surfaces, labels: Volume) -> list[dict[str, float]] | None:
         """Return mean and deviation inside the label of each surface, of the CT beside it; None without such a CT."""

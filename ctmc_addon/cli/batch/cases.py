@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import readers
-from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError
+from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError, share_walls
 from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
@@ -33,7 +33,7 @@ class Output:
     name: str
     settings: ReconstructionSettings
     labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
-    beside: tuple[int, ...] = ()  # all labels that share interfaces with the one of the settings, it among them
+    beside: tuple[int, ...] = ()  # all labels whose surfaces are made with that of the settings, it among them
 
     def plain(self) -> dict[str, Any]:
         """Return the case as plain data, for JSON."""
@@ -168,7 +168,7 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpti
         else:
             names = [f"{source.name}-label-{label}" for label in numbers] if len(numbers) > 1 else [source.name]
             every = [ReconstructionSettings(**values | {"label": label}) for label in numbers or (None,)]
-            beside = tuple(numbers) if len(numbers) > 1 and every[0].interfaces == "shared" else ()
+            beside = tuple(numbers) if share_walls(every) else ()
             outputs = tuple(Output(name, settings, beside=beside) for name, settings in zip(names, every, strict=True))
     except SettingsError as error:
         if not source.where:

@@ -182,6 +182,7 @@ def field_steps(
     budget: Budget | None = None,
     window: Box | None = None,
     with_surface: bool = False,
+    region: Box | None = None,
 ) -> Steps[Field]:
     """Return what is extracted from a volume with some settings.
 
@@ -195,6 +196,8 @@ def field_steps(
     with_surface : bool
         Whether the field is to keep the surface that smoothing measured, if that is the one of the settings but for its
         normals.
+    region : Box, optional
+        What `region_box` returned, where that is known already.
 
     Raises
     ------
@@ -206,13 +209,13 @@ def field_steps(
         raise SettingsError(
             f"a label smoothed as {settings.smoothing_method} cannot be extracted by several machines; choose gaussian"
         )
-    region = region_box(volume, settings)
+    region = region or region_box(volume, settings)
     if settings.label is not None:
         volume = yield from layer_of_label_steps(volume, settings.label, region, budget.threads)
     looking = VALUES_STAGE if settings.label is None else LABEL_STAGE
     stages = Stages({looking: 1} | ({SMOOTHING: smoothing.weight} if smoothing.weight else {}))
     if window is None:
-        window = yield from stages.run(looking, field_window_steps(volume, settings, budget))
+        window = yield from stages.run(looking, field_window_steps(volume, settings, budget, region))
     reach = smoothing.reach(volume.spacing, settings)
     box = grown_box(window, [voxels + 1 for voxels in reach], volume.size)  # a voxel more, for normals
     origin = (box[0][0], box[1][0], box[2][0])
@@ -312,9 +315,9 @@ def refinement_of(spacing_mm: tuple[float, float, float], settings: Reconstructi
     return smoothing_of(settings).slice_steps(spacing_mm, settings)
 
 
-def field_window_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget) -> Steps[Box]:
+def field_window_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget, region: Box) -> Steps[Box]:
     """Return the box that is extracted: the region, or in it a label's box with its margin."""
-    window = region_box(volume, settings)
+    window = region
     if settings.smoothing_method == "constrained" and settings.label is None:
         raise constrained_threshold_error()
     if settings.label is not None:

@@ -17,6 +17,7 @@ from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.core.files.temporary_names import temporary_name
 
 ROOT = Path(__file__).resolve().parents[3]
+RECORDS = Path(__file__).resolve().parent / "old_records"
 # A batch that waits as soon as its summary has a case that is done, one that runs and one that waits.
 WAITING = """
 import sys, time
@@ -160,3 +161,24 @@ def test_strict_reading_makes_again_only_what_it_refuses(ctmc, phantom_folder, t
     assert "1 done before" in ctmc(*words, "--resume").out  # what was refused is made
     assert states(out) == {"even": "done", "uneven": "done"}
     assert written_at(out)["even.json"] == before["even.json"]
+
+
+@pytest.mark.parametrize("version", ["0.2.0", "0.3.0"])
+def test_a_folder_of_an_older_version_is_made_again_with_the_fields_it_had(ctmc, tmp_path, version):
+    """Each version wrote its record in `old_records` from these two boxes; later ones place vertices elsewhere."""
+    values = np.zeros((10, 12, 14), np.uint8)
+    values[3:7, 3:9, 3:7], values[3:7, 3:9, 7:11] = 1, 2
+    np.save(tmp_path / "two.npy", values)
+    os.utime(tmp_path / "two.npy", ns=(10**18, 10**18))
+    before = json.loads((RECORDS / f"{version}.json").read_text("utf-8"))
+    (tmp_path / "out").mkdir()
+    shutil.copy(RECORDS / f"{version}.json", tmp_path / "out" / "two-label-1.json")
+    words = ("--label", "1", "2", "--no-thumbnails", "--resume")
+    outcome = ctmc("batch", tmp_path / "two.npy", "-o", tmp_path / "out", *words)
+    assert outcome.code == 0, outcome.errors
+    after = json.loads((tmp_path / "out" / "two-label-1.json").read_text("utf-8"))
+    assert before["version"] == version
+    assert states(tmp_path / "out") == {"two-label-1": "done", "two-label-2": "done"}
+    same = ("faces", "vertices", "closed", "labels", "beside", "fingerprint", "files", "file_bytes")
+    assert {key: after[key] for key in same} == {key: before[key] for key in same}
+    assert before.keys() <= after.keys()

@@ -29,8 +29,8 @@ from ...translations import translate
 
 
 @dataclass(frozen=True)
-class SurfaceRequest:
-    """A surface to make.
+class ObjectRequest:
+    """An object to make or to update, and the settings of its surface.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ class FinishedSurface:
     `full` is None where the surface before simplification did not fit in memory.
     """
 
-    request: SurfaceRequest
+    request: ObjectRequest
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
@@ -163,7 +163,7 @@ def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[
     return objects
 
 
-def name_of(request: SurfaceRequest, result: Reconstruction) -> str:
+def name_of(request: ObjectRequest, result: Reconstruction) -> str:
     """Return what a surface is called: its label, else tissue and threshold."""
     by_values = surface_name(request.kind, result.threshold, result.settings.upper)
     return f"{request.prefix} {request.structure or by_values}".strip()

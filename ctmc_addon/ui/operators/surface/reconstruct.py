@@ -6,27 +6,25 @@ from __future__ import annotations
 import time
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import bpy
 from bpy.props import BoolProperty
 
 from ....core import (
-    Budget,
     CtmcError,
+    MadeSurface,
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
     Stages,
     Steps,
+    SurfaceRequest,
     Volume,
-    advised_steps,
-    each_label_steps,
-    equal_part,
-    result_and_full_steps,
-    shared_surfaces_steps,
-    simplified_steps,
-    without_small_steps,
+    make_surfaces_steps,
+    side_by_side_steps,
+    timed_steps,
 )
 from ....core.volume import require_labels
 from ... import jobs
@@ -37,10 +35,9 @@ from ...state.measurements import measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
-from .placing import FinishedSurface, NewMesh, SurfaceRequest
+from .placing import FinishedSurface, NewMesh, ObjectRequest
 
-SURFACE_STAGES = {"Reconstructing": 80, "Measuring": 17}
-JOB_STAGES = {"Reconstructing": 97, "Adding the surface": 3}
+JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
 
 def is_possible(operator: Any, context: bpy.types.Context) -> bool:
@@ -97,7 +94,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         items = [scene.ctmc.structure_of(run) for run in runs]
         beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
-            SurfaceRequest(
+            ObjectRequest(
                 run,
                 None if item is None else tuple(item.color),
                 targets.get(run),
@@ -116,7 +113,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
 
 def surfaces_steps(
     volume: Volume | None,
-    requests: Sequence[SurfaceRequest],
+    requests: Sequence[ObjectRequest],
     scene_uid: int,
     full: Reconstruction | None = None,
     *,
@@ -127,112 +124,42 @@ def surfaces_steps(
     Those of labels are made from `labels`, where they are not in the volume itself.
     """
     stages = Stages(JOB_STAGES)
-    reconstructing, adding = JOB_STAGES
-    if len(requests) == 1:
-        [request], budget = requests, machine().budget
-        source = volume if request.settings.label is None else labels or volume
-        making = surface_steps(source, request, full, budget)
-        if full is None and source is not None:
-            making = advised_steps(making, source, request.settings, budget)
-        finished = [(yield from stages.run(reconstructing, making))]
-    else:
-        assert volume is not None, "several surfaces are extracted"
-        finished = yield from stages.run(reconstructing, structures_steps(volume, labels or volume, requests))
+    reconstructing, measuring, adding = JOB_STAGES
+    budget = machine().budget
+    wanted = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
+    making = make_surfaces_steps(volume, wanted, budget, labels=labels, all_needed=True)
+    made = yield from stages.run(reconstructing, making)
+    finished = yield from stages.run(measuring, measured_steps(requests, made, budget.thread_count))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
     def conclude() -> str:
         start = time.perf_counter()
         message = add_to_scene(scene_uid, finished, meshes)
-        measuring = sum(surface.measuring_seconds for surface in finished)
-        seconds = measuring + stages.seconds[adding] + time.perf_counter() - start
+        seconds = sum(surface.measuring_seconds for surface in finished)
+        seconds += stages.seconds[adding] + time.perf_counter() - start
         cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
         return message
 
     return conclude
 
 
-def structures_steps(
-    volume: Volume, labels: Volume, requests: Sequence[SurfaceRequest]
+def measured_steps(
+    requests: Sequence[ObjectRequest], made: Sequence[MadeSurface | CtmcError], threads: int
 ) -> Steps[list[FinishedSurface]]:
-    """Make the surfaces of several structures, in their order: labels as one work, each threshold by itself."""
-    of_labels = [request for request in requests if request.settings.label is not None]
-    works = [(labels, of_labels)] if of_labels else []
-    works += [(volume, [request]) for request in requests if request.settings.label is None]
-    made: dict[SurfaceRequest, FinishedSurface] = {}
-    for number, (source, group) in enumerate(works):
-        for surface in (yield from equal_part(labels_steps(source, group), number, len(works))):
-            made[surface.request] = surface
-    return [made[request] for request in requests]
+    """Measure surfaces, several at a time; Blender is not asked, so that threads may do this."""
 
+    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[FinishedSurface]:
+        result, full = surface
+        # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
+        crossings = result.self_intersections if result.beyond is None else None
+        measuring = measurement_steps(result.mesh, None if full is None else full.mesh, crossings)
+        measurement, seconds = yield from timed_steps(measuring)
+        return FinishedSurface(request, full, result, measurement, seconds)
 
-def labels_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
-    """Make the surfaces of several labels: together where they share their interfaces, else side by side."""
-    runs = [request.settings for request in requests]
-    if len(runs) > 1 and all(run.interfaces == "shared" for run in runs):
-        return (yield from shared_steps(volume, requests))
-
-    def work_steps(number: int, budget: Budget) -> Steps[FinishedSurface]:
-        return (yield from surface_steps(volume, requests[number], None, budget))
-
-    made = yield from each_label_steps(volume, runs, work_steps, machine().budget)
-    finished = []
-    for result in made:
-        if isinstance(result, CtmcError):
-            raise result
-        finished.append(result)
-    return finished
-
-
-def shared_steps(volume: Volume, requests: Sequence[SurfaceRequest]) -> Steps[list[FinishedSurface]]:
-    """Make surfaces of labels that share their interfaces, and measure each."""
-    stages = Stages(SURFACE_STAGES)
-    reconstructing, measuring = SURFACE_STAGES
-    labels = [request.settings.label for request in requests if request.settings.label is not None]
-    making = shared_surfaces_steps(volume, requests[0].settings, labels, machine().budget)
-    made = yield from stages.run(reconstructing, making)
-    finished = []
-    for number, (label, request) in enumerate(zip(labels, requests, strict=True)):
-        if label in made.errors:
-            raise made.errors[label]
-        result, full = made.results[label], made.full[label]
-        before = stages.seconds.get(measuring, 0.0)
-        measurement = measurement_steps(result.mesh, full.mesh)
-        measured = yield from stages.run(measuring, equal_part(measurement, number, len(labels)))
-        finished.append(FinishedSurface(request, full, result, measured, stages.seconds[measuring] - before))
-    return finished
-
-
-def surface_steps(
-    volume: Volume | None,
-    request: SurfaceRequest,
-    full: Reconstruction | None,
-    budget: Budget,
-) -> Steps[FinishedSurface]:
-    """Extract a surface where `full` is None, simplify and measure it; Blender is not asked: a thread may do this."""
-    stages = Stages(SURFACE_STAGES)
-    reconstructing, measuring = SURFACE_STAGES
-    if full is not None:
-        making = remade_steps(full, request.settings, budget)
-    else:
-        assert volume is not None, "the caller has one of the two"
-        making = result_and_full_steps(volume, request.settings, budget)
-    result, full = yield from stages.run(reconstructing, making)
-    measuring_steps = measurement_steps(result.mesh, None if full is None else full.mesh, result.self_intersections)
-    measurement = yield from stages.run(measuring, measuring_steps)
-    return FinishedSurface(request, full, result, measurement, stages.seconds[measuring])
-
-
-def remade_steps(
-    full: Reconstruction, settings: ReconstructionSettings, budget: Budget
-) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
-    """Return the surface that the settings ask for, of the full one of other settings; and the full one of these."""
-    if full.surface is not None and full.settings.alpha != settings.alpha:
-        full = replace(
-            full, mesh=full.surface.at(settings.alpha_number), settings=settings
-        )  # the slider has moved since
-    if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
-        full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
-    return (yield from simplified_steps(full, settings, budget)), full
+    surfaces_made = [surface for surface in made if isinstance(surface, MadeSurface)]
+    pairs = list(zip(requests, surfaces_made, strict=True))
+    weights = [1.0 + len(surface.result.mesh.faces) for surface in surfaces_made]
+    return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
 def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:

@@ -15,7 +15,7 @@ from ... import jobs
 from ...needs import Needs
 from ...state import drawings, structures, surfaces
 from ...translations import translate
-from .placing import SurfaceRequest
+from .placing import ObjectRequest
 from .reconstruct import surfaces_steps
 
 
@@ -50,7 +50,7 @@ def from_full_steps(
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
     drawn = drawings.hash_of(scene, scene.ctmc.structure_of(settings)) if full is None else None
-    request = SurfaceRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint, drawn=drawn)
+    request = ObjectRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint, drawn=drawn)
     return surfaces_steps(structures.volume_of(scene, settings), [request], scene.session_uid, full)
 
 

@@ -16,8 +16,8 @@ from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.reconstruct import reconstruct
 from ctmc_addon.core.settings import ReconstructionSettings
+from ctmc_addon.core.surfaces.extract import reconstruct
 from ctmc_addon.core.volume.field import field_steps
 from ctmc_addon.core.volume.smoothing.bounds import Start, between_slices
 from ctmc_addon.core.volume.smoothing.bricks import (

@@ -230,7 +230,7 @@ def noise(scene, tmp_path):
 def test_many_small_components_are_removed_by_a_button_without_extraction(noise, tmp_path, monkeypatch):
     from ui.drawing import drawn
 
-    from ctmc_addon.ui.operators.surface import reconstruct as operators
+    from ctmc_addon.core.surfaces import make
     from ctmc_addon.ui.panels.results import CTMC_PT_results
 
     line = drawn(CTMC_PT_results).texts.index("Components: not counted")
@@ -239,7 +239,7 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     drawing = drawn(CTMC_PT_results)
     assert drawing.texts.index("196 components, 195 below 1 mm3") == line
     assert "ctmc.remove_small Remove Small" in drawing.buttons
-    monkeypatch.setattr(operators, "result_and_full_steps", None)  # extraction would fail
+    monkeypatch.setattr(make, "result_and_full_steps", None)  # extraction would fail
     assert bpy.ops.ctmc.remove_small() == {"FINISHED"}
     settings = ReconstructionSettings(threshold=100.0, alpha=0.5, min_part_mm3=1.0)
     expected = reconstruct(read_volume(tmp_path / "noise.npy", spacing=(1, 1, 1)), settings).mesh

@@ -3,8 +3,6 @@
 
 from __future__ import annotations
 
-import sys
-
 import numpy as np
 import pytest
 
@@ -42,10 +40,10 @@ def active():
 
 def steps_of(scene, *runs, target=None):
     """The steps of a reconstruction, as the panel's button drives them."""
-    from ctmc_addon.ui.operators.surface.placing import SurfaceRequest
+    from ctmc_addon.ui.operators.surface.placing import ObjectRequest
     from ctmc_addon.ui.operators.surface.reconstruct import surfaces_steps
 
-    requests = [SurfaceRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
+    requests = [ObjectRequest(one, target=target) for one in runs or (scene.ctmc.to_settings(),)]
     return surfaces_steps(volumes.current(scene), requests, scene.session_uid)
 
 
@@ -114,6 +112,7 @@ def too_large(loaded, monkeypatch):
     """The ball, which does not fit as a whole and is simplified as it is extracted; the memory limit."""
 
     from ctmc_addon.core.simplification.whole import memory_needed
+    from ctmc_addon.core.surfaces.extract import FieldSurface
     from ctmc_addon.ui.operators.surface import reconstruct as operators
     from ctmc_addon.ui.properties.preferences import Machine
 
@@ -121,14 +120,13 @@ def too_large(loaded, monkeypatch):
     limit = memory_needed(len(active().data.polygons), None) - 1
     bpy.data.objects.remove(active())
     session.clear()
-    making = sys.modules["ctmc_addon.core.reconstruct"]._Making
-    full_steps = making.full_steps
+    full_steps = FieldSurface.full_steps
 
     def refused_steps(self):
         yield from full_steps(self)
         raise MemoryLimitError("the surface does not fit; choose a larger stride or a region")
 
-    monkeypatch.setattr(making, "full_steps", refused_steps)
+    monkeypatch.setattr(FieldSurface, "full_steps", refused_steps)
     budget = Budget(bytes=limit, slab_bytes=1, work_bytes=0, whole_faces=200)
     monkeypatch.setattr(operators, "machine", lambda: Machine(budget=budget))
     return budget
@@ -259,11 +257,11 @@ def test_ticks_and_the_label_setting_go_together(scene, labels_file):
 
 
 def test_simplify_goes_between_levels_without_extracting_again(loaded, ball_file, monkeypatch):
-    from ctmc_addon.ui.operators.surface import reconstruct as operators
+    from ctmc_addon.core.surfaces import make
 
     bpy.ops.ctmc.reconstruct()
     full = len(active().data.polygons)
-    monkeypatch.setattr(operators, "result_and_full_steps", None)  # extraction would fail
+    monkeypatch.setattr(make, "result_and_full_steps", None)  # extraction would fail
     for reduction in (0.5, 0.9, 0.25):
         loaded.ctmc.reduction = reduction
         assert bpy.ops.ctmc.simplify() == {"FINISHED"}

@@ -12,20 +12,18 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from .budget import Budget
-from .errors import CtmcError, LabelError, MemoryLimitError
-from .memory import give_back
-from .parallel import side_by_side_steps
-from .plan import advised_steps
-from .progress import Stages, Steps
-from .settings import ReconstructionSettings
-from .sinks import HOLD, Sink
-from .volume.labels import label_extents_steps
-from .volume.region import region_box
-from .volume.volume import Volume
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MemoryLimitError
+from ..memory import give_back
+from ..parallel import side_by_side_steps
+from ..plan import advised_steps
+from ..progress import Stages, Steps
+from ..settings import ReconstructionSettings
+from ..sinks import HOLD, Sink
+from ..volume.labels import label_extents_steps
+from ..volume.volume import Box, Volume
 
 Result = TypeVar("Result")
-SMALL_WORK = 1 << 15  # voxels that the smallest label counts for
 
 
 def label_title(volume: Volume, label: int) -> str:
@@ -55,9 +53,10 @@ def no_surface(volume: Volume, errors: Mapping[int, CtmcError]) -> NoSurfaceErro
 
 def each_label_steps(
     volume: Volume,
+    region: Box,
     runs: Sequence[ReconstructionSettings],
     work_steps: Callable[[int, Budget], Steps[Result]],
-    budget: Budget | None = None,
+    budget: Budget,
     sink: Sink = HOLD,
 ) -> Steps[list[Result | CtmcError]]:
     """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
@@ -65,12 +64,14 @@ def each_label_steps(
     Parameters
     ----------
     volume : Volume
+    region : Box
+        Of the settings.
     runs : sequence of ReconstructionSettings
         Alike but for their labels.
     work_steps : function
         Takes the number of a run, and its budget: what does not fit beside others is tried again alone. Driven in
         threads of its own.
-    budget : Budget, optional
+    budget : Budget
     sink : Sink
         Where surfaces go, for what is advised.
 
@@ -79,15 +80,12 @@ def each_label_steps(
     MemoryLimitError
         Of the first label that does not fit alone.
     """
-    budget = budget or Budget()
-    box, workers = region_box(volume, runs[0]), budget.thread_count
-    extents = yield from label_extents_steps(volume, box, budget.threads)  # not once for each
-    work = [
-        float(SMALL_WORK + math.prod(stop - start for start, stop in extents[run.label].box))
-        if run.label in extents
-        else float(SMALL_WORK)
-        for run in runs
-    ]
+    workers = budget.thread_count
+    extents = yield from label_extents_steps(volume, region, budget.threads)  # not once for each
+    work = [float(budget.small_label)] * len(runs)
+    for at, run in enumerate(runs):
+        if run.label in extents:
+            work[at] += math.prod(stop - start for start, stop in extents[run.label].box)
     order = sorted(range(len(runs)), key=lambda at: -work[at])
     alone = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
     if not volume.reader.thread_safe:
@@ -107,13 +105,13 @@ def each_label_steps(
                 return (yield from working)
         except MemoryLimitError as error:
             if beside:
-                return let_go(error)
+                return without_traceback(error)
             label = runs[at].label  # whose surface nobody can do without: the others need not be made
             if label is None:
                 raise
             raise MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
         except CtmcError as error:
-            return let_go(error)
+            return without_traceback(error)
 
     def several_steps(which: Sequence[int], at_once: int, name: str) -> Steps[None]:
         works = [lambda at=at: tried_steps(at, at_once) for at in which]
@@ -130,7 +128,7 @@ def each_label_steps(
     return [made[at] for at in range(len(runs))]
 
 
-def let_go(error: CtmcError) -> CtmcError:
+def without_traceback(error: CtmcError) -> CtmcError:
     """The error without what its traceback and its causes hold: the arrays of the work that it ended."""
     error.__cause__ = error.__context__ = None
     return error.with_traceback(None)

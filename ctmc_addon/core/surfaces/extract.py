@@ -1,12 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a volume to a finished surface: the only place that orders, weighs and names the stages.
+"""From a volume to the surface of one field: a threshold's, or that of a label by itself.
 
 Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small components -> sink, or simplified
 """
 
 from __future__ import annotations
 
-import math
 import time
 from collections.abc import Callable
 from dataclasses import replace
@@ -15,32 +14,39 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
-from .errors import MemoryLimitError
-from .extraction.field_pieces import surface_pieces_steps
-from .extraction.grid import check_stride
-from .memory import give_back
-from .mesh.face_normals import vertex_normals_steps
-from .mesh.faces_shown import face_notes
-from .mesh.kept_pieces import KeptPieces, kept_and_removed_steps
-from .mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
-from .plan import required_steps
-from .progress import Stages, Steps, WithResult, finish
-from .reconstruction import Reconstruction, Stage
-from .settings import AUTO, ReconstructionSettings
-from .sinks import HOLD, Sink, Taken
-from .volume.field import Field, field_steps, refinement_of
-from .volume.region import region_box
-from .volume.volume import Box, Volume
+from ..budget import Budget
+from ..errors import MemoryLimitError
+from ..extraction.field_pieces import surface_pieces_steps
+from ..memory import give_back
+from ..mesh.faces_shown import face_notes
+from ..mesh.kept_pieces import KeptPieces
+from ..mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from ..plan import required_steps
+from ..progress import Steps, WithResult, finish
+from ..reconstruction import Reconstruction
+from ..settings import AUTO, ReconstructionSettings
+from ..sinks import HOLD, Sink, Taken
+from ..volume.field import Field, field_steps
+from ..volume.volume import Volume
+from .finish import (
+    CHOOSING,
+    EXTRACTING,
+    KEEPING,
+    LARGEST_COLLAPSED_MM3,
+    PREPARING,
+    SIMPLIFYING,
+    WRITING,
+    Finish,
+    described,
+    drops_components,
+    goals_of,
+    timed,
+)
+from .request import MadeSurface, Scope, scope_of
 
 if TYPE_CHECKING:
-    from .mesh.angles.alpha_choice import AlphaChoice
-    from .simplification.whole import Simplification
+    from ..mesh.angles.alpha_choice import AlphaChoice
 
-# What report.json and a user read, and the usual share of the time.
-PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
-CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
-LARGEST_COLLAPSED_MM3 = 20.0  # simplification removes no component that encloses more
 MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
 
 
@@ -71,7 +77,11 @@ def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget
 
 
 def reconstruct_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, sink: Sink = HOLD
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    sink: Sink = HOLD,
+    scope: Scope | None = None,
 ) -> Steps[Reconstruction]:
     """`reconstruct` as steps; closing the generator cancels.
 
@@ -79,89 +89,36 @@ def reconstruct_steps(
     ----------
     sink : Sink
         Where the surface goes; by default it is held. What went into a file is not in the result.
+    scope : Scope, optional
+        Of volume and settings, where it is known already.
     """
-    making = _Making(volume, settings, budget or Budget(), sink)
+    making = FieldSurface(volume, settings, budget or Budget(), sink, scope=scope)
     yield from making.field_steps()
     return (yield from making.result_steps())
 
 
 def result_and_full_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None
-) -> Steps[tuple[Reconstruction, Reconstruction | None]]:
+    volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, scope: Scope | None = None
+) -> Steps[MadeSurface]:
     """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
-    making = _Making(volume, settings, budget or Budget(), HOLD)
+    making = FieldSurface(volume, settings, budget or Budget(), HOLD, scope=scope)
     yield from making.field_steps()
-    if not _simplifies(settings):
+    if not settings.simplifies_here:
         full = yield from making.full_steps()
-        return (yield from making.finished_steps(full, None)), full
+        return MadeSurface((yield from making.finished_steps(full, None)), full)
     try:
         full = yield from making.full_steps()
-        return (yield from making.simplified_steps(full)), full
+        return MadeSurface((yield from making.simplified_steps(full)), full)
     except (MemoryLimitError, MemoryError):
         give_back()  # the full surface, which went with its steps
-    return (yield from making.result_steps()), None
+    return MadeSurface((yield from making.result_steps()))
 
 
 def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:
     """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
-    making = _Making(volume, settings, budget or Budget(), HOLD, full=True)
+    making = FieldSurface(volume, settings, budget or Budget(), HOLD, full=True)
     yield from making.field_steps()
     return (yield from making.full_steps())
-
-
-def simplified_steps(
-    full: Reconstruction, settings: ReconstructionSettings, budget: Budget | None = None
-) -> Steps[Reconstruction]:
-    """Return what `full_steps` made, simplified as `settings` ask; their other fields are those it was made with."""
-    making = _Making(None, settings, budget or Budget(), HOLD)
-    return (yield from making.simplified_steps(full))
-
-
-def without_small_steps(
-    full: Reconstruction, min_part_mm3: float, keep_parts: int | None = None
-) -> Steps[Reconstruction]:
-    """Return what `full_steps` made, without the components below a volume, as if the setting had asked for that.
-
-    With `keep_parts` so many of the largest are left; None leaves that as it is.
-    """
-    settings = replace(full.settings, min_part_mm3=min_part_mm3)
-    if keep_parts is not None:
-        settings = replace(settings, keep_parts=keep_parts)
-    mesh = full.mesh
-    surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
-    alpha = settings.alpha_number
-    surface, removed = yield from kept_and_removed_steps(surface, alpha, settings.keep_parts, min_part_mm3)
-    return replace(
-        full,
-        mesh=surface.at(alpha),
-        surface=None if full.surface is None else surface,
-        settings=settings,
-        full_faces=len(surface.faces),
-        removed_components=full.removed_components + removed,
-    )
-
-
-def _drops(settings: ReconstructionSettings) -> bool:
-    return bool(settings.keep_parts or settings.min_part_mm3)
-
-
-def _simplifies(settings: ReconstructionSettings) -> bool:
-    return settings.simplifies and settings.simplifier == "builtin"
-
-
-def _weights(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict[str, int]:
-    """The stages that there will be, and their usual share of the time."""
-    simplifies = _simplifies(settings) and not full
-    weights = {
-        PREPARING: 20,
-        CHOOSING: 50 * (settings.alpha == AUTO),
-        EXTRACTING: 42,
-        KEEPING: 3 * _drops(settings),
-        SIMPLIFYING: 33 * simplifies,
-        AVERAGING: 2 * (settings.normals == "mesh" and not full),
-        WRITING: 0 if sink.holds else 10,
-    }
-    return {name: weight for name, weight in weights.items() if weight}
 
 
 class _Timed:
@@ -192,36 +149,32 @@ class _Timed:
             self.sample, self._every = self.sample[::2].copy(), 2 * self._every
 
 
-class _Making:
-    """A surface that is being made, from the values to the report."""
+class FieldSurface(Finish):
+    """The surface of one field, from the values to the report."""
 
     field: Field
 
     def __init__(
-        self, volume: Volume | None, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False
+        self,
+        volume: Volume,
+        settings: ReconstructionSettings,
+        budget: Budget,
+        sink: Sink,
+        full: bool = False,
+        scope: Scope | None = None,
     ) -> None:
-        self.settings, self.budget, self.sink, self.full = settings, budget, sink, full
-        self.stages = Stages(_weights(settings, sink, full))
-        self.seconds: dict[str, float] = {}
+        super().__init__(settings, budget, sink, full)
+        self.volume, self.scope = volume, scope or scope_of(volume, settings)
         self.choice: AlphaChoice | None = None
         self._held: Held | None = None  # the pieces of the surface, until it is taken
         self._held_seconds = 0.0
         self.removed_components = 0
-        if volume is not None:
-            self.volume = volume
-            region = region_box(volume, settings)
-            steps = refinement_of(volume.spacing, settings)
-            first, last = region[2][0] * steps, (region[2][1] - 1) * steps
-            check_stride(settings.stride, (*region[:2], (first, last + 1)))  # before any value is prepared
-
-    @property
-    def _goals(self) -> tuple[float | None, int | None, float | None]:
-        """Reduction, triangles and maximum error that are asked for."""
-        return self.settings.reduction, self.settings.target_faces, self.settings.max_error_mm
+        self.scope.require_stride()  # before any value is prepared
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
-        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=not self._shows_normals)
+        keeps = not self._shows_normals
+        preparing = field_steps(self.volume, self.settings, self.budget, with_surface=keeps, region=self.scope.region)
         self.field = yield from self.stages.run(PREPARING, preparing)
         if not self.full:  # the settings say nothing of the full surface
             yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
@@ -229,15 +182,15 @@ class _Making:
 
     def result_steps(self) -> Steps[Reconstruction]:
         """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""
-        if not _simplifies(self.settings):
+        if not self.settings.simplifies_here:
             full = yield from self.full_steps()
             return (yield from self.finished_steps(full, None))
         yield from self._choose_steps(holds=False)
         pieces, extracting = self._pieces_steps(joined=False)
-        from .simplification.simplify import simplified_pieces_steps
-        from .simplification.whole import Goal
+        from ..simplification.simplify import simplified_pieces_steps
+        from ..simplification.whole import Goal
 
-        goal = Goal(*self._goals, LARGEST_COLLAPSED_MM3)
+        goal = Goal(*goals_of(self.settings), LARGEST_COLLAPSED_MM3)
         with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
             reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha_number), goal, self.budget)
             start = time.perf_counter()
@@ -259,61 +212,6 @@ class _Making:
         faces = len(taken.mesh.faces) if taken.measured is None else taken.measured.faces
         return self._described(taken, faces, extracting[0].sample)
 
-    def simplified_steps(self, full: Reconstruction) -> Steps[Reconstruction]:
-        """Simplify the full surface that the sink keeps, at its alpha."""
-        if self.settings.alpha == AUTO:
-            self.settings = replace(self.settings, alpha=full.settings.alpha)
-        simplification, settings = None, self.settings
-        if _simplifies(settings):
-            from .simplification.simplify import simplification_steps
-
-            simplifying = simplification_steps(full.mesh, *self._goals, self.budget, LARGEST_COLLAPSED_MM3)
-            simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
-            self.seconds[SIMPLIFYING] = self.stages.seconds[SIMPLIFYING]
-        return (yield from self.finished_steps(full, simplification))
-
-    def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
-        """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
-        mesh, surface, notes = full.mesh, full.surface, full.notes
-        collapsed, collapsed_mm3 = full.collapsed_components, full.collapsed_mm3
-        settings, measured, crossings = self.settings, full.measured, full.self_intersections
-        if simplification is not None:
-            mesh, surface = simplification.mesh, None
-            collapsed, collapsed_mm3 = simplification.collapsed.count, simplification.collapsed.volume
-            if simplification.self_intersections is not None:
-                crossings = simplification.self_intersections
-            if crossings:
-                notes += (f"Pairs of triangles that cross each other: {crossings:,}.",)
-            if collapsed:
-                notes += (f"{simplification.collapsed.sentence()}.",)
-            if simplification.handles_cut:
-                notes += (f"Small handles that were cut and capped: {simplification.handles_cut:,}.",)
-            target = settings.target_faces or round(full.full_faces * (1 - (settings.reduction or 0)))
-            if settings.max_error_mm is None and len(mesh.faces) > target:
-                notes += (missed_goal(len(mesh.faces), target),)
-        if settings.normals == "mesh" and self.sink.normals and measured is None:
-            averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
-            mesh = replace(mesh, normals=(yield from self.stages.run(AVERAGING, averaging)))
-            self.seconds[AVERAGING] = self.stages.seconds[AVERAGING]
-        if not self.sink.holds and measured is None:
-            taken = yield from self.stages.run(WRITING, self.sink.mesh_steps(mesh))
-            self.seconds[WRITING] = self.stages.seconds[WRITING]
-            mesh, measured = taken.mesh, taken.measured
-        names = (SIMPLIFYING, AVERAGING, WRITING)
-        stages = tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds)
-        return replace(
-            full,
-            mesh=mesh,
-            surface=surface,
-            settings=settings,
-            stages=full.stages + stages,
-            notes=notes,
-            collapsed_components=collapsed,
-            collapsed_mm3=collapsed_mm3,
-            self_intersections=None if settings.simplifies and not _simplifies(settings) else crossings,
-            measured=measured,
-        )
-
     def _choose_steps(self, holds: bool) -> Steps[None]:
         """Choose alpha from the full surface where the settings ask for that.
 
@@ -326,7 +224,7 @@ class _Making:
             self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
 
     def _choice_steps(self, holds: bool) -> Steps[AlphaChoice]:
-        from .mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
+        from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
 
         if holds:
             extracting = _Timed()
@@ -341,7 +239,7 @@ class _Making:
             return self._kept_steps(one_pass, False, holds, replace(self.settings, alpha=alpha))
 
         angle = self.settings.min_angle_deg
-        if _drops(self.settings):
+        if drops_components(self.settings):
             return (yield from kept_alpha_steps(kept_pass, angle))
         return (yield from chosen_alpha_steps(lambda: one_pass(False), angle))
 
@@ -360,7 +258,7 @@ class _Making:
             pieces = self._extracted_steps(normals, joined)
             return extracting.passed_steps(pieces, sampled=not extracting.sample.size)
 
-        if not _drops(self.settings):
+        if not drops_components(self.settings):
             return one_pass(self._shows_normals), (extracting, extracting)
         kept = self._kept_steps(one_pass, self._shows_normals, joined, self.settings)
         return keeping.passed_steps(kept, sampled=False), (extracting, keeping)
@@ -410,41 +308,18 @@ class _Making:
 
     def _described(self, taken: Taken, full_faces: int, sample: NDArray[np.float32]) -> Reconstruction:
         """Return the reconstruction of a mesh, with its settings, counts and notes."""
-        volume, settings, field = self.volume, self.settings, self.field
-        names = (PREPARING, CHOOSING, EXTRACTING, KEEPING)
-        chosen = () if self.choice is None else (self.choice.sentence(),)
-        return Reconstruction(
-            mesh=taken.mesh,
-            surface=taken.surface,
-            settings=settings,
+        volume, field = self.volume, self.field
+        return described(
+            volume,
+            self.scope,
+            self.settings,
+            taken,
+            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample),
+            slice_steps=field.slice_steps,
+            choice=self.choice,
             threshold=field.threshold,
             full_faces=full_faces,
-            voxels_visited=voxels_visited(region_box(volume, settings), settings.stride, field.slice_steps),
-            stages=tuple(Stage(name, self.seconds[name]) for name in names if name in self.seconds),
-            spacing_mm=volume.spacing,
-            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample) + chosen,
-            name=volume.name,
-            slice_steps=field.slice_steps,
-            wrong_side=taken.wrong_side,
-            label_name="" if settings.label is None else volume.label_names.get(settings.label, ""),
+            stages=timed((PREPARING, CHOOSING, EXTRACTING, KEEPING), self.seconds),
             removed_components=self.removed_components,
-            label_color=None if settings.label is None else volume.label_colors.get(settings.label),
             self_intersections=0,
-            measured=taken.measured,
-            alpha_choice=self.choice,
         )
-
-
-def missed_goal(faces: int, target: int) -> str:
-    """Return the note for a surface that keeps more triangles than it was to have."""
-    return (
-        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, "
-        f"tearing or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
-    )
-
-
-def voxels_visited(region: Box, stride: tuple[int, int, int], slice_steps: int) -> int:
-    """Return the cells of the strided grid in a region, refined between slices, skipped or not."""
-    gaps = [stop - 1 - start for start, stop in region]
-    gaps[2] *= slice_steps
-    return math.prod(-(-gap // side) for gap, side in zip(gaps, stride, strict=True))

@@ -15,27 +15,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MeshError, ThresholdError
+from ..extraction.grid import Axis, make_axes
+from ..extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
+from ..extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
+from ..extraction.interfaces.crossings import Crossings, Placed, crossings_of
+from ..extraction.interfaces.label_samples import LabelSamples, label_samples_steps
+from ..extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
+from ..extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
+from ..mesh.label_complex import ComplexSurface
+from ..parallel import map_steps, side_by_side_steps
+from ..progress import PAUSE, Stages, Steps, equal_part
+from ..settings import ReconstructionSettings
+from ..volume.affine import transform_faces, transform_points
+from ..volume.field import field_steps, smoothed_note
+from ..volume.field_values import fetched_steps
+from ..volume.smoothing import refined_affine
+from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
-from .errors import CtmcError, LabelError, MeshError, ThresholdError
-from .extraction.grid import Axis, check_stride, make_axes
-from .extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
-from .extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
-from .extraction.interfaces.crossings import Crossings, Placed, crossings_of
-from .extraction.interfaces.label_samples import LabelSamples, label_samples_steps
-from .extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
-from .extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
-from .mesh.label_complex import ComplexSurface
-from .parallel import map_steps, side_by_side_steps
-from .progress import PAUSE, Stages, Steps, equal_part
-from .settings import ReconstructionSettings
-from .volume.affine import transform_faces, transform_points
-from .volume.field import field_steps, field_window_steps, refinement_of, smoothed_note
-from .volume.field_values import fetched_steps
-from .volume.labels import ALL, chosen_labels_steps, label_extents_steps
-from .volume.region import region_box
-from .volume.smoothing import refined_affine
-from .volume.volume import Box, Volume
+from .request import Scope, scope_of_labels
 
 FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
@@ -60,7 +59,6 @@ class LabelComplex:
     ----------
     surface : ComplexSurface
         In RAS+ mm; its sides are the labels' values.
-    settings : ReconstructionSettings
     labels : tuple of int
         That have a surface, rising.
     errors : dict of int to CtmcError
@@ -75,11 +73,10 @@ class LabelComplex:
         What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
     constants_mm : dict of int to float
         Added to a label's field beside those that it touches.
-    slice_steps : int
+    scope : Scope
     """
 
     surface: ComplexSurface
-    settings: ReconstructionSettings
     labels: tuple[int, ...]
     errors: dict[int, CtmcError]
     thresholds: dict[int, float]
@@ -88,7 +85,7 @@ class LabelComplex:
     volumes_mm3: dict[int, float]
     label_mm3: dict[int, float]
     constants_mm: dict[int, float]
-    slice_steps: int
+    scope: Scope
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,9 +103,10 @@ class _LabelField:
 def complex_steps(
     volume: Volume,
     settings: ReconstructionSettings,
-    labels: Sequence[int] | None = None,
+    labels: Sequence[int],
     budget: Budget | None = None,
     all_needed: bool = True,
+    scope: Scope | None = None,
 ) -> Steps[LabelComplex]:
     """Make the surfaces of several labels as one complex.
 
@@ -117,19 +115,21 @@ def complex_steps(
     volume : Volume
     settings : ReconstructionSettings
         Of all labels; their own label does not count.
-    labels : sequence of int, optional
-        By default all but 0; then those that have no surface are left out.
+    labels : sequence of int
     budget : Budget, optional
         Threads and memory; the result does not depend on it.
     all_needed : bool
-        Whether a label that was asked for and has no surface is an error; else it is left out.
+        Whether a label without a surface is an error; else it is left out.
+    scope : Scope, optional
+        Of volume and settings, where it is known already.
 
     Raises
     ------
     CtmcError
-        As `reconstruct`; a label that was asked for and has no surface.
+        As `reconstruct`.
     """
-    making = _Making(volume, settings, budget or Budget(), all_needed and labels is not None)
+    scope = scope or scope_of_labels(volume, settings)
+    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed, scope)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -137,42 +137,36 @@ def complex_steps(
     return (yield from making.result_steps())
 
 
-class _Making:
+class LabelInterfaces:
     """A complex that is being made."""
 
     owners: Owners
     placed: Placed
 
-    def __init__(self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool) -> None:
-        self.all_needed = all_needed
+    def __init__(
+        self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool, scope: Scope
+    ) -> None:
+        self.all_needed, self.scope, self.slice_steps = all_needed, scope, scope.slice_steps
         self.volume, self.budget = volume.as_labels, budget
         self.settings = replace(settings, threshold=None, label=None)
         self.stages = Stages(STAGES)
         self.method = replace(self.settings, label=1).smoothing_method
-        self.region = region_box(volume, settings)
-        self.slice_steps = refinement_of(volume.spacing, replace(self.settings, label=1))
-        first, last = self.region[2][0] * self.slice_steps, (self.region[2][1] - 1) * self.slice_steps
-        check_stride(settings.stride, (*self.region[:2], (first, last + 1)))
+        scope.require_stride()
 
-    def fields_steps(self, labels: Sequence[int] | None) -> Steps[None]:
+    def fields_steps(self, labels: Sequence[int]) -> Steps[None]:
         """Make the field of every label, as for that label alone."""
-        volume, budget = self.volume, self.budget
-        choices = (ALL,) if labels is None else tuple(labels)
-        chosen = sorted((yield from chosen_labels_steps(volume, choices, self.region, budget.threads)))
+        volume, region = self.volume, self.scope.region
+        chosen = sorted(set(labels))
         runs = [replace(self.settings, label=label) for label in chosen]
-        extents = yield from label_extents_steps(volume, self.region, budget.threads)
-        for run in runs:
-            if run.label not in extents:  # raises, with the labels that there are
-                yield from field_window_steps(volume, run, budget)
 
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
-            field = yield from field_steps(volume, runs[at], own)
+            field = yield from field_steps(volume, runs[at], own, region=region)
             if self.method != "constrained":
                 field.check()  # which constrained smoothing has done
             samples = None if self.method == "none" else (yield from label_samples_steps(field))
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
-        made = yield from self.stages.run(FIELDS, each_label_steps(volume, runs, work_steps, budget))
+        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}
@@ -431,7 +425,6 @@ class _Making:
         numbered = [(at, label) for at, label in enumerate(self.labels, 1) if label in with_surface]
         return LabelComplex(
             surface=surface,
-            settings=settings,
             labels=tuple(label for _, label in numbered),
             errors=self.errors,
             thresholds={label: self.fields[at - 1].threshold for at, label in numbered},
@@ -440,7 +433,7 @@ class _Making:
             volumes_mm3={label: float(self.volumes[at]) for at, label in numbered},
             label_mm3={label: float(self.goals[at]) for at, label in numbered},
             constants_mm={label: float(self.constants[at]) for at, label in numbered},
-            slice_steps=self.slice_steps,
+            scope=self.scope,
         )
 
 

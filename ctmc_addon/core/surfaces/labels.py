@@ -1,0 +1,110 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces of several labels of one volume: with shared interfaces, or each by itself.
+
+By itself every surface has the bytes of `reconstruct` with that label alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+from ..budget import Budget
+from ..errors import LabelError, MeshError, ThresholdError
+from ..progress import Stages, Steps, finish
+from ..reconstruction import Reconstruction
+from ..settings import ReconstructionSettings
+from ..sinks import HOLD, Sink
+from ..volume.labels import ALL, chosen_labels_steps
+from ..volume.region import region_box
+from ..volume.volume import Volume
+from .each_label import left_out, no_surface
+from .make import make_surfaces_steps
+from .request import MadeSurface, SurfaceRequest
+
+STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
+
+
+class LabelSurfaces(NamedTuple):
+    """The surfaces of several labels, and why others have none.
+
+    Parameters
+    ----------
+    surfaces : list of Reconstruction
+        In the order in which the labels were asked for.
+    left_out : list of str
+        A sentence for each label without a surface; empty unless all labels were asked for.
+    """
+
+    surfaces: list[Reconstruction]
+    left_out: list[str]
+
+
+def reconstruct_labels(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int] | None = None,
+    budget: Budget | None = None,
+) -> LabelSurfaces:
+    """Make a surface of each of several labels.
+
+    Parameters
+    ----------
+    volume : Volume
+        Of a file that threads cannot share, values are fetched for one label after the other.
+    settings : ReconstructionSettings
+        Of every surface; their own label does not count. With `interfaces` "shared" neighbors have the same triangles
+        where they touch, and a number of triangles is that of all surfaces of a layer.
+    labels : sequence of int, optional
+        By default all but 0; then those that have no surface are left out and said.
+    budget : Budget, optional
+        Threads and memory; by default what the machine has. The result does not depend on it.
+
+    Raises
+    ------
+    CtmcError
+        As `reconstruct`; a label that was asked for and has no surface.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> values = np.zeros((8, 8, 20), np.uint8)
+    >>> values[2:6, 2:6, 2:6], values[3:5, 3:5, 12:18] = 1, 2
+    >>> volume = Volume(values, np.eye(4), kind="label", label_names={1: "box", 2: "bar"})
+    >>> [result.label_name for result in reconstruct_labels(volume, ReconstructionSettings()).surfaces]
+    ['box', 'bar']
+    """
+    return finish(reconstruct_labels_steps(volume, settings, labels, budget))
+
+
+def reconstruct_labels_steps(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int] | None = None,
+    budget: Budget | None = None,
+    sink_of: Callable[[int], Sink] = lambda _: HOLD,
+) -> Steps[LabelSurfaces]:
+    """`reconstruct_labels` as steps; closing the generator cancels.
+
+    `sink_of` a label says where its surface goes; by default all are held.
+    """
+    budget = budget or Budget()
+    stages = Stages(STAGES)
+    finding, making = STAGES
+    choices = (ALL,) if labels is None else tuple(labels)
+    looking = chosen_labels_steps(volume, choices, region_box(volume, settings), budget.threads)
+    chosen = yield from stages.run(finding, looking)
+    requests = [SurfaceRequest(replace(settings, threshold=None, label=label), sink_of(label)) for label in chosen]
+    working = make_surfaces_steps(volume, requests, budget, all_needed=labels is not None)
+    surfaces, errors = [], {}
+    for label, outcome in zip(chosen, (yield from stages.run(making, working)), strict=True):
+        if isinstance(outcome, MadeSurface):
+            surfaces.append(outcome.result)
+        elif isinstance(outcome, (LabelError, MeshError, ThresholdError)):
+            errors[label] = outcome
+        else:
+            raise outcome
+    if not surfaces:
+        raise no_surface(volume, errors)
+    return LabelSurfaces(surfaces, [left_out(volume, label, error) for label, error in errors.items()])

@@ -1,0 +1,207 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Make the surfaces of requests: the only place that decides what is made together.
+
+A threshold's surface is made by itself. Labels that share their interfaces are made together, layer by layer: labels
+that overlap lie in different layers. Other labels are made several at a time, each by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+from ..budget import Budget
+from ..errors import CtmcError, LabelError, MemoryLimitError
+from ..plan import advised_steps
+from ..progress import Stages, Steps, equal_part
+from ..sinks import HOLD
+from ..volume.labels import label_extents_steps, labels_by_layer_steps
+from ..volume.volume import Volume
+from .each_label import NoSurfaceError, each_label_steps, without_traceback
+from .extract import reconstruct_steps, result_and_full_steps
+from .finish import remade_steps
+from .request import MadeSurface, Scope, SurfaceRequest, scope_of_labels, share_walls
+
+Outcome = MadeSurface | CtmcError
+LARGEST = (1 << 31) - 1  # Interfaces have the numbers of their two labels as int32.
+
+
+def make_surfaces_steps(
+    volume: Volume | None,
+    requests: Sequence[SurfaceRequest],
+    budget: Budget | None = None,
+    *,
+    labels: Volume | None = None,
+    all_needed: bool = False,
+) -> Steps[list[Outcome]]:
+    """Make surfaces.
+
+    Parameters
+    ----------
+    volume : Volume or None
+        None where every request brings its full surface.
+    requests : sequence of SurfaceRequest
+        A number of triangles is that of all labels of a layer that share interfaces, what two of them share counted
+        once.
+    budget : Budget, optional
+        Threads and memory; by default what the machine has. No surface depends on it.
+    labels : Volume, optional
+        Has the labels; by default `volume` has them.
+    all_needed : bool
+        Whether the first error is raised; else it stands where its surface would.
+
+    Returns
+    -------
+    list of MadeSurface or CtmcError
+        In the order of the requests.
+
+    Raises
+    ------
+    MemoryLimitError
+        Of a surface that does not fit, not even alone.
+    CtmcError
+        As `reconstruct`.
+    """
+    budget = budget or Budget()
+    made: dict[int, Outcome] = {}
+    groups = _groups(requests)
+    for number, group in enumerate(groups):
+        members = [requests[at] for at in group]
+        source = volume if members[0].settings.label is None else labels or volume
+        results = yield from equal_part(_group_steps(source, members, budget, all_needed), number, len(groups))
+        made.update(zip(group, results, strict=True))
+        errors = [result for result in results if isinstance(result, CtmcError)]
+        if errors and all_needed:
+            raise errors[0]
+    return [made[at] for at in range(len(requests))]
+
+
+def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
+    """Return the numbers of requests that are one work: labels with the same settings, else each by itself."""
+    groups: dict[object, list[int]] = {}
+    for at, request in enumerate(requests):
+        is_own = request.settings.label is None or request.full is not None
+        groups.setdefault(at if is_own else replace(request.settings, threshold=None, label=None), []).append(at)
+    return list(groups.values())
+
+
+def _group_steps(
+    volume: Volume | None, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
+) -> Steps[list[Outcome]]:
+    """Make the surfaces of one work."""
+    if len(requests) == 1:
+        return [(yield from _alone_steps(volume, requests[0], budget, all_needed))]
+    assert volume is not None, "labels are extracted"
+    scope = scope_of_labels(volume, requests[0].settings)
+    extents = yield from label_extents_steps(volume, scope.region, budget.threads)
+    present = [at for at, request in enumerate(requests) if request.settings.label in extents]
+    absent = [at for at in range(len(requests)) if at not in present]
+    several = present if len(present) > 1 else []
+    made: dict[int, Outcome] = {}
+    for at in absent if several else absent + present:  # an absent label gives an error that says which there are
+        made[at] = yield from _alone_steps(volume, requests[at], budget, all_needed)
+    members = [requests[at] for at in several]
+    results: list[Outcome] = []
+    if share_walls([request.settings for request in members]):
+        results = yield from _together_steps(volume, scope, members, budget, all_needed)
+    elif members:
+        results = yield from _each_steps(volume, scope, members, budget)
+    made.update(zip(several, results, strict=True))
+    return [made[at] for at in range(len(requests))]
+
+
+def _alone_steps(volume: Volume | None, request: SurfaceRequest, budget: Budget, all_needed: bool) -> Steps[Outcome]:
+    """Make one surface with all threads; where it does not fit, say what would."""
+    settings, sink = request.settings, request.sink
+    if request.full is not None:
+        making = remade_steps(request.full, settings, budget)
+    else:
+        assert volume is not None, "a surface is extracted or remade"
+        making = advised_steps(
+            _one_steps(volume, request, budget), volume, settings, budget, sink, request.written_bytes
+        )
+    return (yield from _outcome_steps(making, all_needed))
+
+
+def _outcome_steps(making: Steps[MadeSurface], all_needed: bool) -> Steps[Outcome]:
+    """Return what is made, or its error where not all are needed; nobody can do without memory."""
+    try:
+        return (yield from making)
+    except CtmcError as error:
+        if all_needed or isinstance(error, MemoryLimitError):
+            raise
+        return without_traceback(error)
+
+
+def _one_steps(
+    volume: Volume, request: SurfaceRequest, budget: Budget, scope: Scope | None = None
+) -> Steps[MadeSurface]:
+    """Make one surface, and the full one where that is needed."""
+    if request.needs_full:
+        return (yield from result_and_full_steps(volume, request.settings, budget, scope))
+    return MadeSurface((yield from reconstruct_steps(volume, request.settings, budget, request.sink, scope)))
+
+
+def _each_steps(
+    volume: Volume, scope: Scope, requests: Sequence[SurfaceRequest], budget: Budget
+) -> Steps[list[Outcome]]:
+    """Make labels by themselves, several at a time."""
+
+    def work_steps(at: int, own: Budget) -> Steps[MadeSurface]:
+        return (yield from _one_steps(volume, requests[at], own, scope))
+
+    runs = [request.settings for request in requests]
+    return (yield from each_label_steps(volume, scope.region, runs, work_steps, budget, requests[0].sink))
+
+
+def _together_steps(
+    volume: Volume, scope: Scope, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
+) -> Steps[list[Outcome]]:
+    """Make labels that share their interfaces, layer by layer, then hand each to its sink."""
+    from .shared import TouchingLabels
+
+    settings = requests[0].settings
+    labels = [request.settings.label for request in requests if request.settings.label is not None]
+    layers = yield from labels_by_layer_steps(volume, labels, scope.region, budget.threads)
+    stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
+    made: dict[int, Outcome] = {}
+    for at, (layer, own) in enumerate(layers):
+        if len(own) == 1:
+            held = replace(requests[labels.index(own[0])], sink=HOLD)
+            lone = _outcome_steps(_one_steps(layer, held, budget, scope), all_needed)
+            made[own[0]] = yield from stages.run(str(at), lone)
+            continue
+        _require_shareable(own)
+        try:
+            making = TouchingLabels(layer, scope, settings, own, budget, all_needed).result_steps()
+            made |= yield from stages.run(str(at), making)
+        except NoSurfaceError as error:
+            if all_needed:
+                raise
+            made |= error.errors
+    results: list[Outcome] = []
+    for label, request in zip(labels, requests, strict=True):
+        outcome = made[label]
+        if isinstance(outcome, MadeSurface):
+            outcome = yield from _taken_steps(outcome, request)
+        results.append(outcome)
+    return results
+
+
+def _require_shareable(labels: Sequence[int]) -> None:
+    """Raise `LabelError` if a label does not fit where triangles that labels share keep their numbers."""
+    outside = next((label for label in labels if not 0 < label <= LARGEST), None)
+    if outside is not None:
+        raise LabelError(
+            f"label {outside} cannot share its interfaces, as that takes labels from 1 to {LARGEST}; "
+            "set interfaces to separate, or make it alone"
+        )
+
+
+def _taken_steps(made: MadeSurface, request: SurfaceRequest) -> Steps[MadeSurface]:
+    """Hand a held surface to the sink of its request."""
+    result = made.result
+    if not request.sink.holds:
+        taken = yield from request.sink.mesh_steps(result.mesh)
+        result = replace(result, mesh=taken.mesh, surface=None, measured=taken.measured, beyond=None)
+    return MadeSurface(result, made.full if request.needs_full else None)

@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Surfaces of several labels of one layer whose neighbors share their interfaces: made and simplified together."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..budget import Budget
+from ..errors import CtmcError
+from ..mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
+from ..mesh.complex_components import keep_complex_components_steps
+from ..mesh.face_normals import vertex_normals_steps
+from ..mesh.intersections import self_intersections_steps
+from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
+from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
+from ..progress import Stages, Step, Steps
+from ..reconstruction import Reconstruction
+from ..settings import AUTO, ReconstructionSettings
+from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
+from ..simplification.component_removal import CollapsedComponents
+from ..sinks import Taken
+from ..volume.volume import Volume
+from .finish import (
+    AVERAGING,
+    CHOOSING,
+    EXTRACTING,
+    KEEPING,
+    LARGEST_COLLAPSED_MM3,
+    LOOKING,
+    SIMPLIFYING,
+    described,
+    drops_components,
+    goals_of,
+    simplification_notes,
+    timed,
+)
+from .interfaces import LabelComplex, complex_steps
+from .request import MadeSurface, Scope
+
+CLASSIC_NOTE = "Interfaces are cut by the classic cases; topology trilinear needs interfaces separate."
+WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
+
+
+class TouchingLabels:
+    """Surfaces of labels of one layer that are being made together."""
+
+    def __init__(
+        self,
+        volume: Volume,
+        scope: Scope,
+        settings: ReconstructionSettings,
+        labels: Sequence[int],
+        budget: Budget,
+        all_needed: bool,
+    ) -> None:
+        self.volume, self.scope, self.settings, self.labels = volume, scope, settings, labels
+        self.budget, self.all_needed = budget, all_needed
+        self.stages = Stages(WEIGHTS)
+        self.extracted: LabelComplex
+        self.choice: AlphaChoice | None = None
+        self.crossings: dict[int, int] = {}  # pairs of triangles; only of labels that have some
+
+    def result_steps(self) -> Steps[dict[int, MadeSurface | CtmcError]]:
+        """Extract, drop small components, simplify, and return each label's own surface."""
+        settings, stages = self.settings, self.stages
+        extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed, self.scope)
+        self.extracted = yield from stages.run(EXTRACTING, extracting)
+        surface = self.extracted.surface
+        errors: dict[int, CtmcError] = dict(self.extracted.errors)
+        if settings.alpha == AUTO:
+            whole = Surface(surface.midpoints, surface.linear, surface.faces)
+            choosing = chosen_alpha_steps(lambda: replayed_steps([whole]), settings.min_angle_deg)
+            self.choice = yield from stages.run(CHOOSING, choosing)
+            settings = self.settings = replace(settings, alpha=self.choice.alpha)
+        alpha = settings.alpha_number
+        if drops_components(settings):
+            limits = (alpha, settings.keep_parts, settings.min_part_mm3)
+            keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
+            surface, dropped = yield from stages.run(KEEPING, keeping)
+            errors |= dropped
+            if dropped and self.all_needed:
+                raise next(iter(dropped.values()))
+        labels = [label for label in self.labels if label not in errors]
+        if not labels:
+            return {**errors}
+        full_mesh, simplified = surface.at(alpha), None
+        if settings.simplifies_here:
+            goals = goals_of(settings)
+            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
+            simplified = yield from stages.run(SIMPLIFYING, simplifying)
+        full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
+        results = dict(full)
+        if simplified is None:
+            self.crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
+            for label, result in full.items():
+                results[label] = replace(result, self_intersections=self.crossings.get(label, 0))
+        else:
+            if simplified.self_intersections != 0:  # some, or not tested yet
+                self.crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
+            before = len(full_mesh.faces)
+            results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
+        ran = timed(WEIGHTS, stages.seconds)
+        made = {
+            label: MadeSurface(replace(results[label], stages=ran), replace(result, stages=ran))
+            for label, result in full.items()
+        }
+        return {**made, **errors}
+
+    def _full_steps(
+        self, surface: ComplexSurface, mesh: ComplexMesh, labels: Iterable[int]
+    ) -> Steps[dict[int, Reconstruction]]:
+        """Return each label's own surface at both ends of alpha."""
+        full: dict[int, Reconstruction] = {}
+        interfaces, borders = mesh.interfaces, borders_of(surface.faces, surface.sides)
+        for label in labels:
+            yield Step(len(full) / len(self.labels))
+            own, beyond = surface.within(borders[label])
+            at_alpha = own.at(self.settings.alpha_number)
+            normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
+            own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
+            described = self._described(label, at_alpha, own, beyond)
+            full[label] = replace(described, neighbors=neighbors_of(label, interfaces))
+        return full
+
+    def _simplified_steps(
+        self, simplified: ComplexSimplification, full_faces: int, full: Mapping[int, Reconstruction]
+    ) -> Steps[dict[int, Reconstruction]]:
+        """Return what simplification has left of each label."""
+        results: dict[int, Reconstruction] = {}
+        together, handles_cut = simplified.mesh, simplified.handles_cut
+        interfaces = together.interfaces
+        borders = borders_of(together.faces, together.sides)
+        for label, result in full.items():
+            yield Step(len(results) / len(full))
+            faces, beyond, used = borders[label]
+            mesh = TriangleMesh(together.vertices[used], faces)
+            if self.settings.normals == "mesh":
+                mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
+            collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
+            notes = simplification_notes(
+                self.settings, full_faces, len(together.faces), simplified.self_intersections, collapsed, handles_cut
+            )
+            results[label] = replace(
+                result,
+                mesh=mesh,
+                surface=None,
+                notes=result.notes + notes,
+                collapsed_components=collapsed.count,
+                collapsed_mm3=collapsed.volume,
+                beyond=beyond,
+                neighbors=neighbors_of(label, interfaces),
+                self_intersections=self.crossings.get(label, 0),
+            )
+        return results
+
+    def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
+        """Return the reconstruction of a label's own surface."""
+        extracted = self.extracted
+        result = described(
+            self.volume,
+            self.scope,
+            replace(self.settings, threshold=None, label=label),
+            Taken(mesh, surface, wrong_side=extracted.wrong_side[label]),
+            notes=extracted.notes[label],
+            slice_steps=self.scope.slice_steps,
+            choice=self.choice,
+            threshold=extracted.thresholds[label],
+            full_faces=len(mesh.faces),
+            stages=(),
+            beyond=beyond,
+        )
+        return result if self.settings.topology == "classic" else replace(result, notes=(*result.notes, CLASSIC_NOTE))
+
+
+def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
+    """Count the pairs of triangles that meet where they may not, by label; one of two labels counts for both."""
+    pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces, selected)
+    return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}
