@@ -246,8 +246,7 @@ def test_regions_that_cross_each_other_are_simplified_again_as_one(monkeypatch):
         yield
 
     def noted(batch, *rest, **more):
-        if "by_box" not in more:  # of merged batches and regions
-            sizes.append(batch.face_count)
+        sizes.append(batch.face_count)
         return reduce_batch_steps(batch, *rest, **more)
 
     monkeypatch.setattr(in_batches, "_crossing_steps", crossing_steps)
