@@ -10,12 +10,14 @@ from __future__ import annotations
 import json
 import os
 import signal
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import IO, Any
+from typing import IO, TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    import subprocess
 
 PACKAGE = Path(__file__).resolve().parents[1]
 ENDING_SECONDS = 1.0  # between the end of its output and its own
@@ -73,6 +75,8 @@ def ending(process: subprocess.Popen[bytes], errors: IO[bytes] | None = None, be
     remedy : str, optional
         As in `how_it_ended`.
     """
+    import subprocess  # Whoever asks has started a process; other commands start without it.
+
     try:
         status = process.wait(ENDING_SECONDS)
     except subprocess.TimeoutExpired:

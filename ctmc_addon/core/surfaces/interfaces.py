@@ -36,7 +36,7 @@ from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
 from .request import Scope, scope_of_labels
 
-FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
+FIELDS, WALLS, OWNING, CROSSING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
     "Smoothing the walls",
     "Finding who owns each sample",
@@ -45,7 +45,7 @@ FIELDS, WALLS, OWNING, FINDING, PLACING, KEEPING, MOVING = (
     "Keeping the volumes",
     "Moving to millimeters",
 )
-STAGES = {FIELDS: 60, WALLS: 20, OWNING: 8, FINDING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
+STAGES = {FIELDS: 60, WALLS: 20, OWNING: 8, CROSSING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
 REMEDY = "choose a region, fewer labels or slice_steps, or interfaces separate"
 VERTEX_BYTES = 300  # with its triangles
 POINTS_AT_ONCE = 1 << 16
@@ -299,7 +299,7 @@ class LabelInterfaces:
         owners = self.owners
         ranges = band_ranges(owners.number.shape)
         finding = map_steps(lambda layers: find_band(owners, *layers), ranges, threads)
-        bands = yield from self.stages.run(FINDING, finding)
+        bands = yield from self.stages.run(CROSSING, finding)
         counts = np.array([band.counts for band in bands])  # (bands, lists)
         ends = np.cumsum(counts.reshape(-1))
         starts = (ends - counts.reshape(-1)).reshape(counts.shape)
