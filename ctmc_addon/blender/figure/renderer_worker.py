@@ -28,6 +28,8 @@ from .video import Video
 TASKS = {task.__name__: task for task in (Picture, Video)}
 SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # as Cycles tells them
 
+REMOVALS = 100  # Blender may be writing into its folder while that is removed.
+
 
 def serve(blend: str) -> None:
     """Open a .blend, and do tasks with its only scene.
@@ -56,7 +58,10 @@ def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
     """Take tasks from standard input; at its end remove the folder and leave at once."""
     for task in requests():
         tasks.put(task)
-    shutil.rmtree(folder, ignore_errors=True)
+    for _ in range(REMOVALS):
+        shutil.rmtree(folder, ignore_errors=True)
+        if not folder.exists():
+            break
     os._exit(0)
 
 
