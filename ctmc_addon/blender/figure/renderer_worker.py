@@ -27,7 +27,6 @@ from .video import Video
 
 TASKS = {task.__name__: task for task in (Picture, Video)}
 SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # as Cycles tells them
-
 REMOVALS = 100  # Blender may be writing into its folder while that is removed.
 
 
@@ -41,14 +40,15 @@ def serve(blend: str) -> None:
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
     tasks: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
-    threading.Thread(target=listen, args=(tasks, Path(blend).parent), daemon=True).start()
+    listening = threading.Thread(target=listen, args=(tasks, Path(blend).parent), daemon=True)
+    listening.start()
     out = own_output()
     try:
         bpy.ops.wm.open_mainfile(filepath=blend, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         why = str(error).strip().removeprefix("Error: ")
         say(out, line({"sentence": f"the scene cannot be read again to be rendered ({why}); choose another place"}))
-        return
+        listening.join()  # It may be removing the folder, and ends this process.
     bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": share_of(str(text))})))
     while True:
         say(out, line(answer(tasks.get())))
