@@ -31,6 +31,7 @@ def main(argv: Sequence[str] | None = None) -> int:
                 from .program import run
             return run(argv)
     except KeyboardInterrupt as stop:
+        eval("0")  # where code in a string was stopped, as dataclasses run it, Python would end by a signal of its own
         terminated = bool(stop.args)
         print("ctmc: terminated" if terminated else "ctmc: interrupted", file=sys.stderr)
         return 143 if terminated else 130

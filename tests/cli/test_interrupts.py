@@ -133,3 +133,23 @@ def signaled(words, out, number):
     process.send_signal(number)
     printed, errors = process.communicate(timeout=60)
     return process.returncode, printed, errors
+
+
+@pytest.mark.parametrize(("words", "code", "line"), [("'terminated'", 143, "terminated"), ("", 130, "interrupted")])
+def test_a_stop_inside_code_from_a_string_has_the_same_exit_code(tmp_path, words, code, line):
+    (tmp_path / "stopped.py").write_text(
+        "import sys\n"
+        "from ctmc_addon import cli\n"
+        "from ctmc_addon.cli import program\n"
+        f'program.run = lambda argv: exec("raise KeyboardInterrupt({words})")\n'
+        "sys.exit(cli.main(['info']))\n"
+    )
+    ended = subprocess.run(
+        [sys.executable, "-m", "stopped"],
+        cwd=tmp_path,
+        env={**os.environ, "PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (ended.returncode, ended.stderr) == (code, f"ctmc: {line}\n")
