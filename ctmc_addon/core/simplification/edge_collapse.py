@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.topology import edges_steps
+from ..mesh.topology import compacted, edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
@@ -425,9 +425,7 @@ class CollapsingMesh(CollapseRules):
     def used_mesh(self) -> tuple[TriangleMesh, Flags]:
         """`mesh`, and which vertices of `original_vertex` it has, bool."""
         faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
-        used = np.zeros(self.positions.shape[1], bool)
-        used[faces] = True
-        number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+        used, faces = compacted(faces, self.positions.shape[1])
         vertices = np.ascontiguousarray((self.positions[:, used] / self.scale).T)
         normals = None
         if self.normals is not None:
@@ -435,4 +433,4 @@ class CollapsingMesh(CollapseRules):
             length = np.sqrt(dot(normals, normals))
             length[length == 0] = 1.0
             normals = np.ascontiguousarray((normals / length).T)
-        return TriangleMesh(vertices, np.ascontiguousarray(number[faces].T), normals), used
+        return TriangleMesh(vertices, np.ascontiguousarray(faces.T), normals), used

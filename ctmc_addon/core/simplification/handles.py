@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
-from ..mesh.topology import component_roots_steps
+from ..mesh.topology import Groups, component_roots_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 
@@ -317,17 +317,10 @@ def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, p
     roots = yield from component_roots_steps(np.ascontiguousarray(cut.T), vertex_count + 3 * count)
     left_piece, right_piece = roots[vertex_count + 3 * np.arange(count)], roots[cut[0, right]]
     handle = left_piece == right_piece
-    piece: dict[int, int] = {}
-
-    def root(number: int) -> int:
-        while (above := piece.get(number, number)) != number:
-            piece[number] = piece.get(above, above)
-            number = above
-        return number
-
+    necks = np.flatnonzero(~handle)[::-1]
+    pieces, number = np.unique([left_piece[necks], right_piece[necks]], return_inverse=True)
+    joined = Groups(len(pieces))
     # The longest keep the pieces together.
-    for loop in np.flatnonzero(~handle)[::-1].tolist():
-        one, other = root(int(left_piece[loop])), root(int(right_piece[loop]))
-        handle[loop] = one == other
-        piece[one] = other
+    for loop, one, other in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
+        handle[loop] = not joined.join(one, other)
     return handle

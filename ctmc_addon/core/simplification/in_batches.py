@@ -25,6 +25,7 @@ from ..budget import Budget
 from ..errors import MeshError
 from ..memory import give_back, require_or_killed
 from ..mesh.intersections import self_intersections_steps
+from ..mesh.topology import Groups
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
 from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
@@ -400,13 +401,13 @@ def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:
     >>> _groups(np.array([[1, 3], [0, 2]]), [5, 5, 9, 5], 12)
     [[0], [1, 3], [2]]
     """
-    groups = [[number] for number in range(len(counts))]
+    groups, counts = Groups(len(counts)), list(counts)
     for pair in np.unique(pairs, axis=0).tolist():
-        first, second = ({tuple(group): group for group in groups if number in group} for number in pair)
-        both = sorted({number for group in (*first, *second) for number in group})
-        if sum(counts[number] for number in both) <= most:
-            groups = [group for group in groups if group[0] not in both] + [both]
-    return sorted(groups)
+        low, high = sorted(map(groups.root, pair))
+        if low != high and counts[low] + counts[high] <= most:
+            groups.join(low, high)
+            counts[low] += counts[high]
+    return groups.lists()
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:
