@@ -37,7 +37,6 @@ from .junctions import interfaces_of
 
 TRIALS = 6  # shares of the triangles that are tried for a maximum error
 FIRST_SHARE, LEAST_SHARE = 0.1, 0.002
-FACE_BYTES = 320  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
@@ -169,7 +168,7 @@ def _parts_steps(
     """Simplify each part; the largest comes last, and makes good what others could not remove."""
     touching = max((len(part.faces) for part in parts if not part.alone), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
-    budget.require(FACE_BYTES * touching, what, "use a larger stride, fewer labels or a region")
+    budget.require(goal.policy.complex_face_bytes * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
     made: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
@@ -228,7 +227,7 @@ def _part_steps(
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
-        collapsing = CollapsingComplex(mesh, target)
+        collapsing = CollapsingComplex(mesh, target, goal.policy)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
