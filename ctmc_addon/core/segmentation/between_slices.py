@@ -3,7 +3,7 @@
 
 Each drawn slice becomes its signed distance in mm (Raya and Udupa 1990, doi:10.1109/42.52980). Between drawn slices the
 distances are interpolated by cubics that do not overshoot (Fritsch and Butland 1984, doi:10.1137/0905021). What is near
-the surface is then smoothed as `volume.smoothing` smooths a label, towards least curvature in all three directions and
+the surface is then smoothed as `smoothing` smooths a label, towards least curvature in all three directions and
 within bounds: a drawn sample keeps its side, and so does what lies between two drawn slices that agree; elsewhere the
 field is free.
 """
@@ -19,9 +19,9 @@ from numpy.typing import NDArray
 from ..budget import Budget
 from ..errors import SettingsError
 from ..progress import PAUSE, Stages, Step, Steps
-from ..volume.smoothing.bounds import NEAREST_ZERO, Start
-from ..volume.smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
-from ..volume.smoothing.relaxation import relax_steps
+from ..smoothing.bounds import NEAREST_ZERO, Start
+from ..smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
+from ..smoothing.relaxation import relax_steps
 from .distance import Floats, Mask, Spacing, squared_distances
 
 NARROW_PIXELS = 3  # to either side of the surface that are smoothed

@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
-from ...progress import PAUSE, Steps
+from ..budget import Budget
+from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Floats, Places, Threads, pieces, spread, threads, widened
 

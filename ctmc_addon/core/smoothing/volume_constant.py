@@ -10,13 +10,13 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arithmetic import cube_root
-from ...budget import Budget
-from ...extraction.grid import Grid, make_axes, make_grid
-from ...extraction.marching_cubes import ENDS, extract_steps
-from ...mesh.triangle_mesh import Surface
-from ...progress import PAUSE, Step, Steps, equal_part
-from ..volume import Box
+from ..arithmetic import cube_root
+from ..budget import Budget
+from ..extraction.grid import Grid, make_axes, make_grid
+from ..extraction.marching_cubes import ENDS, extract_steps
+from ..mesh.triangle_mesh import Surface
+from ..progress import PAUSE, Step, Steps, equal_part
+from ..volume.volume import Box
 from .bounds import NEAREST_ZERO, Inside, Start
 from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows, pieces, spread
 from .smooth_field import SmoothField, with_closed_ends

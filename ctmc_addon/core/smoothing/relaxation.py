@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from ...progress import Step, Steps
+from ..progress import Step, Steps
 from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows
 
 STEP = 1.25

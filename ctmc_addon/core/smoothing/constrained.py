@@ -14,10 +14,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
-from ...errors import LabelError, SettingsError
-from ...progress import PAUSE, Stages, Steps
-from ..volume import Box
+from ..budget import Budget
+from ..errors import LabelError, SettingsError
+from ..progress import PAUSE, Stages, Steps
+from ..volume.volume import Box
 from .bounds import Inside, Start, between_slices, doubled, halfway_mm, refined_start
 from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, pieces, threads, widened
 from .islands import keep_islands_steps

@@ -17,12 +17,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arithmetic import cube_root
-from ...budget import Budget
-from ...extraction.grid import make_grid
-from ...extraction.marching_cubes import extract_steps
-from ...mesh.triangle_mesh import Surface
-from ...progress import PAUSE, Steps
+from ..arithmetic import cube_root
+from ..budget import Budget
+from ..extraction.grid import make_grid
+from ..extraction.marching_cubes import extract_steps
+from ..mesh.triangle_mesh import Surface
+from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO, Inside, Start
 from .bricks import WIDTH, Bricks, Floats
 from .label_components import Indices, LabelComponents, label_components_steps

@@ -17,10 +17,8 @@ from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
-from ctmc_addon.core.surfaces.extract import reconstruct
-from ctmc_addon.core.volume.field import field_steps
-from ctmc_addon.core.volume.smoothing.bounds import Start, between_slices
-from ctmc_addon.core.volume.smoothing.bricks import (
+from ctmc_addon.core.smoothing.bounds import Start, between_slices
+from ctmc_addon.core.smoothing.bricks import (
     FEWEST_ROWS,
     ROWS_AT_ONCE,
     near_surface,
@@ -29,7 +27,7 @@ from ctmc_addon.core.volume.smoothing.bricks import (
     packed,
     threads,
 )
-from ctmc_addon.core.volume.smoothing.constrained import (
+from ctmc_addon.core.smoothing.constrained import (
     _bits,
     _coarser,
     automatic_refinement,
@@ -37,8 +35,10 @@ from ctmc_addon.core.volume.smoothing.constrained import (
     constrained_steps,
     outlined,
 )
-from ctmc_addon.core.volume.smoothing.signed_distance import signed_distance_steps
-from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField, refined_affine
+from ctmc_addon.core.smoothing.prepare import field_steps
+from ctmc_addon.core.smoothing.signed_distance import signed_distance_steps
+from ctmc_addon.core.smoothing.smooth_field import SmoothField, refined_affine
+from ctmc_addon.core.surfaces.extract import reconstruct
 from ctmc_addon.core.volume.volume import Volume
 
 THICK = (0.75, 0.75, 5.0)
