@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import SettingsError
+from ..parallel import threads_of
 from ..progress import PAUSE, Stages, Step, Steps
 from ..smoothing.bounds import NEAREST_ZERO, Start
-from ..smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
+from ..smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed
 from ..smoothing.relaxation import relax_steps
 from .distance import Floats, Mask, Spacing, squared_distances
 
@@ -183,7 +184,7 @@ def _smoothed_steps(body: Mask, known: Distances, voxel_mm: Spacing, budget: Bud
     code = packed(body)
     bricks = number_bricks(near_surface(code, (NARROW_PIXELS,) * 3), code != 0)
     start = yield from _start_steps(bricks, known, voxel_mm)
-    with threads(budget.thread_count) as pool:
+    with threads_of(budget.thread_count) as pool:
         yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, ROUNDS, pool)
     body.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = start.field[: bricks.active] > 0
 
