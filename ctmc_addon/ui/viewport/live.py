@@ -19,7 +19,7 @@ from ...core import LEAVE_IT, CtmcError, FieldCache, ReconstructionSettings, Ste
 from .. import jobs
 from ..properties.described import as_written
 from ..properties.preferences import machine
-from ..state import change_events, drawings, label_looks, session, structures, volumes
+from ..state import change_events, label_looks, masks, session, structures, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, drawn, preview
 
@@ -97,7 +97,7 @@ def tick() -> float | None:
     if scene is None or live.changed is None:
         live.changed = None
         return None
-    if jobs.running() is not None or drawings.stroke_under_way():
+    if jobs.running() is not None or masks.stroke_under_way():
         return IDLE
     loaded = volumes.loaded(scene)
     if loaded is None:
