@@ -25,6 +25,7 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from ..units import volume_text
 from .error_check import ErrorCheck
+from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
 from .rollback import History
 
@@ -34,11 +35,6 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A removal must cost less than this share of a collapse: its gap counts one way only, and noise lowers quadrics.
-COST_SHARE = 0.6  # measured
-EVERY = 6  # one of so many vertices stands for a component when others measure their gap to it
-PROBES = 4  # vertices of a component, at most, at which its gap is measured
-SMALL = 4.0  # times the maximum error is the extent of components that may go within it
 TETRAHEDRON = 4  # triangles
 POINTS_AT_ONCE = 1024
 
@@ -109,6 +105,9 @@ class Components:
     staying = Staying()
     volume_before: Doubles | None = None
 
+    def __init__(self, policy: Policy = POLICY) -> None:
+        self.policy = policy
+
     def prepare_steps(self, positions: Floats, faces: Ints, border: Ints, locked: Ints) -> Steps[Ints]:
         """Take in positions (3, V) and faces (3, F); returns the component of every vertex, -1 for one without faces.
 
@@ -165,13 +164,13 @@ class Components:
             return
         order, vertices = self.order, self.vertices
         starts = np.cumsum(vertices) - vertices
-        probes = np.minimum(PROBES, -(-vertices // 32))
+        probes = np.minimum(self.policy.component_probes, -(-vertices // 32))
         self.probed = probed = np.repeat(np.arange(self.count), probes)
         turn = np.arange(len(probed)) - np.repeat(np.cumsum(probes) - probes, probes)
         self.probes = np.take(positions, order[starts[probed] + turn * vertices[probed] // probes[probed]], axis=1)
         yield PAUSE
         turn = np.arange(len(order)) - np.repeat(starts, vertices)
-        sample = order[turn % EVERY == 0]
+        sample = order[turn % self.policy.component_every == 0]
         self.tree = RankedPoints()
         yield from self.tree.prepare_steps(np.take(positions, sample, axis=1), of_vertex[sample], self.rank)
         self.gap, self.nearest = np.zeros(self.count), np.full(self.count, self.largest)
@@ -216,7 +215,7 @@ class Components:
             inner, owner = inner[further], owner[further]
         ready = np.flatnonzero(self.present & self.removable)
         costs = areas[ready] * self.gap[ready] / counts[ready]
-        cheap = costs < COST_SHARE * cost
+        cheap = costs < self.policy.component_cost * cost
         ready = ready[cheap][np.argsort(costs[cheap], kind="stable")]
         selected = ready[np.cumsum(counts[ready]) <= excess]
         if not len(selected) and np.isinf(cost):
@@ -274,7 +273,7 @@ def without_components_steps(components: Components, history: History, check: Er
         return faces
     of_vertex = np.empty(history.positions.shape[1], np.int32)
     of_vertex[components.order] = np.repeat(np.arange(components.count, dtype=np.int32), components.vertices)
-    removed = components.removable & (components.extent < SMALL * check.limit)
+    removed = components.removable & (components.extent < components.policy.component_extent * check.limit)
     of_face, of_original = of_vertex[faces[0]], of_vertex[check.original_faces[0]]
     nearest_component = of_face[check.nearest]  # component nearest to every vertex of the original
     faces_to_check = np.arange(len(of_original))

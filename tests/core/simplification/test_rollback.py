@@ -35,7 +35,7 @@ def largest_error(mesh, small):
 
 def collapsed(mesh, max_error, rounds=60):
     """A mesh in which some rounds of edges have collapsed, its bound not yet checked."""
-    work = CollapsingMesh(mesh, max_error, 0.75)
+    work = CollapsingMesh(mesh, max_error)
     finish(work.prepare_steps())
     for _ in range(rounds):
         if finish(work.can_collapse_steps()):
