@@ -65,7 +65,9 @@ def figure_steps(
         with ExitStack() as files:
             if blend is not None:
                 write_scene(figure, files.enter_context(whole_file(Path(blend))))
-            picture = Picture(str(files.enter_context(whole_file(target))), target.name, page.dpi, figure.paper)
+            figure.trim_outlines()
+            path = str(files.enter_context(whole_file(target)))
+            picture = Picture(path, target.name, page.dpi, figure.paper, figure.written_rows)
             with renderer_of(figure, target, own_process) as renderer:
                 yield from renderer.make_steps(picture, Step(0.1, f"Rendering {target.name}"))
         yield Step(1.0, f"{target.name} written")

@@ -91,7 +91,7 @@ def turntable_steps(
                 write_scene(figure, temporary)
         # Blender evaluates no driver for a single picture of a scene that no window shows.
         pivot.driver_remove("rotation_euler", 2)
-        picture = Picture("", "", page.dpi, figure.paper, pivot.name)
+        picture = Picture("", "", page.dpi, figure.paper, figure.written_rows, pivot.name)
         compiles = "EEVEE" in figure.scene.render.engine
         with renderer_of(figure, folder / NOTE, own_process) as renderer:
             rendered = yield from frames_steps(renderer, picture, folder, turn, compiles)

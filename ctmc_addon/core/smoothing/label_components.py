@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.topology import component_roots_steps
-from ...progress import PAUSE, Steps
+from ..mesh.topology import component_roots_steps
+from ..progress import PAUSE, Steps
 
 Indices = NDArray[np.int64]
 
