@@ -3,12 +3,16 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.intersections import self_intersections_steps
+from ..mesh.topology import compacted
 from ..progress import Steps
 from .collapse_log import CollapseLog
+from .collapse_rules import Surface
 from .component_removal import without_components_steps
 from .edge_collapse import CollapsingMesh
 from .error_check import ErrorCheck
@@ -16,6 +20,8 @@ from .uncrossing import restored
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
+Floats = NDArray[np.float32]
+Flags = NDArray[np.bool_]
 
 
 def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
@@ -24,7 +30,17 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
         return
     check, log, mesh.bound = mesh.bound.check, mesh.log, None  # the samples are not needed any more
     assert log is not None, "collapses within a bound are logged"
-    mesh.crossing_count = yield from _undo_steps(mesh, log, check)
+    surfaces = mesh.surfaces(log.interface)
+    if len(surfaces) == 1:
+        checked = [_Checked(check, surfaces[0][0])]
+    else:
+        checked = []  # labels have edges where they meet, beside which a distance may grow as fast as can be
+        for surface in surfaces:
+            checked.append(_Checked(ErrorCheck(check.limit, strict=True), surface[0]))
+            yield from checked[-1].check.prepare_steps(*_columns(check.original, check.original_faces, surface))
+    mesh.crossing_count = yield from _undo_steps(mesh, log, checked)
+    if len(surfaces) > 1:
+        return
     of_face, of_original = mesh.component[mesh.faces[0]], log.component[check.original_faces[0]]
     gone = yield from without_components_steps(mesh.components, mesh.positions, mesh.faces, of_face, of_original, check)
     mesh.face_count -= int(gone.sum())
@@ -34,7 +50,51 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
         mesh.crossing_count = len(crossing)
 
 
-def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, check: ErrorCheck) -> Steps[int]:
+@dataclass(eq=False)
+class _Checked:
+    """A surface, its original, and what is still to be checked.
+
+    check : ErrorCheck
+    numbers : (f,) int64
+        The log's numbers of the original's faces.
+    whole : bool
+        Whether all of the original is to be checked.
+    """
+
+    check: ErrorCheck
+    numbers: Indices
+    whole: bool = True
+
+    def exceeding_steps(
+        self, mesh: CollapsingMesh, log: CollapseLog, surface: Surface, to_check: Flags, compare: bool
+    ) -> Steps[Ints]:
+        """The last changes, (n,), wherever the surface or its original is too far from the other; -1 for none."""
+        check, (faces, _) = self.check, surface
+        if compare:
+            yield from check.compare_with_steps(*_columns(mesh.positions, mesh.faces, surface))
+        away = faces[(yield from check.faces_exceeding_steps(np.flatnonzero(to_check[faces])))]
+        near = to_check[faces[check.nearest]][check.original_faces].any(axis=0)
+        original = yield from check.original_exceeding_steps(np.flatnonzero(near | self.whole))
+        # The last change that touched a face of the original, or a face nearest to one of its corners.
+        corners = check.original_faces[:, original]
+        beside = log.last_changes(log.face_number[faces[check.nearest[corners]]])
+        beside[check.far[corners]] = -1
+        own = log.last_changes(self.numbers[original])
+        return np.concatenate([log.last_changes(log.face_number[away]), np.maximum(own, beside.max(axis=0))])
+
+
+def _columns(positions: Floats, faces: Ints, surface: Surface) -> tuple[Floats, Ints]:
+    """The vertices and faces of a surface alone, facing outward."""
+    numbers, turned = surface
+    corners = np.take(faces, numbers, axis=1)
+    corners[1:, turned] = corners[:0:-1, turned]
+    if len(numbers) == faces.shape[1]:
+        return positions, corners
+    used, corners = compacted(corners, positions.shape[1])
+    return np.compress(used, positions, axis=1), corners
+
+
+def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked]) -> Steps[int]:
     """Undo the last change wherever the bound is exceeded or triangles cross, until neither is so anywhere.
 
     Returns how many pairs of triangles cross that no change has touched, as in the original.
@@ -42,34 +102,25 @@ def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, check: ErrorCheck) -> St
     After the first time only what was brought back is checked, of the original only what is near that: so all of the
     original is checked once more in the end. Crossings are looked for where the bound holds.
     """
-    corners = check.original_faces
     to_check = np.ones(mesh.faces.shape[1], bool)
     moved = np.zeros(len(mesh.locked), bool)
-    every_original = True
-    yield from check.compare_with_steps(mesh.positions, mesh.faces)
+    compare = whole = True
     while True:
-        faces = yield from check.faces_exceeding_steps(np.flatnonzero(to_check))
-        near = to_check[check.nearest][corners].any(axis=0)
-        original = yield from check.original_exceeding_steps(np.flatnonzero(near | every_original))
-        last = np.concatenate([log.last_changes(log.face_number[faces]), _last_near(log, check, original)])
+        last = [np.zeros(0, np.int32)]
+        for each, surface in zip(checked, mesh.surfaces(mesh.interface), strict=True):
+            each.whole = whole
+            last.append((yield from each.exceeding_steps(mesh, log, surface, to_check, compare)))
+        found = np.concatenate(last)
         crossing = np.zeros((0, 2), np.int64)
-        if every_original and not (last >= 0).any():
+        if whole and not (found >= 0).any():
             crossing = yield from self_intersections_steps(mesh.positions.T, mesh.faces.T)
-            last = log.last_changes(log.face_number[crossing.ravel()])
-        last = np.unique(last[last >= 0])  # a face that no change has touched is away by the check's rounding alone
-        if len(last):
-            to_check, moved = restored(mesh, log, log.undo(last), moved)
-            yield from check.compare_with_steps(mesh.positions, mesh.faces)
-            every_original = False
-        elif every_original:
+            found = log.last_changes(log.face_number[crossing.ravel()])
+        found = np.unique(found[found >= 0])  # a face that no change has touched is away by the check's rounding alone
+        compare = bool(len(found))
+        if len(found):
+            to_check, moved = restored(mesh, log, log.undo(found), moved)
+            whole = False
+        elif whole:
             return len(crossing)
         else:
-            every_original = True
-
-
-def _last_near(log: CollapseLog, check: ErrorCheck, original: Indices) -> Ints:
-    """The last change that touched each of these faces of the original, or a face nearest to one of its corners."""
-    corners = check.original_faces[:, original]
-    near = log.last_changes(log.face_number[check.nearest[corners]])
-    near[check.far[corners]] = -1
-    return np.concatenate([near, log.last_changes(original)[None]]).max(axis=0)
+            whole = True

@@ -93,6 +93,7 @@ class Numbered(Protocol):
     faces: Ints
     face_edges: Ints
     edges: Ints
+    interface: Ints
     locked: Flags
     component: Ints
     original_vertex: Ints
@@ -120,7 +121,7 @@ class CollapseLog:
         self.vertex_number = np.arange(len(mesh.locked), dtype=np.int32)
         self.faces, self.edges, self.vertices = mesh.faces.shape[1], mesh.edges.shape[1], len(mesh.locked)
         self.last = np.full(self.faces, -1, np.int32)  # when each face was last touched by a change that stands
-        # Of each vertex, by the log's numbers.
+        self.interface = mesh.interface  # of each face, by the log's numbers, as what follows of each vertex
         self.locked, self.component, self.original_vertex = mesh.locked, mesh.component, mesh.original_vertex
 
     def compact(self, faces: Indices, edges: Indices, vertices: Indices) -> None:
@@ -156,8 +157,11 @@ class CollapseLog:
         owner = np.tile(np.arange(count, dtype=np.int32), 2)
         self._add(mesh, count, (collapses.faces, collapses.owner), (moved, owner), np.zeros(0, np.int32))
 
-    def add_cuts(self, mesh: Numbered, loops: Ints) -> None:
-        """Record the cuts of handles at loops (n, 3) before they are done. Those that meet one face are one change."""
+    def add_cuts(self, mesh: Numbered, loops: Ints, caps: Ints) -> None:
+        """Record the cuts of handles at loops (n, 3) before they are done. Those that meet one face are one change.
+
+        `caps` are the interfaces, (2 n,), of the triangles that close them.
+        """
         self.untested = True
         count = len(loops)
         loop = np.full(len(mesh.locked), -1, np.int32)
@@ -176,6 +180,7 @@ class CollapseLog:
             self.vertices + 3 * count,
         )
         original = self.vertex_number[loops.ravel()]
+        self.interface = np.append(self.interface, caps)
         self.locked = np.append(self.locked, self.locked[original])
         self.component = np.append(self.component, self.component[original])
         self.original_vertex = np.append(self.original_vertex, np.full(3 * count, -1, np.int32))

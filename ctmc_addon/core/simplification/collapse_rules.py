@@ -29,6 +29,7 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
+Surface = tuple[Indices, Flags]  # numbers of faces, and which of them point inward
 
 SAMPLED = 1 << 15  # costs, at least, from which is found how expensive the edges of a round are
 LARGEST = np.finfo(np.float32).max.view(np.int32)  # the bits of the largest cost that is not infinite
@@ -41,6 +42,7 @@ class CollapseRules:
     normals: Floats | None
     faces: Ints
     face_edges: Ints
+    interface: Ints
     edges: Ints
     cost: Floats
     quadrics: Floats
@@ -84,7 +86,7 @@ class CollapseRules:
         if self.bound is not None:
             moved = collapses.moved(self.positions)
             yield PAUSE
-            exceeding = yield from self.bound.exceeded_steps(collapses, self.faces, moved)
+            exceeding = yield from self.bound.exceeded_steps(collapses, self.faces, self.interface, moved)
             collapses = self.without(collapses, exceeding)
             yield PAUSE
         return collapses
@@ -149,6 +151,10 @@ class CollapseRules:
 
     def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
+
+    def surfaces(self, interface: Ints) -> list[Surface]:
+        """Surfaces that each keep a maximum error, from the interface of every face, (F,)."""
+        return [(np.arange(len(interface)), np.zeros(len(interface), bool))]
 
     def was_undone(self) -> None:
         """Changes were undone: faces and edges are as before, costs not yet."""

@@ -63,6 +63,7 @@ class CollapsingMesh(CollapseRules):
     face_edges : (3, F) int32, the edge from corner i to corner i + 1
     edges : (2, E) int32, vertex numbers
     cost : (E,) float32, inf where the edge cannot be collapsed as things are
+    interface : (F,) int32, number of the interface that each face is in: 0 but in a complex of several labels
     locked : (V,) bool, vertices that stay where they are
     original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
     doubtful : bool, by these numbers, vertices at which triangles have come to cross
@@ -93,6 +94,7 @@ class CollapsingMesh(CollapseRules):
             self.normals[:, :-1] = mesh.normals.T
         self.faces = np.array(mesh.faces.T, order="C")
         self.face_count = self.faces.shape[1]
+        self.interface = np.zeros(self.face_count, np.int32)
         self.limit = None if max_error is None else max_error * float(self.scale)
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
@@ -120,7 +122,8 @@ class CollapsingMesh(CollapseRules):
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
             self.bound = ErrorBound(self.limit, self.policy)
-            yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
+            columns = self.positions, self.faces, self.edges, self.face_edges, self.interface
+            yield from self.bound.prepare_steps(*columns)
             self.faces = self.faces.copy()  # the bound keeps the original
         yield from self.update_costs_steps()
         self.begin_log()
@@ -239,8 +242,13 @@ class CollapsingMesh(CollapseRules):
         cuts = yield from self.handle_cuts_steps(longest)
         if cuts is None:
             return
+        of_vertex = np.zeros(self.positions.shape[1], np.int32)
+        for corner in self.faces:
+            of_vertex[corner] = self.interface
+        caps = np.tile(of_vertex[cuts.loops[:, 0]], 2)
         if self.log is not None:
-            self.log.add_cuts(self, cuts.loops)
+            self.log.add_cuts(self, cuts.loops, caps)
+        self.interface = np.append(self.interface, caps)
         self.handles_cut += len(cuts.loops)
         self.face_count += 2 * len(cuts.loops)
         vertex_count = self.positions.shape[1]
@@ -381,7 +389,7 @@ class CollapsingMesh(CollapseRules):
             self.bound.accept(face_left)
         if self.log is not None:
             self.log.compact(face_left, edge_left, vertex_left)
-        self.original_vertex = self.original_vertex[vertex_left]
+        self.original_vertex, self.interface = self.original_vertex[vertex_left], self.interface[face_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
         yield PAUSE

@@ -47,8 +47,10 @@ class ErrorBound:
         self.limit_squared = np.float32(self.limit * self.limit)
         self.moving = self.new_assigned_face = np.empty(0, np.int64)  # what a round would change
 
-    def prepare_steps(self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints) -> Steps[None]:
-        """Take in the original, (3, P), (3, F), (2, E), (3, F), which is also the surface at first."""
+    def prepare_steps(
+        self, positions: Floats, faces: Ints, edges: Ints, face_edges: Ints, interface: Ints
+    ) -> Steps[None]:
+        """Take in the original, (3, P), (3, F), (2, E), (3, F), (F,), which is also the surface at first."""
         vertex_count, face_count = positions.shape[1], faces.shape[1]
         ends = [np.take(positions, end, axis=1) for end in edges]
         yield PAUSE
@@ -63,27 +65,32 @@ class ErrorBound:
         corners = [np.take(positions, corner, axis=1) for corner in faces]
         in_faces, face_of = _spread(corners, self.gap, self.policy.sample_parts)
         yield PAUSE
-        self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
-
         face_at = np.tile(np.arange(face_count), 3)
         face_at_vertex, face_at_edge = np.full(vertex_count, -1, np.int64), np.empty(edges.shape[1], np.int64)
         face_at_vertex[faces.ravel()] = face_at
         face_at_edge[face_edges.ravel()] = face_at
-        self.assigned_face = np.concatenate([face_at_vertex, face_at_edge[edge_of], face_of])
+        # Where interfaces meet, each of them has a sample of its own.
+        meeting, face_at_meeting = _meeting(faces, interface, face_at_vertex)
+        yield PAUSE
+        places = [positions, np.take(positions, meeting, axis=1), on_edges, in_faces]
+        self.samples = np.concatenate(places, axis=1)
+        self.assigned_face = np.concatenate([face_at_vertex, face_at_meeting, face_at_edge[edge_of], face_of])
+        self.interface = np.take(interface, self.assigned_face)
         yield PAUSE
         yield from self.check.prepare_steps(positions.copy(), faces)
         number = np.empty(face_count, np.int64)
         number[self.check.to_original.tree.order] = np.arange(face_count)
         self.triangle_of = number[face_of]  # of the samples inside faces
+        self.original_interface = interface[self.check.to_original.tree.order]
 
-    def exceeded_steps(self, collapses: Collapses, faces: Ints, moved: Floats) -> Steps[Flags]:
+    def exceeded_steps(self, collapses: Collapses, faces: Ints, interface: Ints, moved: Floats) -> Steps[Flags]:
         """Which of the n collapses take the surface too far from the original, (n,) bool.
 
         Parameters
         ----------
         collapses : Collapses
-        faces : (3, F) int32
-            The surface as it is.
+        faces, interface : (3, F) and (F,) int32
+            The surface as it is, and the interface that each face is in: samples stay in theirs.
         moved : (3, V) float32
             Positions as they would be.
         """
@@ -95,12 +102,17 @@ class ErrorBound:
         yield PAUSE
 
         left = np.flatnonzero(~collapses.gone)
-        left = left[np.argsort(collapses.owner[left], kind="stable")]
+        left = left[np.lexsort((interface[collapses.faces[left]], collapses.owner[left]))]
         owner, star = collapses.owner[left].astype(np.int64), collapses.faces[left]
         corners = np.take(faces, star, axis=1)
         middles = _middles(moved, corners)
-        first, faces_of = _runs(owner, count)
+        # The faces of one collapse in one interface follow one another.
+        interfaces = int(self.original_interface.max(initial=0)) + 1
+        keys, first, faces_of = np.unique(owner * interfaces + interface[star], return_index=True, return_counts=True)
+        wanted = collapse.astype(np.int64) * interfaces + self.interface[moving]
+        run = np.minimum(np.searchsorted(keys, wanted), max(0, len(keys) - 1))
         exceeded = np.zeros(count, bool)
+        exceeded[collapse[keys[run] != wanted] if len(keys) else collapse] = True
         column = np.full(faces.shape[1], -1)
         column[star] = np.arange(len(star))
         near = column[self.assigned_face[moving]]  # mostly the face assigned so far will do, if it remains
@@ -115,17 +127,19 @@ class ErrorBound:
             moves = np.ones(len(rest), bool)
             moves[stays[squared <= self.limit_squared]] = False
             rest, points = rest[moves], points[:, moves]
-            own = collapse[rest]
+            own, its_run = collapse[rest], run[rest]
             yield PAUSE
             near[rest], squared = _near_face(
-                points, moved, corners, middles, first[own], faces_of[own], self.limit_squared
+                points, moved, corners, middles, first[its_run], faces_of[its_run], self.limit_squared
             )
             exceeded[own[squared > self.limit_squared]] = True
 
         kept = ~exceeded[collapse]
         moving, collapse, near = moving[kept], collapse[kept], near[kept]
         yield PAUSE
-        refused = yield from self._far_from_original_steps(collapses, owner, corners, moved, moving, near, exceeded)
+        refused = yield from self._far_from_original_steps(
+            collapses, owner, corners, interface[star], moved, moving, near, exceeded
+        )
         kept = ~refused[collapse]
         self.moving, self.new_assigned_face = moving[kept], star[near[kept]]
         return refused
@@ -135,6 +149,7 @@ class ErrorBound:
         collapses: Collapses,
         owner: Indices,
         corners: Ints,
+        interface: Ints,
         moved: Floats,
         moving: Indices,
         near: Indices,
@@ -175,6 +190,7 @@ class ErrorBound:
             far = np.flatnonzero(squared[open_] > self.limit_squared)
             open_, triangle = open_[far], to_original.across(points[:, open_[far]], triangle[far])
             other = squared_distances(points[:, open_], *to_original.triangles(triangle))
+            other[self.original_interface[triangle] != interface[face_of[open_]]] = np.inf
             squared[open_] = np.minimum(squared[open_], other)
         yield PAUSE
 
@@ -198,6 +214,15 @@ class ErrorBound:
         number = np.zeros(max(int(self.assigned_face.max()), int(face_left.max())) + 1, np.int64)
         number[face_left] = np.arange(len(face_left))
         self.assigned_face = np.where(self.assigned_face < 0, -1, number[self.assigned_face])
+
+
+def _meeting(faces: Ints, interface: Ints, face_at_vertex: Indices) -> tuple[Indices, Indices]:
+    """Vertices with faces of further interfaces than that of `face_at_vertex`, (V,), and a face in each of these."""
+    at = [np.flatnonzero(interface != np.take(interface, np.take(face_at_vertex, corner))) for corner in faces]
+    face = np.concatenate(at)
+    vertex = np.concatenate([corner[number] for corner, number in zip(faces, at, strict=True)]).astype(np.int64)
+    _, first = np.unique(vertex * (int(interface.max(initial=0)) + 1) + interface[face], return_index=True)
+    return vertex[first], face[first]
 
 
 def _spread(corners: list[Floats], gap: float, most_parts: int) -> tuple[Floats, Indices]:

@@ -28,7 +28,7 @@ Pieces = list[Floats]  # three corners, (3, n) each
 
 BLOCK, ASKED = 4096, 1024  # pieces looked at, and points the tree is asked for, together: they stay in the cache
 STEEP = 0.5  # how fast a distance grows along a piece: the sine of 30 degrees
-CUTS = 5  # quarterings of a face
+CUTS, STRICT_CUTS = 5, 8  # quarterings of a face
 STEPS = 2  # from triangle to triangle in search of a nearer one, at each quartering
 
 
@@ -80,10 +80,18 @@ class Target:
 
 
 class ErrorCheck:
-    """An original and, after `compare_with_steps`, a simplified surface of it."""
+    """An original and, after `compare_with_steps`, a simplified surface of it.
 
-    def __init__(self, limit: float) -> None:
-        self.limit = limit
+    Parameters
+    ----------
+    limit : float
+    strict : bool
+        Whether a face exceeds the limit unless it is proved to be within, however steep surfaces stand. Else distances
+        are taken to grow no faster than `STEEP`, and the smallest pieces are measured at their middles.
+    """
+
+    def __init__(self, limit: float, strict: bool = False) -> None:
+        self.limit, self.strict, self.steepest = limit, strict, 1.0 if strict else STEEP
 
     def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in the original: positions (3, V) and faces (3, F)."""
@@ -104,7 +112,7 @@ class ErrorCheck:
         pieces = _pieces(self.positions, self.faces[:, numbers])
         middle = _middle(pieces)
         _, near = yield from self.to_original.nearest_steps(middle, self._squared_limits(middle))
-        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit)
+        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit, self.strict)
         return numbers[away]
 
     def original_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
@@ -121,14 +129,16 @@ class ErrorCheck:
         rest = np.concatenate(open_) if open_ else numbers
         pieces = _pieces(self.original, self.original_faces[:, rest])
         near = self.near[self.original_faces[0, rest]]
-        away = yield from _exceeding_steps(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
+        away = yield from _exceeding_steps(
+            self.to_simplified, pieces, near, self.steep_original[rest], self.limit, self.strict
+        )
         return np.concatenate([numbers[far], rest[away]])
 
     def _squared_limits(self, points: Floats) -> Doubles:
         return np.full(points.shape[1], self.limit * self.limit)
 
     def _steepness_steps(self) -> Steps[None]:
-        """How steep faces stand against the other surface there: sines, at most `STEEP`."""
+        """How steep faces stand against the other surface there: sines, at most `steepest`."""
         normals = []
         for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
             normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
@@ -139,7 +149,7 @@ class ErrorCheck:
         for corner in self.original_faces:
             along = dot(normals[0], np.take(normals[1], self.nearest[corner], axis=1))
             sine = np.where(along > 0, np.sqrt(np.maximum(0.0, 1.0 - along * along)), 1.0)
-            np.maximum.at(at_vertex, corner, np.minimum(sine, STEEP))
+            np.maximum.at(at_vertex, corner, np.minimum(sine, self.steepest))
             yield PAUSE
         self.steep_original = at_vertex[self.original_faces].max(axis=0)
         # A face that no vertex is nearest to stands as its neighbors do.
@@ -148,16 +158,18 @@ class ErrorCheck:
         for corner in self.faces:
             np.maximum.at(around, corner, steep)
         steep = around[self.faces].max(axis=0)
-        self.steep = np.where(steep > 0, steep, STEEP)
+        self.steep = np.where(steep > 0, steep, self.steepest)
 
 
 def _pieces(positions: Floats, faces: Ints) -> Pieces:
     return [np.take(positions, corner, axis=1) for corner in faces]
 
 
-def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float) -> Steps[Flags]:
+def _exceeding_steps(
+    target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float, strict: bool
+) -> Steps[Flags]:
     """Which faces are somewhere farther than the limit from the target; `near` is a triangle not far from each."""
-    away = np.zeros(len(near), bool)
+    away, cuts = np.zeros(len(near), bool), STRICT_CUTS if strict else CUTS
     stack = [(faces, near, np.arange(len(near)), 0)]
     while stack:
         pieces, near, face, level = stack.pop()
@@ -179,13 +191,15 @@ def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Double
             closer = other < squared[open_]
             squared[open_[closer]], near[open_[closer]] = other[closer], across[closer]
         # The nearest triangle of all is worth finding only where it can decide.
-        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
+        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == cuts)]
         other, nearer = yield from target.nearest_steps(middle[:, ask], np.minimum(squared[ask], limit * limit))
         closer = other < squared[ask]
         squared[ask[closer]], near[ask[closer]] = other[closer], nearer[closer]
         away[face[ask[squared[ask] > limit * limit]]] = True
         open_ = open_[(np.sqrt(squared[open_]) + growth[open_] > limit) & ~away[face[open_]]]
-        if level < CUTS and len(open_):
+        if level == cuts and strict:
+            away[face[open_]] = True
+        elif level < cuts and len(open_):
             smaller = _quartered([corner[:, open_] for corner in pieces])
             stack.append((smaller, np.tile(near[open_], 4), np.tile(face[open_], 4), level + 1))
     return away

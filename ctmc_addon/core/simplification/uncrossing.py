@@ -153,6 +153,7 @@ def _append(
         return
     mesh.faces = np.append(mesh.faces, np.full((3, len(faces)), mesh.dummy, np.int32), axis=1)
     mesh.face_edges = np.append(mesh.face_edges, np.zeros((3, len(faces)), np.int32), axis=1)
+    mesh.interface = np.append(mesh.interface, log.interface[faces])
     mesh.edges = np.append(mesh.edges, np.full((2, len(edges)), mesh.dummy, np.int32), axis=1)
     mesh.cost = np.append(mesh.cost, np.full(len(edges), np.inf, np.float32))
     space = np.zeros((3, len(vertices)), np.float32)

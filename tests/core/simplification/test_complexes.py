@@ -365,3 +365,40 @@ def test_a_complex_that_is_simplified_is_near_it():
     small = simplify_complex(mesh, reduction=0.9)
     for label in mesh.labels:
         assert distances(small.of_label(label).vertices, mesh.of_label(label)).max() < 0.5
+
+
+def spread(mesh):
+    """Points on every triangle, an eighth of a side apart, corners and edges too."""
+    a, b, c = mesh.vertices[mesh.faces].astype(float).transpose(1, 0, 2)
+    shares = [(i, j, 8 - i - j) for i in range(9) for j in range(9 - i)]
+    return np.concatenate([(i * a + j * b + k * c) / 8 for i, j, k in shares])
+
+
+@pytest.mark.parametrize(("make", "bound", "share"), [(cells, 0.3, 0.25), (pair, 0.8, 0.1)])
+def test_no_label_moves_farther_than_a_maximum_error_either_way(make, bound, share):
+    mesh = make()
+    result = finish(simplify_complex_steps(mesh, max_error=bound))
+    small = result.mesh
+    assert_labels_sound(small)
+    assert small.labels == mesh.labels
+    assert len(small.faces) < share * len(mesh.faces)
+    for label in mesh.labels:
+        before, after = mesh.of_label(label), small.of_label(label)
+        assert after.euler == before.euler
+        middles = before.vertices[before.faces].mean(axis=1)  # its triangles are much smaller than the bound
+        assert distances(np.concatenate([before.vertices, middles]), after).max() <= bound
+        assert distances(spread(after), before).max() <= bound
+    assert result.self_intersections == len(self_intersections(small.vertices, small.faces)) == 0
+
+
+def test_a_maximum_error_below_all_detail_leaves_a_complex_alone():
+    mesh = cells()
+    small = simplify_complex(mesh, max_error=1e-6)
+    for label in mesh.labels:
+        assert distances(mesh.of_label(label).vertices, small.of_label(label)).max() <= 1e-6
+
+
+def test_threads_change_no_byte_within_a_maximum_error():
+    results = [simplify_complex(cells(), max_error=0.4, budget=Budget(threads=threads)) for threads in (1, 2)]
+    one, two = (mesh.vertices.tobytes() + mesh.faces.tobytes() + mesh.sides.tobytes() for mesh in results)
+    assert one == two

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from ...mesh.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
+from ..collapse_rules import Surface
 from ..collapses import Collapses
 from ..edge_collapse import CollapsingMesh
 from ..handles import Cuts, handle_cuts_steps
@@ -28,16 +29,16 @@ class CollapsingComplex(CollapsingMesh):
     """A complex while it is simplified.
 
     labels : (2, interfaces) int32, the larger label of each interface, and the other
-    interface : (F,) int32, the number of the interface that each face is in; its normal points out of the larger label
+    interface : (F,) int32, as of `CollapsingMesh`; the normal points out of the larger label
     turned : (F,) bool, whether the face of the complex given points the other way
     """
 
-    def __init__(self, mesh: ComplexMesh, target: int, policy: Policy = POLICY) -> None:
+    def __init__(self, mesh: ComplexMesh, target: int, policy: Policy = POLICY, max_error: float | None = None) -> None:
         behind, front = mesh.sides.T
         turned = behind < front
         faces = mesh.faces.copy()
         faces[turned] = faces[turned][:, ::-1]
-        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), policy=policy)
+        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), max_error, policy)
         self.share = policy.complex_share
         self.turned = turned
         self.labels, self.interface = interfaces_of(mesh.sides)
@@ -137,9 +138,10 @@ class CollapsingComplex(CollapsingMesh):
 
     def can_collapse_steps(self) -> Steps[bool]:
         """Whether it is worth trying, with the weights that the labels' shares ask for."""
-        self.shares.update(self.interface[self.faces[0] != self.dummy])
+        if self.limit is None:  # a maximum error sets no shares
+            self.shares.update(self.interface[self.faces[0] != self.dummy])
         self.rounds += 1
-        if self.rounds % self.policy.retry == 0:
+        if self.limit is None and self.rounds % self.policy.retry == 0:
             # Lines refuse more edges than a surface does, and soon allow them again.
             yield from self.update_costs_steps(np.flatnonzero(np.isinf(self.cost) & (self.edges[0] != self.dummy)))
         if not (yield from super().can_collapse_steps()):
@@ -177,19 +179,14 @@ class CollapsingComplex(CollapsingMesh):
 
     def handles_were_cut(self, loops: Ints) -> None:
         """The caps lie in the interface of their loop."""
-        corners = self.faces[:, : len(self.interface)]
-        of_vertex = np.zeros(self.positions.shape[1], np.int32)
-        for row in corners:
-            of_vertex[row] = self.interface
-        cap = of_vertex[loops[:, 0]]
-        caps, sides, copies = np.append(cap, cap), np.repeat(cap, 3), np.zeros(loops.size, np.int8)
-        self.interface = np.append(self.interface, caps)
-        self.turned = np.append(self.turned, np.zeros(len(caps), bool))
+        sides, copies = np.repeat(self.interface[-len(loops) :], 3), np.zeros(loops.size, np.int8)
+        turned = np.zeros(2 * len(loops), bool)
+        self.turned = np.append(self.turned, turned)
         junctions = self.junctions
         junctions.edges = np.append(junctions.edges, np.zeros(loops.size, bool))
         junctions.interface = np.append(junctions.interface, sides)
         junctions.rank = np.append(junctions.rank, copies)
-        added = caps, np.zeros(len(caps), bool), sides, copies
+        added = turned, sides, copies
         self.logged = tuple(np.append(*each) for each in zip(self.logged, added, strict=True))
 
     def normals_added(self, collapses: Collapses) -> Floats:
@@ -201,12 +198,11 @@ class CollapsingComplex(CollapsingMesh):
     def begin_log(self, crossing: Ints | None = None) -> None:
         """Begin a log, and keep what belongs to the faces, edges and vertices that it numbers."""
         super().begin_log(crossing)
-        self.logged = self.interface, self.turned, self.junctions.interface, self.junctions.rank
+        self.logged = self.turned, self.junctions.interface, self.junctions.rank
 
     def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices, by their numbers in the log, follow those of the complex."""
-        interface, turned, edge_interface, rank = self.logged
-        self.interface = np.append(self.interface, interface[faces])
+        turned, edge_interface, rank = self.logged
         self.turned = np.append(self.turned, turned[faces])
         junctions = self.junctions
         junctions.edges = np.append(junctions.edges, np.zeros(len(edges), bool))
@@ -222,11 +218,19 @@ class CollapsingComplex(CollapsingMesh):
         """Leave out faces, edges and vertices that are gone; which vertices are left."""
         faces, edges = self.faces[0] != self.dummy, self.edges[0] != self.dummy
         vertices = yield from super().compact_steps()
-        self.interface, self.turned = self.interface[faces], self.turned[faces]
+        self.turned = self.turned[faces]
         junctions = self.junctions
         junctions.edges, junctions.interface = junctions.edges[edges], junctions.interface[edges]
         junctions.rank = junctions.rank[vertices]
         return vertices
+
+    def surfaces(self, interface: Ints) -> list[Surface]:
+        """The surface of every label."""
+        surfaces = []
+        for label in self.shares.labels:
+            numbers = np.flatnonzero((self.labels == label).any(axis=0)[interface])
+            surfaces.append((numbers, self.labels[1, interface[numbers]] == label))
+        return surfaces
 
     def complex_mesh(self) -> ComplexMesh:
         """The complex as it is now, without the vertices that are not used any more."""

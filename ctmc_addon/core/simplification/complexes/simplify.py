@@ -28,6 +28,7 @@ from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
+from ..bounded import hold_bound_steps
 from ..component_removal import CollapsedComponents, Staying
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
@@ -35,8 +36,6 @@ from .collapsing import CollapsingComplex
 from .gaps import gaps_filled_steps
 from .junctions import interfaces_of
 
-TRIALS = 6  # shares of the triangles that are tried for a maximum error
-FIRST_SHARE, LEAST_SHARE = 0.1, 0.002
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
@@ -97,8 +96,7 @@ def simplify_complex(
     target_faces : int, 1 or more
         Triangles to keep at most.
     max_error : float above 0
-        Distance that no label's surface moves beyond; of labels that touch as measured at samples and vertices, each
-        way.
+        Bound on the distance between each label's surface and what it was, both ways.
     budget : Budget, optional
         By default what the machine has. Threads and memory do not change the result.
 
@@ -168,7 +166,8 @@ def _parts_steps(
     """Simplify each part; the largest comes last, and makes good what others could not remove."""
     touching = max((len(part.faces) for part in parts if not part.alone), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
-    budget.require(goal.policy.complex_face_bytes * touching, what, "use a larger stride, fewer labels or a region")
+    bytes_each = goal.policy.complex_face_bytes if goal.max_error is None else goal.policy.bounded_face_bytes
+    budget.require(bytes_each * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
     made: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
@@ -220,16 +219,17 @@ def _part_steps(
     mesh: ComplexMesh, alone: bool, goal: Goal, budget: Budget
 ) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
     """Simplify labels that touch, or a label as if there were no other; also return what each label lost."""
-    if not alone and goal.max_error is not None:
-        return (yield from _bounded_steps(mesh, goal, goal.max_error, budget))
     if not alone:
         target = goal.target(len(mesh.faces))
+        filled: Collapsed = {}
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
-        mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
-        collapsing = CollapsingComplex(mesh, target, goal.policy)
+        if goal.max_error is None:
+            mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
+        collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
+        yield from hold_bound_steps(collapsing)
         made = collapsing.complex_mesh()
         whole = TriangleMesh(made.vertices, made.faces, made.normals)
         crossing = collapsing.crossing_count
@@ -255,32 +255,6 @@ def _collapsed_steps(mesh: ComplexMesh, removed: Flags) -> Steps[Collapsed]:
         volumes = np.abs((yield from component_volumes_steps(mesh.vertices[used], faces, component)))
         collapsed[label] = CollapsedComponents(len(volumes), float(volumes.max()), math.fsum(volumes.tolist()))
     return collapsed
-
-
-def _bounded_steps(
-    mesh: ComplexMesh, goal: Goal, max_error: float, budget: Budget
-) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
-    """Simplify labels that touch as far as no label moves farther than `max_error`, as measured for each.
-
-    Shares of the triangles are tried by halves, on a logarithmic scale: what is kept was measured, each way, at the
-    samples and vertices of both surfaces.
-    """
-    whole = TriangleMesh(mesh.vertices, mesh.faces, mesh.normals)
-    best: tuple[ComplexMesh, Simplification, Collapsed] = mesh, Simplification(whole, CollapsedComponents()), {}
-    low, high, full = LEAST_SHARE, 1.0, len(mesh.faces)
-    stages = Stages({str(trial): 1.0 for trial in range(2 * TRIALS)})
-    for trial in range(TRIALS):
-        share = FIRST_SHARE if trial == 0 else math.sqrt(low * high)
-        own = replace(goal, max_error=None, target_faces=max(1, round(full * share)))
-        made = yield from stages.run(str(2 * trial), _part_steps(mesh, False, own, budget))
-        measuring = label_distances_steps(made[0], mesh, budget.threads)
-        distances = yield from stages.run(str(2 * trial + 1), measuring)
-        fits = set(distances) == set(mesh.labels) and all(each.largest <= max_error for each in distances.values())
-        if fits:
-            best, high = made, share
-        else:
-            low = share
-    return best
 
 
 def _parts(mesh: ComplexMesh) -> list[_Part]:
