@@ -27,7 +27,6 @@ from ..units import volume_text
 from .error_check import ErrorCheck
 from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
-from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -261,24 +260,31 @@ def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) ->
     return np.bincount(component, np.sqrt(dot(normal, normal)).astype(np.float64), count) / 2.0
 
 
-def without_components_steps(components: Components, history: History, check: ErrorCheck) -> Steps[Ints]:
-    """Faces of a surface within the error, without the components that may go; (3, f) of the history's.
+def without_components_steps(
+    components: Components, positions: Floats, faces: Ints, of_face: Ints, of_original: Ints, check: ErrorCheck
+) -> Steps[Flags]:
+    """Which faces of a surface within the error may go with their components, (F,) bool.
 
     A component may go if all of its original is within the limit of what stays. All small ones are removed at once;
     those that are then too far away, and those that others were nearest to, come back: a larger surface is nowhere
     farther.
+
+    Parameters
+    ----------
+    components : Components
+    positions, faces : (3, V) float32 and (3, F) int32
+    of_face, of_original : (F,) and (f,) int32
+        The component of every face, and of the original's.
+    check : ErrorCheck
+        Compared with the surface.
     """
-    faces = history.faces
     if components.count == 1:
-        return faces
-    of_vertex = np.empty(history.positions.shape[1], np.int32)
-    of_vertex[components.order] = np.repeat(np.arange(components.count, dtype=np.int32), components.vertices)
+        return np.zeros(faces.shape[1], bool)
     removed = components.removable & (components.extent < components.policy.component_extent * check.limit)
-    of_face, of_original = of_vertex[faces[0]], of_vertex[check.original_faces[0]]
     nearest_component = of_face[check.nearest]  # component nearest to every vertex of the original
     faces_to_check = np.arange(len(of_original))
     while removed.any():
-        yield from check.compare_with_steps(history.positions, faces[:, ~removed[of_face]])
+        yield from check.compare_with_steps(positions, faces[:, ~removed[of_face]])
         away = yield from check.original_exceeding_steps(faces_to_check)
         back = np.zeros(components.count, bool)
         back[of_original[away]] = back[nearest_component[check.original_faces[:, away]]] = True
@@ -291,4 +297,4 @@ def without_components_steps(components: Components, history: History, check: Er
         # The rest is near to a part of what is present now.
         faces_to_check = np.flatnonzero(back[of_original] | np.isin(np.arange(len(of_original)), away))
     components.count_removed(removed)
-    return faces[:, ~removed[of_face]]
+    return removed[of_face]

@@ -45,7 +45,6 @@ from .quadrics import (
     renew_quadrics_steps,
     vertex_quadrics_steps,
 )
-from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -120,15 +119,13 @@ class CollapsingMesh(CollapseRules):
         self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
-            self.history = History(self.positions.copy(), self.normals, self.faces, self.locked)
             self.bound = ErrorBound(self.limit, self.policy)
             yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
-            self.faces = self.faces.copy()  # the others keep the original
+            self.faces = self.faces.copy()  # the bound keeps the original
         yield from self.update_costs_steps()
-        if self.limit is None:
-            self.begin_log()
-            if self.may_have_handles():
-                self.least_cost_of_cut = least_face_cost(self.positions, self.edges, self.policy)
+        self.begin_log()
+        if self.limit is None and self.may_have_handles():
+            self.least_cost_of_cut = least_face_cost(self.positions, self.edges, self.policy)
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
@@ -297,8 +294,6 @@ class CollapsingMesh(CollapseRules):
             yield from self.move_steps(collapses)
         if self.normals is not None:
             self.normals[:, keep] += self.normals_added(collapses)
-        if self.bound is not None:
-            self.history.add(self.original_vertex[keep], self.original_vertex[drop], collapses.target)
 
         # In every face that vanishes the other two edges become a single edge.
         sides = np.take(self.face_edges, gone, axis=1)
@@ -396,8 +391,8 @@ class CollapsingMesh(CollapseRules):
         self.locked = self.locked[vertex_left]
         if self.normals is not None:
             self.normals = np.take(self.normals, vertex_left, axis=1)
+        self.component = self.component[vertex_left]
         if self.bound is None:
-            self.component = self.component[vertex_left]
             self.quadrics = np.take(self.quadrics, vertex_left, axis=1)
         self.dummy = int(vertex_number[self.dummy])
         self.vertex_becomes = np.arange(len(vertex_left), dtype=np.int32)
@@ -420,8 +415,7 @@ class CollapsingMesh(CollapseRules):
 
     def used_mesh(self) -> tuple[TriangleMesh, Flags]:
         """`mesh`, and which vertices of `original_vertex` it has, bool."""
-        faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
-        used, faces = compacted(faces, self.positions.shape[1])
+        used, faces = compacted(self.faces[:, self.faces[0] != self.dummy], self.positions.shape[1])
         vertices = np.ascontiguousarray((self.positions[:, used] / self.scale).T)
         normals = None
         if self.normals is not None:

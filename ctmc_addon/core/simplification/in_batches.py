@@ -173,17 +173,7 @@ class _Passes:
         self._require(faces)
         batch = joined([each.batch for each in held])
         held.clear()
-        reducing = WithResult(
-            reduce_batch_steps(
-                batch,
-                wanted,
-                border,
-                largest_component=self.later_limit,
-                by_box=True,
-                protected=self.protected(),
-                policy=self.goal.policy,
-            )
-        )
+        reducing = WithResult(self._again(batch, wanted, border)())
         for step in reducing:
             yield Step(fraction, step.message)
         reduced = reducing.result
@@ -236,9 +226,8 @@ class _Passes:
                 policy=self.goal.policy,
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
-        wanted = batch.face_count * min(
-            1.0, self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
-        )
+        share = self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
+        wanted = batch.face_count * min(1.0, share)
         self.planned.append((wanted, below, above))
         return partial(
             reduce_batch_steps,
@@ -246,6 +235,23 @@ class _Passes:
             wanted,
             2 * (below + above),
             largest_component=self.goal.largest_component,
+            policy=self.goal.policy,
+        )
+
+    def _again(
+        self, batch: Batch, wanted: float, at_border: int, max_error: float | None = None, whole: bool = False
+    ) -> Work:
+        """Return the function that simplifies what batches have left."""
+        return partial(
+            reduce_batch_steps,
+            batch,
+            wanted,
+            at_border,
+            max_error,
+            whole,
+            largest_component=self.later_limit,
+            by_box=True,
+            protected=self.protected(),
             policy=self.goal.policy,
         )
 
@@ -311,17 +317,7 @@ class _Passes:
                 "ask for fewer triangles, or use a larger stride",
             )
             works = [
-                partial(
-                    reduce_batch_steps,
-                    parts[number],
-                    wanted[number] if max_error is None else 0,
-                    max_error=max_error,
-                    whole=len(parts) == 1,
-                    largest_component=self.later_limit,
-                    by_box=True,
-                    protected=self.protected(),
-                    policy=self.goal.policy,
-                )
+                self._again(parts[number], wanted[number] if max_error is None else 0, 0, max_error, len(parts) == 1)
                 for number in numbers
             ]
             done = 0

@@ -193,10 +193,11 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
             if not (yield from equal_part(_round_steps(collapsing, excess, last), done, start - target)):
                 break
             log = collapsing.log
-            most = policy.test_again * log.face_count if log is not None else 0
-            if policy.far * target < collapsing.face_count < most:
+            if log is None or collapsing.bound is not None:
+                continue  # within a maximum error crossings are undone at the end, together with what exceeds it
+            if policy.far * target < collapsing.face_count < policy.test_again * log.face_count:
                 yield from uncross_steps(collapsing, hold=False)
-        changed = yield from uncross_steps(collapsing, hold=True)
+        changed = collapsing.bound is None and (yield from uncross_steps(collapsing, hold=True))
 
 
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:

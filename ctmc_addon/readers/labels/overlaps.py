@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps
-from ...core.mesh.topology import Groups
+from ...core.mesh import Groups
 from .contours import FAR, Filled, edges_of, traced_steps
 
 SLIVER = 0.05  # A contour lies within another if a smaller share of it lies outside.
