@@ -12,7 +12,6 @@ surfaces add up at most. A closed component may go as a whole; one that is cut b
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
@@ -27,17 +26,14 @@ from ..memory import give_back, require_or_killed
 from ..mesh.intersections import self_intersections_steps
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
-from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
-from .bounded import hold_bound_steps
-from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
-from .component_removal import CollapsedComponents, Staying
-from .edge_collapse import CollapsingMesh
+from .batch_memory import MERGE_FACE_BYTES, MERGED
+from .batches import Batch, Numbering, joined, near_others, regions, shared_count
+from .component_removal import CollapsedComponents
+from .reduced_batch import Reduced, reduce_batch_steps
 from .whole import (
-    SAFETY_FACTOR,
     SPARE,
     Goal,
     Simplification,
-    collapse_steps,
     memory_needed,
     require_finite,
     whole_steps,
@@ -49,34 +45,10 @@ BATCHES_SHARE = 0.8  # of the time
 # Times the memory of a batch that a further thread was seen to take, with batches that wait and what malloc keeps: a
 # foam's took 0.31 GiB on one thread and 0.69 GiB on two.
 THREAD_FACTOR = 4
-MERGED = 2  # Merge batches that hold more than `whole_faces` divided by this, where that halves their triangles.
 LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
 
 
 Numbers = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """A simplified batch, and what went.
-
-    batch : Batch
-    face_count : int
-        Triangles that it had.
-    collapsed : CollapsedComponents
-    handles_cut : int
-    large : (n,) int64 or None
-        Numbers of the vertices whose components enclose more than those that may go.
-    crossing_count : int or None
-        Pairs of triangles that cross, if that was tested.
-    """
-
-    batch: Batch
-    face_count: int
-    collapsed: CollapsedComponents
-    handles_cut: int
-    large: Numbers | None = None
-    crossing_count: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -151,7 +123,8 @@ class _Passes:
         held: list[_Held] = []  # those after `left`, which may still be merged
         fraction = 0.0
         works = self._works_steps(batches, single)
-        for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes):
+        merging = 0 if self.goal.max_error is not None else self.budget.whole_faces // MERGED * MERGE_FACE_BYTES
+        for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes + merging):
             if isinstance(item, Step):
                 fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
                 yield Step(BATCHES_SHARE * fraction, item.message)
@@ -177,7 +150,7 @@ class _Passes:
         border = 2 * (below + above)
         if 2 * (wanted + border) > faces:
             return held
-        self._require(faces)
+        self._require(faces, faces * MERGE_FACE_BYTES)
         batch = joined([each.batch for each in held])
         held.clear()
         reducing = WithResult(
@@ -211,11 +184,10 @@ class _Passes:
         elif held is not None:
             yield self._work(held, seam, 0)
 
-    def _require(self, face_count: int) -> None:
-        """Raise if the memory to simplify so many triangles at once is not available."""
+    def _require(self, face_count: int, needed: int) -> None:
+        """Raise if `needed` bytes to simplify so many triangles at once are not available."""
         what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
-        needed = memory_needed(face_count, self.goal.max_error)
         if self.budget.bytes is None:
             require_or_killed(needed, what, remedy)
         else:
@@ -224,7 +196,7 @@ class _Passes:
     def _work(self, batch: Batch, below: int, above: int) -> Work:
         """Return the function that simplifies a batch, or raise if its memory is not available."""
         max_error = self.goal.max_error
-        self._require(batch.face_count)
+        self._require(batch.face_count, memory_needed(batch.face_count, max_error))
         if max_error is not None:
             self.planned.append((0.0, below, above))
             return partial(
@@ -328,59 +300,6 @@ class _Passes:
             results = [results[group[0]] if len(group) == 1 else None for group in groups]
             wanted = [sum(wanted[number] for number in group) for group in groups]
             parts = [joined([parts[number] for number in group]) for group in groups]
-
-
-def reduce_batch_steps(
-    batch: Batch,
-    wanted: float,
-    at_border: int = 0,
-    max_error: float | None = None,
-    whole: bool = False,
-    largest_component: float = math.inf,
-    by_box: bool = False,
-    protected: Numbers | None = None,
-) -> Steps[Reduced]:
-    """Simplify a batch whose border stays.
-
-    Parameters
-    ----------
-    batch : Batch
-    wanted : float
-        Triangles to leave, with a maximum error 0: of a batch `SPARE` times as many as shall be left in the end, of a
-        region of the last pass its share of that pass's goal.
-    at_border : int
-        Triangles to leave besides, because the border stays.
-    max_error : float, optional
-    whole : bool
-        Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
-    largest_component : float
-        Components that enclose more, in the cube of the mesh's unit, stay.
-    by_box : bool
-        Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
-    protected : (n,) int64, optional
-        Numbers of vertices whose components stay.
-    """
-    before = batch.face_count
-    target = round(wanted) + at_border
-    if target >= before:
-        return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes = None
-    if max_error is None and not whole and before - at_border > CLUSTERED * wanted / SPARE:
-        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted / SPARE) + at_border)
-    collapsing = CollapsingMesh(batch.mesh, max_error, SAFETY_FACTOR, batch=not whole)
-    if volumes is not None:
-        collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
-    vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
-    collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
-    yield from collapse_steps(collapsing, target, last=whole)
-    if max_error is not None:
-        yield from hold_bound_steps(collapsing)
-    mesh, used = collapsing.used_mesh()
-    original = collapsing.original_vertex[used]
-    left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
-    collapsed = collapsing.collapsed_components
-    return Reduced(left, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _crossing_steps(batches: list[Batch]) -> Steps[Numbers]:

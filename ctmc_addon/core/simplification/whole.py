@@ -13,6 +13,7 @@ from ..budget import Budget
 from ..errors import MeshError, SettingsError
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
+from .batch_memory import MERGE_FACE_BYTES, held_batches, seam_vertices
 from .batches import Batch
 from .bounded import hold_bound_steps
 from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
@@ -82,7 +83,7 @@ class Goal:
         """Return up to how many triangles a surface is one mesh for: simplified as a whole, or left as it is."""
         return math.inf if self.reduction == 0 else max(budget.whole_faces, self.target_faces or 0)
 
-    def memory_needed(self, face_count: int, left: int, budget: Budget) -> int:
+    def memory_needed(self, face_count: int, left: int, budget: Budget, vertex_count: int = 0, layers: int = 0) -> int:
         """Return the bytes that simplifying so many triangles takes on one thread.
 
         Parameters
@@ -92,17 +93,21 @@ class Goal:
         left : int
             Triangles that stay.
         budget : Budget
+        vertex_count, layers : int
+            Vertices that come, and in how many layers of voxels: batches share those between two layers.
         """
         if face_count <= self.most_whole(budget):
             return budget.work_bytes + memory_needed(face_count, self.max_error)
-        spared = min(face_count, math.ceil(SPARE * left))
-        held = spared * HELD_FACE_BYTES
+        share, seam = min(1.0, SPARE * left / face_count), seam_vertices(vertex_count, layers)
         batch, _ = self.sizes(budget)
-        batches = budget.work_bytes + held + memory_needed(batch, self.max_error)
+        merges = self.max_error is None
+        batches = held_batches(face_count, share, batch, layers, seam, budget.whole_faces, merges)
+        held = batches.held * HELD_FACE_BYTES
+        simplifying = max(memory_needed(batch, self.max_error), batches.merged * MERGE_FACE_BYTES)
         most = self.most_at_once(budget)
-        region = most if self.max_error is not None else min(spared, most)
+        region = most if self.max_error is not None else min(batches.held, most)
         # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
-        return max(batches, 2 * held + memory_needed(region, self.max_error))
+        return max(budget.work_bytes + held + simplifying, 2 * held + memory_needed(region, self.max_error))
 
 
 @dataclass(frozen=True, eq=False)
