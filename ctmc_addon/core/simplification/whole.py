@@ -105,7 +105,8 @@ class Goal:
         held = batches.held * HELD_FACE_BYTES
         simplifying = max(memory_needed(batch, self.max_error), batches.merged * MERGE_FACE_BYTES)
         most = self.most_at_once(budget)
-        region = most if self.max_error is not None else min(batches.held, most)
+        # The first regions are small, and the next ones come after half has gone.
+        region = most if self.max_error is not None else min(max(left, batches.held // 2), most)
         # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
         return max(budget.work_bytes + held + simplifying, 2 * held + memory_needed(region, self.max_error))
 
