@@ -90,7 +90,8 @@ class Plan:
     def needed(self) -> int:
         """About the least memory, bytes, in which the surface can be made."""
         if self.simplifies:
-            simplifying = self._goal.memory_needed(self.counts.faces, self.left, self.budget)
+            counts = self.counts
+            simplifying = self._goal.memory_needed(counts.faces, self.left, self.budget, counts.vertices, counts.layers)
             return self.value_bytes + max(simplifying, self.left * (FACE_BYTES + self.written_bytes))
         of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else 0
         return self.budget.work_bytes + self.value_bytes + of_surface
@@ -175,6 +176,7 @@ def required_steps(
     planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=budget.counted_slabs)
     plan = yield from stages.run("Counting triangles", planning)
     least = replace(plan, value_bytes=0, budget=replace(budget, work_bytes=0))  # small works take less than these
+    there = min(there, budget.available or 0)  # without the memory that counting has taken for good
     if least.needed > there:
         proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, there))
         raise PlanRefusal(_unfitting(plan, there, proposals))
@@ -265,8 +267,8 @@ def advice_of(proposals: Sequence[str]) -> str:
 
     Examples
     --------
-    >>> advice_of(["stride 2 2 2", "target_faces 5000"])
-    'stride 2 2 2 or target_faces 5000 would fit'
+    >>> advice_of(["stride 2 2 2", "triangles 5000"])
+    'stride 2 2 2 or triangles 5000 would fit'
     """
     return f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
 
@@ -282,7 +284,7 @@ def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
     if most >= LEAST_PROPOSED and settings.simplifier != "decimate" and not settings.max_error_mm:
-        proposals.append(f"target_faces {most // LEAST_PROPOSED * LEAST_PROPOSED}")
+        proposals.append(f"triangles {most // LEAST_PROPOSED * LEAST_PROPOSED}")
     return proposals
 
 
