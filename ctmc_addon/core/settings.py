@@ -266,6 +266,16 @@ class ReconstructionSettings(Described):
         return self.simplifies and self.simplifier == "builtin"
 
     @property
+    def drops_components(self) -> bool:
+        """Whether small components are to be removed."""
+        return bool(self.keep_parts or self.min_part_mm3)
+
+    @property
+    def looks_again(self) -> bool:
+        """Whether the full surface is looked at before it is taken, so that its pieces are kept."""
+        return self.drops_components or self.alpha == AUTO
+
+    @property
     def smoothing_method(self) -> str:
         """How the values are smoothed: 'none', 'gaussian' or 'constrained'."""
         if self.smoothing in ("auto", "gaussian") and self.smoothing_mm is not None:
