@@ -30,7 +30,7 @@ from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.plan import FACE_BYTES, Plan, widest_slices
 from ctmc_addon.core.simplification import in_batches
 from ctmc_addon.core.simplification.batch_memory import held_batches, seam_vertices
-from ctmc_addon.core.simplification.whole import SPARE
+from ctmc_addon.core.simplification.policy import POLICY
 from ctmc_addon.core.surfaces import make
 
 SETTINGS = ReconstructionSettings(threshold=132.0)
@@ -254,7 +254,7 @@ def test_thin_batches_need_the_triangles_along_their_seams_too(monkeypatch):
     counts = finish(plan_steps(volume, settings, budget)).counts
     result = reconstruct(volume, settings, budget)
     assert (result.full_faces, counts.layers) == (counts.faces, 63)
-    share, seam = SPARE * 0.05, seam_vertices(counts.vertices, counts.layers)
+    share, seam = POLICY.spare * 0.05, seam_vertices(counts.vertices, counts.layers)
     predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, seam, 1 << 16)
     assert held[0] > 2 * share * counts.faces  # what would be held without seams
     assert 0.8 * held[0] < predicted.held < 2 * held[0]

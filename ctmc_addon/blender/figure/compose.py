@@ -63,6 +63,8 @@ class FigureScene:
         How far every cell was moved, Blender units.
     blocks : list of ID
         What was made, but the scene.
+    written_rows : int
+        Of the picture, below all cells.
     """
 
     scene: bpy.types.Scene
@@ -76,6 +78,7 @@ class FigureScene:
     pictures: list[SlicePictures] = field(default_factory=list)
     asides: list[NDArray[np.float64]] = field(default_factory=list)
     blocks: list[bpy.types.ID] = field(default_factory=list)
+    written_rows: int = 0
     fonts: frozenset[str] = field(default_factory=lambda: frozenset(font.name for font in bpy.data.fonts))
     renders: frozenset[str] = field(default_factory=render_results)
     removed: bool = False
@@ -84,6 +87,18 @@ class FigureScene:
         """Return what stands in a cell, surfaces first."""
         outlines = self.outlines[cell] if self.outlines else []
         return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
+
+    def trim_outlines(self) -> None:
+        """Keep of every outline what this camera sees: from the other side it is clear, and costs time."""
+        backward = np.array(self.scene.camera.matrix_world)[:3, 2]
+        for shell in [shell for outlines in self.outlines for shell in outlines]:
+            positions, faces = world_positions(shell), meshes.read_triangles(shell.data)
+            a, b, c = positions[faces].transpose(1, 0, 2)  # (F, 3) each
+            towards = (np.cross(b - a, c - a) * backward).sum(axis=1) > 0.0
+            material, whole = shell.data.materials[0], shell.data
+            shell.data = meshes.new_mesh(SHELL, meshes.read_positions(whole), faces[towards])
+            shell.data.materials.append(material)
+            self.blocks.append(shell.data)
 
     def remove(self) -> None:
         """Remove everything that was made, if that has not been done."""
@@ -236,6 +251,7 @@ def arrange(
     layout = make_layout(cells, page, style, (extent[0], extent[1]), board, reach_mm(page.font_mm), turning)
     figure.layout, figure.unit = layout, layout.unit
     figure.size, figure.paper = page.pixels(layout.height_mm, even), page.paper
+    figure.written_rows = int(min(bottom for _, bottom, _, _ in layout.pictures) * page.pixels_per_mm)
     unit, size_mm = layout.unit, (page.printed_width_mm, layout.height_mm)
 
     camera = bpy.data.cameras.new("CTMC Camera")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -18,9 +18,10 @@ import bpy
 from ...core import OutputError
 from ..colors import Color
 from ..output_files import require_room
-from .samples import OVERLAP, clean_border, clean_page, is_denoised
+from .samples import OVERLAP, clean_border, clean_page, is_denoised, without_noise
 
 TILE_PIXELS = 1_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
+WRITTEN_PIXELS = 100_000  # A written part of fewer pixels is not worth a tile of its own.
 
 
 class Picture(NamedTuple):
@@ -35,6 +36,8 @@ class Picture(NamedTuple):
     dpi : float
     paper : (red, green, blue) float
         Color of the page.
+    written_rows : int
+        At the bottom of the page, with letters and bars alone.
     pivot : str
         Name of the object that turns; empty where none does.
     angle : float
@@ -45,6 +48,7 @@ class Picture(NamedTuple):
     name: str
     dpi: float
     paper: Color
+    written_rows: int = 0
     pivot: str = ""
     angle: float = 0.0
 
@@ -62,35 +66,43 @@ class Picture(NamedTuple):
         if self.pivot:
             scene.objects[self.pivot].rotation_euler.z = self.angle
         picture = pillow().new(render.image_settings.color_mode, size)
-        denoised = is_denoised(scene)
-        tiles = tiles_of(size) if render.engine == "CYCLES" else [(0, size[1])]
+        is_sampled = render.engine == "CYCLES" and scene.cycles.use_adaptive_sampling
+        written = self.written_rows if is_sampled and size[0] * self.written_rows >= WRITTEN_PIXELS else 0
+        tiles = tiles_of(size, written) if render.engine == "CYCLES" else [(0, size[1])]
         if len(tiles) > 1:
             render.use_border = render.use_crop_to_border = render.use_persistent_data = True
         for low, high in tiles:
             first, last = max(low - OVERLAP, 0), min(high + OVERLAP, size[1])
             # A quarter of a row up: right whether Blender rounds or cuts.
             render.border_min_y, render.border_max_y = ((row + 0.25) / size[1] for row in (first, last))
-            render_to(scene, path)
+            with without_noise(scene, self.dpi) if high <= written else nullcontext():
+                denoised = is_denoised(scene)
+                render_to(scene, path)
             with opened_png(path, self.name) as tile:
                 if tile.size != (size[0], last - first):
                     raise OutputError(f"Blender rendered {tile.size} of {self.name}, not its rows {first} to {last}")
                 rows = tile.crop((0, last - high, size[0], last - low))
             picture.paste(clean_page(rows, self.paper) if denoised else rows, (0, size[1] - high))
-        if denoised:
+        if is_denoised(scene):
             clean_border(picture, self.paper)
         picture.save(path, "PNG", dpi=(self.dpi, self.dpi))
 
 
-def tiles_of(size: tuple[int, int]) -> list[tuple[int, int]]:
-    """Return the first row and the row after the last of every tile, from the bottom up.
+def tiles_of(size: tuple[int, int], written: int = 0) -> list[tuple[int, int]]:
+    """Return the first row and the row after the last of every tile, from the bottom up; none is partly written.
 
     Examples
     --------
     >>> tiles_of((1000, 1000)), tiles_of((1000, 2000))
     ([(0, 1000)], [(0, 1000), (1000, 2000)])
+    >>> tiles_of((1000, 2000), 600)
+    [(0, 600), (600, 1300), (1300, 2000)]
     """
-    count = max(1, math.ceil(size[0] * size[1] / TILE_PIXELS))
-    edges = [round(size[1] * at / count) for at in range(count + 1)]
+    edges = [0]
+    for end in (written, size[1]):
+        start = edges[-1]
+        count = math.ceil(size[0] * (end - start) / TILE_PIXELS)
+        edges += [start + round((end - start) * (at + 1) / count) for at in range(count)]
     return list(itertools.pairwise(edges))
 
 

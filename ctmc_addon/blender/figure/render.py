@@ -16,6 +16,7 @@ import bpy
 
 from ...core import OutputError, Step, Steps
 from ...core.files.atomic_write import whole_file
+from ...core.files.temporary_names import remove_leftovers
 from .compose import compose_steps
 from .picture import Picture, pillow
 from .renderer import renderer_of, write_scene
@@ -59,13 +60,17 @@ def figure_steps(
     require_png(target)
     if blend is not None:
         require_own_blend(Path(blend))
+    for folder in {target.parent, Path(blend or target).parent}:
+        remove_leftovers(folder)
     yield Step(0.0, "Setting up the figure")
     figure = yield from compose_steps(cells, page, style, scene)
     try:
         with ExitStack() as files:
             if blend is not None:
                 write_scene(figure, files.enter_context(whole_file(Path(blend))))
-            picture = Picture(str(files.enter_context(whole_file(target))), target.name, page.dpi, figure.paper)
+            figure.trim_outlines()
+            path = str(files.enter_context(whole_file(target)))
+            picture = Picture(path, target.name, page.dpi, figure.paper, figure.written_rows)
             with renderer_of(figure, target, own_process) as renderer:
                 yield from renderer.make_steps(picture, Step(0.1, f"Rendering {target.name}"))
         yield Step(1.0, f"{target.name} written")

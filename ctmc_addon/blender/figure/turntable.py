@@ -84,14 +84,15 @@ def turntable_steps(
         note = note_of(figure, page, style, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
-        remove_leftovers(folder)
+        for each in {folder, target.parent, Path(blend or target).parent}:
+            remove_leftovers(each)
         write_json(folder / NOTE, note)
         if blend is not None:
             with whole_file(Path(blend)) as temporary:
                 write_scene(figure, temporary)
         # Blender evaluates no driver for a single picture of a scene that no window shows.
         pivot.driver_remove("rotation_euler", 2)
-        picture = Picture("", "", page.dpi, figure.paper, pivot.name)
+        picture = Picture("", "", page.dpi, figure.paper, figure.written_rows, pivot.name)
         compiles = "EEVEE" in figure.scene.render.engine
         with renderer_of(figure, folder / NOTE, own_process) as renderer:
             rendered = yield from frames_steps(renderer, picture, folder, turn, compiles)

@@ -11,8 +11,6 @@ import math
 from dataclasses import dataclass
 
 MERGED = 2  # Merge batches that hold more than `whole_faces` divided by this, where that halves their triangles.
-# Resident bytes for each triangle of a merge, at most: 463 and 487 were seen where a quarter and three quarters stayed.
-MERGE_FACE_BYTES = 490
 SEAM_VERTICES = 2 / 3  # Share of the vertices that lie in the planes of samples across z: those on edges along x and y.
 SEAM_FACES = 4  # triangles that stay for each vertex of a batch's two seams
 

@@ -2,7 +2,7 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. They leave `SPARE` times as many triangles as are wanted, and those along the seams: where
+quick clusters at first. They leave `spare` times as many triangles as are wanted, and those along the seams: where
 these are most, batches that follow each other are simplified again as one. The last pass simplifies all of them, the
 seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
 
@@ -24,20 +24,14 @@ from ..budget import Budget
 from ..errors import MeshError
 from ..memory import give_back, require_or_killed
 from ..mesh.intersections import self_intersections_steps
+from ..mesh.topology import Groups
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
-from .batch_memory import MERGE_FACE_BYTES, MERGED
+from .batch_memory import MERGED
 from .batches import Batch, Numbering, joined, near_others, regions, shared_count
 from .component_removal import CollapsedComponents
 from .reduced_batch import Reduced, reduce_batch_steps
-from .whole import (
-    SPARE,
-    Goal,
-    Simplification,
-    memory_needed,
-    require_finite,
-    whole_steps,
-)
+from .whole import Goal, Simplification, require_finite, whole_steps
 
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
@@ -123,7 +117,11 @@ class _Passes:
         held: list[_Held] = []  # those after `left`, which may still be merged
         fraction = 0.0
         works = self._works_steps(batches, single)
-        merging = 0 if self.goal.max_error is not None else self.budget.whole_faces // MERGED * MERGE_FACE_BYTES
+        merging = (
+            0
+            if self.goal.max_error is not None
+            else self.budget.whole_faces // MERGED * self.goal.policy.merge_face_bytes
+        )
         for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes + merging):
             if isinstance(item, Step):
                 fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
@@ -150,14 +148,10 @@ class _Passes:
         border = 2 * (below + above)
         if 2 * (wanted + border) > faces:
             return held
-        self._require(faces, faces * MERGE_FACE_BYTES)
+        self._require(faces, faces * self.goal.policy.merge_face_bytes)
         batch = joined([each.batch for each in held])
         held.clear()
-        reducing = WithResult(
-            reduce_batch_steps(
-                batch, wanted, border, largest_component=self.later_limit, by_box=True, protected=self.protected()
-            )
-        )
+        reducing = WithResult(self._again(batch, wanted, border)())
         for step in reducing:
             yield Step(fraction, step.message)
         reduced = reducing.result
@@ -196,24 +190,53 @@ class _Passes:
     def _work(self, batch: Batch, below: int, above: int) -> Work:
         """Return the function that simplifies a batch, or raise if its memory is not available."""
         max_error = self.goal.max_error
-        self._require(batch.face_count, memory_needed(batch.face_count, max_error))
+        self._require(batch.face_count, self.goal.bytes_at_once(batch.face_count))
         if max_error is not None:
             self.planned.append((0.0, below, above))
             return partial(
-                reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error, largest_component=self.goal.largest_component
+                reduce_batch_steps,
+                batch,
+                0,
+                0,
+                FIRST_SHARE * max_error,
+                largest_component=self.goal.largest_component,
+                policy=self.goal.policy,
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
-        wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
+        share = self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
+        wanted = batch.face_count * min(1.0, share)
         self.planned.append((wanted, below, above))
         return partial(
-            reduce_batch_steps, batch, wanted, 2 * (below + above), largest_component=self.goal.largest_component
+            reduce_batch_steps,
+            batch,
+            wanted,
+            2 * (below + above),
+            largest_component=self.goal.largest_component,
+            policy=self.goal.policy,
+        )
+
+    def _again(
+        self, batch: Batch, wanted: float, at_border: int, max_error: float | None = None, whole: bool = False
+    ) -> Work:
+        """Return the function that simplifies what batches have left."""
+        return partial(
+            reduce_batch_steps,
+            batch,
+            wanted,
+            at_border,
+            max_error,
+            whole,
+            largest_component=self.later_limit,
+            by_box=True,
+            protected=self.protected(),
+            policy=self.goal.policy,
         )
 
     def _in_order_steps(
         self, works: Iterable[Step | Work], most: int, other_bytes: int = 0
     ) -> Generator[Step | Reduced, None, None]:
         """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
-        threads = self.budget.threads_for(THREAD_FACTOR * memory_needed(most, self.goal.max_error), other_bytes)
+        threads = self.budget.threads_for(THREAD_FACTOR * self.goal.bytes_at_once(most), other_bytes)
         for item in in_order_steps(works, threads):
             yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
 
@@ -266,21 +289,12 @@ class _Passes:
             numbers = [number for number, result in enumerate(results) if result is None]
             most = max(parts[number].face_count for number in numbers)
             self.budget.require(
-                memory_needed(most, max_error),
+                self.goal.bytes_at_once(most),
                 f"simplifying {sum(part.face_count for part in parts)} triangles",
                 "ask for fewer triangles, or use a larger stride",
             )
             works = [
-                partial(
-                    reduce_batch_steps,
-                    parts[number],
-                    wanted[number] if max_error is None else 0,
-                    max_error=max_error,
-                    whole=len(parts) == 1,
-                    largest_component=self.later_limit,
-                    by_box=True,
-                    protected=self.protected(),
-                )
+                self._again(parts[number], wanted[number] if max_error is None else 0, 0, max_error, len(parts) == 1)
                 for number in numbers
             ]
             done = 0
@@ -319,13 +333,13 @@ def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:
     >>> _groups(np.array([[1, 3], [0, 2]]), [5, 5, 9, 5], 12)
     [[0], [1, 3], [2]]
     """
-    groups = [[number] for number in range(len(counts))]
+    groups, counts = Groups(len(counts)), list(counts)
     for pair in np.unique(pairs, axis=0).tolist():
-        first, second = ({tuple(group): group for group in groups if number in group} for number in pair)
-        both = sorted({number for group in (*first, *second) for number in group})
-        if sum(counts[number] for number in both) <= most:
-            groups = [group for group in groups if group[0] not in both] + [both]
-    return sorted(groups)
+        low, high = sorted(map(groups.root, pair))
+        if low != high and counts[low] + counts[high] <= most:
+            groups.join(low, high)
+            counts[low] += counts[high]
+    return groups.lists()
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:

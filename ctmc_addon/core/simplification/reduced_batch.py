@@ -12,10 +12,11 @@ from numpy.typing import NDArray
 from ..progress import Steps
 from .batches import NEW, Batch
 from .bounded import hold_bound_steps
-from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
+from .clustering import clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
-from .whole import SAFETY_FACTOR, SPARE, collapse_steps
+from .policy import POLICY, Policy
+from .whole import collapse_steps
 
 Numbers = NDArray[np.int64]
 
@@ -52,6 +53,7 @@ def reduce_batch_steps(
     largest_component: float = math.inf,
     by_box: bool = False,
     protected: Numbers | None = None,
+    policy: Policy = POLICY,
 ) -> Steps[Reduced]:
     """Simplify a batch whose border stays.
 
@@ -59,7 +61,7 @@ def reduce_batch_steps(
     ----------
     batch : Batch
     wanted : float
-        Triangles to leave, with a maximum error 0: of a batch `SPARE` times as many as shall be left in the end, of a
+        Triangles to leave, with a maximum error 0: of a batch `spare` times as many as shall be left in the end, of a
         region of the last pass its share of that pass's goal.
     at_border : int
         Triangles to leave besides, because the border stays.
@@ -72,15 +74,16 @@ def reduce_batch_steps(
         Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
     protected : (n,) int64, optional
         Numbers of vertices whose components stay.
+    policy : Policy, optional
     """
     before = batch.face_count
     target = round(wanted) + at_border
     if target >= before:
         return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes = None
-    if max_error is None and not whole and before - at_border > CLUSTERED * wanted / SPARE:
-        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted / SPARE) + at_border)
-    collapsing = CollapsingMesh(batch.mesh, max_error, SAFETY_FACTOR, batch=not whole)
+    volumes, left = None, wanted / policy.spare
+    if max_error is None and not whole and before - at_border > policy.clustered * left:
+        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * left) + at_border, policy)
+    collapsing = CollapsingMesh(batch.mesh, max_error, policy, batch=not whole)
     if volumes is not None:
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
@@ -90,7 +93,7 @@ def reduce_batch_steps(
         yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
-    left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
+    made = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
+    large = made.numbers[collapsing.components.large[collapsing.component[used]] & (made.numbers != NEW)]
     collapsed = collapsing.collapsed_components
-    return Reduced(left, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
+    return Reduced(made, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)

@@ -9,6 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
+from ctmc_addon.blender.figure import picture as pictures
 from ctmc_addon.blender.figure.callouts import spread
 from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose_steps
 from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
@@ -143,6 +144,62 @@ def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     assert (kept ^ went_on).all()
     assert kept.mean() > 0.2
     assert went_on.mean() > 0.1
+
+
+def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_path):
+    thing = ShownSurface(add_reconstruction(ball(), scene), name="", color=(0.8, 0.8, 0.8))
+    style = FigureStyle("illustration", scale_bar=False, orientation=False)
+    figure = finish(compose_steps([Cell((thing,))], Page(30.0, 400.0), style))
+    figure.scene.cycles.use_denoising = figure.scene.cycles.use_adaptive_sampling = False
+
+    def rendered(name):
+        (tmp_path / name).touch()
+        Picture(str(tmp_path / name), name, 400.0, WHITE).make(figure.scene)
+        with Image.open(tmp_path / name) as image:
+            return image.convert("L")
+
+    try:
+        shell = figure.outlines[0][0]
+        whole, before = len(shell.data.polygons), rendered("whole.png")
+        figure.trim_outlines()
+        after = rendered("trimmed.png")
+        assert 0.4 * whole < len(shell.data.polygons) < 0.6 * whole
+    finally:
+        figure.remove()
+    assert (np.asarray(before) < 60).sum() > 200, "an outline"
+    coarse = [np.asarray(picture.reduce(8)).astype(int) for picture in (before, after)]
+    assert np.abs(coarse[0] - coarse[1]).max() < 10, "but the noise of single pixels"
+
+
+@pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
+def test_letters_below_the_picture_are_not_denoised(scene, ball, tmp_path, monkeypatch):
+    monkeypatch.setattr(pictures, "WRITTEN_PIXELS", 1000)
+    tiles = []
+
+    def render_to(scene, path):
+        cycles, render = scene.cycles, scene.render
+        rows = [round(edge * render.resolution_y - 0.25) for edge in (render.border_min_y, render.border_max_y)]
+        tiles.append((*rows, cycles.use_denoising, cycles.use_adaptive_sampling, cycles.samples))
+        rendered(scene, path)
+
+    rendered = pictures.render_to
+    monkeypatch.setattr(pictures, "render_to", render_to)
+    thing = ShownSurface(add_reconstruction(ball(), scene), name="")
+    figure = finish(compose_steps([Cell((thing,))], Page(40.0, 300.0), FigureStyle()))
+    try:
+        written, height = figure.written_rows, figure.size[1]
+        assert 40 < written == int(figure.layout.pictures[0][1] / 25.4 * 300)
+        path = tmp_path / "a.png"
+        path.touch()
+        Picture(str(path), path.name, 300.0, WHITE, written).make(figure.scene)
+        assert tiles == [(0, written + 24, False, False, 16), (written - 24, height, True, True, 32)]
+        assert figure.scene.cycles.use_denoising, "a turntable goes on with the scene"
+    finally:
+        figure.remove()
+    with Image.open(path) as image:
+        levels = np.asarray(image)
+    assert (levels[-written:].min(axis=2) < 60).sum() > 300, "scale bar, its length and the axes"
+    assert (levels[-written + 2 : -written + 8] == 255).all()
 
 
 def test_walls_that_two_labels_share_are_parted_by_less_than_is_seen(scene):
