@@ -19,6 +19,7 @@ from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
+from .mesh.spool import FACE_BYTES as SPOOLED_FACE_BYTES
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
@@ -92,9 +93,17 @@ class Plan:
         if self.simplifies:
             counts = self.counts
             simplifying = self._goal.memory_needed(counts.faces, self.left, self.budget, counts.vertices, counts.layers)
-            return self.value_bytes + max(simplifying, self.left * (FACE_BYTES + self.written_bytes))
-        of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else 0
+            after = self.left * (FACE_BYTES + self.written_bytes)
+            return self.value_bytes + max(self.spooled_bytes + simplifying, after)
+        of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else self.spooled_bytes
         return self.budget.work_bytes + self.value_bytes + of_surface
+
+    @property
+    def spooled_bytes(self) -> int:
+        """Bytes of pieces that stay in memory because they are looked at several times; the others wait in a file."""
+        if not self.settings.looks_again:
+            return 0
+        return min(self.counts.faces * SPOOLED_FACE_BYTES, self.budget.spool_bytes)
 
     def fits(self, there: int) -> bool:
         """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""

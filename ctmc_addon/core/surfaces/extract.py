@@ -40,9 +40,7 @@ from .finish import (
     WRITING,
     Finish,
     described,
-    drops_components,
     goals_of,
-    is_looked_at_again,
     timed,
 )
 from .request import MadeSurface, Scope, scope_of
@@ -235,7 +233,7 @@ class FieldSurface(Finish):
         """
         settings = self.settings
         extracted = self._extracted_steps(joined)
-        if not is_looked_at_again(settings):
+        if not settings.looks_again:
             return extracted
         pieces = SpooledPieces(spool)
         kept = KeptPieces(pieces.pieces_steps, settings.keep_parts, settings.min_part_mm3, spool)
@@ -245,7 +243,7 @@ class FieldSurface(Finish):
                 self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(pieces, kept))
                 self.settings = replace(settings, alpha=self.choice.alpha)
                 self.seconds[CHOOSING] = self.stages.seconds[CHOOSING]
-            if not drops_components(settings):
+            if not settings.drops_components:
                 return pieces.pieces_steps(last=True)
             yield from self.stages.run(KEEPING, kept.decision_steps(self.settings.alpha_number))
             self.seconds[KEEPING] = self.stages.seconds[KEEPING]
@@ -255,7 +253,7 @@ class FieldSurface(Finish):
         from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
 
         angle = self.settings.min_angle_deg
-        if drops_components(self.settings):
+        if self.settings.drops_components:
             return (yield from kept_alpha_steps(lambda alpha: kept.pieces_steps(alpha, last=False), angle))
         return (yield from chosen_alpha_steps(pieces.pieces_steps, angle))
 

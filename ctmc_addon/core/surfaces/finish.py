@@ -76,16 +76,6 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
-def drops_components(settings: ReconstructionSettings) -> bool:
-    """Return whether small components are to be removed."""
-    return bool(settings.keep_parts or settings.min_part_mm3)
-
-
-def is_looked_at_again(settings: ReconstructionSettings) -> bool:
-    """Return whether the full surface is looked at before it is taken, so that its pieces are kept."""
-    return drops_components(settings) or settings.alpha == AUTO
-
-
 def goals_of(settings: ReconstructionSettings) -> tuple[float | None, int | None, float | None]:
     """Return the reduction, the number of triangles and the maximum error that are asked for."""
     return settings.reduction, settings.target_faces, settings.max_error_mm
@@ -100,7 +90,7 @@ def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict
         PREPARING: 20,
         EXTRACTING: 42,
         CHOOSING: 20 * (settings.alpha == AUTO),
-        KEEPING: 15 * drops_components(settings),
+        KEEPING: 15 * settings.drops_components,
         SIMPLIFYING: 33 * (settings.simplifies_here and not full),
         AVERAGING: 2 * (settings.normals == "mesh" and not full),
         WRITING: 0 if sink.holds else 10,
