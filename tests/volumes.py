@@ -5,8 +5,8 @@ import numpy as np
 
 from ctmc_addon.core import CtmcError, Volume, reconstruct
 from ctmc_addon.core.progress import Step
+from ctmc_addon.core.smoothing.gaussian import convolved, weights
 from ctmc_addon.core.volume import SliceReader
-from ctmc_addon.core.volume.smoothing.gaussian import convolved, weights
 
 AFFINE = np.array([[-0.7, 0.1, 0, 5], [0, 0.8, 0.2, -9], [0.1, 0, 1.5, 30], [0, 0, 0, 1]], float)
 FACTS = (

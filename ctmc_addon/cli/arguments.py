@@ -15,7 +15,16 @@ from pathlib import Path
 from typing import Any
 
 from .. import readers
-from ..core import EXCLUSIVE, SETTINGS, CtmcError, ReconstructionSettings, SettingsError, defaults, descriptions
+from ..core import (
+    EXCLUSIVE,
+    SETTINGS,
+    CtmcError,
+    ReconstructionSettings,
+    SettingsError,
+    defaults,
+    descriptions,
+    has_width,
+)
 from ..core.files.input_files import add_inputs
 from ..core.volume import ALL
 from ..reporting.command_line import command_of as command_of
@@ -237,7 +246,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     {'alpha': 0.5, 'label': 2}
     """
     replaced = {name for names in EXCLUSIVE if set(names) & set(above) for name in names}
-    if above.get("smoothing", "gaussian") != "gaussian":
+    if "smoothing" in above and not has_width(above["smoothing"]):
         replaced.add("smoothing_mm")
     elif "smoothing_mm" in above:
         replaced.add("smoothing")

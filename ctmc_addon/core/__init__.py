@@ -13,7 +13,7 @@ from .case_plan import (
     cases_at_once,
     cases_bytes,
 )
-from .described import Described, Setting, checked, defaults, descriptions, setting
+from .described import AUTO, Described, Setting, checked, defaults, descriptions, setting
 from .errors import (
     AbsentLabelError,
     CtmcError,
@@ -70,14 +70,15 @@ from .plan import (
 )
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruction import Reconstruction, Stage
-from .settings import AUTO, EXCLUSIVE, GOALS, SETTINGS, ReconstructionSettings, is_allowed, with_present_names
+from .settings import EXCLUSIVE, GOALS, SETTINGS, SIMPLIFICATION, ReconstructionSettings, is_allowed, with_present_names
 from .sinks import HOLD, Hold, Sink, Write
+from .smoothing.choices import done_smoothing, has_width
+from .smoothing.methods import SMOOTHINGS, smoothing_of, used_settings
 from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
 from .surfaces.finish import simplified_steps, without_small_steps
 from .surfaces.make import make_surfaces_steps
 from .surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from .units import Unit, length_text, unit_of, volume_text
-from .volume.smoothing import smoothing_of, used_settings
 from .volume.volume import Volume
 
 if TYPE_CHECKING:
@@ -85,7 +86,7 @@ if TYPE_CHECKING:
     from .files.structures import Structure, write_structures, write_structures_steps
     from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances
-    from .preview import Preview, PreviewResult
+    from .preview import LEAVE_IT, Preview, PreviewResult
     from .simplification.simplify import simplify, simplify_steps
     from .structure_table import (
         StructureRow,
@@ -114,7 +115,7 @@ __getattr__ = names_later(
         ".surfaces.labels": "LabelSurfaces reconstruct_labels reconstruct_labels_steps",
         ".mesh.angles.alpha_choice": "AlphaChoice chosen_alpha_steps",
         ".mesh.distance.triangle_tree": "distances",
-        ".preview": "Preview PreviewResult",
+        ".preview": "LEAVE_IT Preview PreviewResult",
         ".simplification.simplify": "simplify simplify_steps",
         ".structure_table": "StructureRow measure_structures measure_structures_steps structure_row_steps "
         "table_cells table_csv table_heads",
@@ -131,10 +132,13 @@ __all__ = [
     "GRAY_VALUES",
     "HOLD",
     "HU",
+    "LEAVE_IT",
     "MEASURES",
     "NO_THREAD",
     "PAUSE",
     "SETTINGS",
+    "SIMPLIFICATION",
+    "SMOOTHINGS",
     "STRUCTURE_SUFFIXES",
     "UNKNOWN",
     "VERSION",
@@ -199,6 +203,7 @@ __all__ = [
     "defaults",
     "descriptions",
     "distances",
+    "done_smoothing",
     "ending",
     "equal_part",
     "files_of",
@@ -206,6 +211,7 @@ __all__ = [
     "first_request",
     "fits_in_memory",
     "give_back",
+    "has_width",
     "interpreter",
     "is_allowed",
     "keep_little",

@@ -12,7 +12,7 @@ from .budget import Budget
 from .memory import amount
 from .parallel import processors
 from .settings import ReconstructionSettings
-from .volume.smoothing import smoothing_of
+from .smoothing.methods import smoothing_of
 
 # Of a process that makes cases, before any values are read: Python, NumPy and work arrays, and Blender for thumbnails,
 # which draws them in as much again.

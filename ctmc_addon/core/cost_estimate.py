@@ -19,9 +19,11 @@ from .extraction.marching_cubes import count_steps, extract_steps
 from .plan import LOOKING, READ_SHARE, Plan, advice_of, plan_steps, proposals_steps
 from .progress import PAUSE, Stages, Steps, timed_steps
 from .reconstruction import Reconstruction
-from .settings import ReconstructionSettings
+from .settings import FIELD, ReconstructionSettings, settings_of_stage
 from .simplification.simplify import simplify_steps
-from .volume.field import Field, field_steps, held_steps
+from .smoothing.methods import smoothing_of, used_settings
+from .smoothing.prepare import field_steps
+from .volume.field import Field, held_steps
 from .volume.volume import Volume
 
 WHOLE_MACHINE = Budget()
@@ -150,17 +152,14 @@ class FieldCache:
 
     def field_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
         """Return the field for these settings; what is smoothed is kept where there is room for it."""
+        smoothing, used = smoothing_of(settings), used_settings(settings)
+        own = [name for name in settings_of_stage(FIELD) if name in used and name not in ("smoothing", "smoothing_mm")]
         key = (
-            settings.label,
+            smoothing.name,
+            settings.smoothing_width_mm,
             settings.threshold is None,
-            settings.smoothing_method,
-            settings.gaussian_mm,
-            settings.slice_steps,
-            settings.close_border and settings.smoothing_method == "constrained",
-            settings.region,
-            settings.region_unit,
-            settings.nan_as,
-            None if settings.label is None else settings.stride,
+            None if settings.label is None else settings.stride,  # the sides of its box lie on the stride's grid
+            *(getattr(settings, name) for name in (*own, *smoothing.reads)),
         )
         if self.field is None or key != self.key:
             self.field, self.seconds = yield from timed_steps(self._made_steps(settings))

@@ -17,6 +17,8 @@ from typing import Any, TypeVar
 
 from .errors import SettingsError
 
+AUTO = "auto"
+"""A word that stands for a value: the surface decides."""
 Kind = TypeVar("Kind", bound="Described")
 
 
@@ -52,6 +54,8 @@ class Setting:
         For a field that is None by default: what holds then, such as 'as the files say'.
     kept : bool
         Whether manifests, settings files and reports hold it; what is not kept is given anew each time.
+    stage : str
+        Of a reconstruction: the first stage that it acts on.
     check : callable, optional
         Returns the value in its type or raises a `SettingsError`, in place of the general check.
     """
@@ -75,6 +79,7 @@ class Setting:
     start: Any = None
     without: str = ""
     kept: bool = True
+    stage: str = ""
     check: Callable[[Any], Any] | None = None
 
     @property

@@ -22,9 +22,10 @@ from .memory import NO_THREAD, amount, give_back
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
-from .volume.field import Field, field_steps
+from .smoothing.methods import smoothing_of
+from .smoothing.prepare import field_steps
+from .volume.field import Field
 from .volume.slice_reader import fitting_stride
-from .volume.smoothing import smoothing_of
 from .volume.volume import Volume
 
 if TYPE_CHECKING:
@@ -229,9 +230,10 @@ def refusal_steps(
     """Why a surface was refused, and settings that fit, all counted; empty where none is known."""
     there = budget.available or 0
     what = smoothing = ""
-    if not smoothing_of(settings).by_slabs:
-        what, smoothing = f"smoothing label {settings.label} as constrained", "smoothing gaussian"
-        settings = replace(settings, smoothing="gaussian")
+    done = smoothing_of(settings)
+    if done.fallback:
+        what, smoothing = f"smoothing label {settings.label} as {done.name}", f"smoothing {done.fallback}"
+        settings = replace(settings, smoothing=done.fallback)
     stages = Stages({"Counting triangles": 1, LOOKING: 1})
     planning = plan_steps(volume, settings, budget, sink, written_bytes)
     plan = yield from stages.run("Counting triangles", planning)
@@ -294,11 +296,8 @@ def slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -
 
 def widest_slices(volume: Volume, settings: ReconstructionSettings, limit: int) -> int:
     """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
-    reach = smoothing_of(settings).reach(volume.spacing, settings)[2]
-    item = 4 if reach else volume.dtype.itemsize
-    voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * item
-    if reach:
-        voxel_bytes += 4 * (2 * reach + 1)
+    item, kept = smoothing_of(settings).bytes(volume.spacing, settings, volume.dtype.itemsize)
+    voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * item + kept
     return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)
 
 

@@ -4,7 +4,7 @@
 The volume is subsampled once for each stride (every second, fourth... sample along the axes whose samples lie
 closest), and only this small copy is extracted from while a slider moves. How fine it may be follows from the time of
 the last surface. Surfaces are in RAS+ mm; the last, partial voxel of a stride is left out, as this is only a preview.
-The finest surface of a label that is smoothed as constrained is the reconstruction's own.
+The finest surface of a label that is smoothed all at once is the reconstruction's own.
 """
 
 from __future__ import annotations
@@ -19,11 +19,10 @@ from .budget import Budget
 from .errors import CtmcError, LabelError
 from .mesh.triangle_mesh import Surface
 from .progress import Steps, finish, timed_steps
-from .settings import ReconstructionSettings
+from .settings import SIMPLIFICATION, ReconstructionSettings, settings_of_stage
+from .smoothing.methods import refinement_of, smoothing_of
 from .surfaces.extract import full_steps
-from .volume.field import refinement_of
 from .volume.region import region_box
-from .volume.smoothing import smoothing_of
 from .volume.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Box, Volume
 
@@ -31,6 +30,8 @@ REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at 
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
 SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
 FEWEST_SAMPLES = 8  # samples along an axis
+LEAVE_IT = {"alpha", "min_angle_deg", *settings_of_stage(SIMPLIFICATION)}
+"""Settings that leave a preview as it is: it is the full surface, with both ends of alpha."""
 Stride = tuple[int, int, int]
 
 
@@ -119,11 +120,7 @@ class Preview:
     ) -> Steps[PreviewResult]:
         volume = self.volume
         plain = replace(
-            settings,
-            simplifier="none",
-            reduction=None,
-            target_faces=None,
-            max_error_mm=None,
+            settings.without(SIMPLIFICATION),
             topology="classic",
             threshold=threshold if settings.label is None else None,
         )
@@ -155,7 +152,7 @@ def voxel_count(rung: Rung, box: Box) -> int:
 def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...]) -> list[Rung]:
     """Return how coarse a surface may be, the finest first.
 
-    A label that is smoothed as constrained is first the reconstruction's own, then gets fewer steps between its
+    A label that is smoothed all at once is first the reconstruction's own, then gets fewer steps between its
     slices, of which stride z counts, and only then fewer samples.
 
     Examples

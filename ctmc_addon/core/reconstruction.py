@@ -61,7 +61,7 @@ class Reconstruction:
     collapsed_mm3 : float
         What these enclosed together when they went; of a surface of millions of triangles they have shrunk before.
     slice_steps : int
-        Steps from slice to slice of a label that was smoothed as constrained.
+        Steps from slice to slice that smoothing has made.
     wrong_side : int or None
         Samples of the label on the wrong side of the surface at stride 1, before simplification; None for a threshold.
     label_name : str

@@ -7,18 +7,33 @@ The panel, the command line, the checks, the reports and the manual are made fro
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
-from .described import Described, descriptions, setting
+from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
+from .smoothing.choices import (
+    CHOICES,
+    TEXT,
+    done_smoothing,
+    for_labels_text,
+    has_width,
+    is_for_gray,
+    no_width_text,
+)
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
 """Groups of settings of which one at most may be given."""
 DEFAULT_SMOOTHING_MM = 1.0
-AUTO = "auto"
-"""In place of an alpha: the surface decides."""
+FIELD, EXTRACTION, COMPONENTS, SIMPLIFICATION, LOOK = STAGES = (
+    "field",
+    "extraction",
+    "components",
+    "simplification",
+    "look",
+)
+"""The stages of a reconstruction, in their order; every setting names the first one that it acts on."""
 RENAMED = {"soften_mm": "smoothing_mm"}
 """Settings of older files: 0 mm was no smoothing, of a label too, and is so still."""
 INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
@@ -48,6 +63,7 @@ class ReconstructionSettings(Described):
         "Gray value of the surface: voxels at or above it are inside. "
         "Larger = only denser tissue. Without it Otsu's threshold is used",
         label="Threshold",
+        stage=EXTRACTION,
         unit="HU or gray value",
         start=200.0,
     )
@@ -56,6 +72,7 @@ class ReconstructionSettings(Described):
         "Upper limit: values above it are outside too, such as -600 HU for lung between -950 and -600. "
         "Larger = more of the dense tissue. Without it all that is dense enough is inside",
         label="Upper Limit",
+        stage=EXTRACTION,
         unit="HU or gray value",
         start=1000.0,
     )
@@ -63,6 +80,7 @@ class ReconstructionSettings(Described):
         None,
         "Value of the structure in a label volume, reconstructed instead of a threshold",
         label="Label",
+        stage=FIELD,
         type=int,
         start=1,
     )
@@ -70,6 +88,7 @@ class ReconstructionSettings(Described):
         (1, 1, 1),
         "Sides of a voxel along x, y and z, in pixels. Larger = fewer voxels to visit and fewer triangles",
         label="Stride",
+        stage=EXTRACTION,
         unit="px",
         low=1,
         high=16,
@@ -81,6 +100,7 @@ class ReconstructionSettings(Described):
         "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
         "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
         label="Alpha (Shape)",
+        stage=EXTRACTION,
         low=0.0,
         high=1.0,
         words=(AUTO,),
@@ -91,6 +111,7 @@ class ReconstructionSettings(Described):
         "Alpha is chosen so that no triangle of the full surface has an angle below this. "
         "Larger = more even triangles, for simulation and print, and a less accurate surface",
         label="Minimum Angle",
+        stage=EXTRACTION,
         unit="degrees",
         low=0.0,
         high=60.0,
@@ -102,22 +123,23 @@ class ReconstructionSettings(Described):
         "How ambiguous voxels are cut: by the 15 classic cases, or exactly as the trilinear interpolant has it. "
         "Both give a closed surface",
         label="Topology",
+        stage=EXTRACTION,
         choices=("classic", "trilinear"),
         type=str,
     )
     smoothing: str = setting(
-        "auto",
-        "How the values are smoothed before extraction. constrained = the smoothest surface with every sample of the "
-        "label on its own side, the volume kept; gaussian = by a Gaussian, for gray values too, and small components "
-        "vanish; auto = constrained for a label, none for a threshold, gaussian where its width is given",
+        AUTO,
+        TEXT,
         label="Smooth",
-        choices=("auto", "none", "gaussian", "constrained"),
+        stage=FIELD,
+        choices=(AUTO, *CHOICES),
         type=str,
     )
     smoothing_mm: float | None = setting(
         None,
         "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it a Gaussian has 1 mm",
         label="Sigma",
+        stage=FIELD,
         unit="mm",
         low=0.0,
         high=50.0,
@@ -128,6 +150,7 @@ class ReconstructionSettings(Described):
         "Steps from slice to slice of a label that is smoothed as constrained; stride along z counts them. 1 = none, "
         "0 = enough that no side of a voxel is more than twice another, none where stride along z is above 1",
         label="Slice Steps",
+        stage=FIELD,
         low=0,
         high=8,
         type=int,
@@ -137,6 +160,7 @@ class ReconstructionSettings(Described):
         "How several labels of a volume meet where they touch. shared = along one surface, without gap or overlap; "
         "separate = each label is made by itself, and neighbors may overlap",
         label="Interfaces",
+        stage=EXTRACTION,
         choices=("shared", "separate"),
         type=str,
     )
@@ -144,12 +168,14 @@ class ReconstructionSettings(Described):
         False,
         "Close the surface where it meets the border of the volume or region with a cap half a pixel outside it",
         label="Close Border",
+        stage=EXTRACTION,
         type=bool,
     )
     region: tuple[float, float, float, float, float, float] | None = setting(
         None,
         "Box to reconstruct: lowest x, y, z, then highest x, y, z. A box in mm takes every voxel it touches",
         label="Region",
+        stage=FIELD,
         unit="voxels or mm",
         size=6,
         start=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
@@ -158,6 +184,7 @@ class ReconstructionSettings(Described):
         "voxel",
         "Whether the region is given in voxel indices or in RAS+ millimeters",
         label="Region Unit",
+        stage=FIELD,
         choices=("voxel", "mm"),
         choice_labels={"voxel": "Voxels", "mm": "mm"},
         type=str,
@@ -166,6 +193,7 @@ class ReconstructionSettings(Described):
         0,
         "Keep this many of the largest connected components, each with its cavities. 0 = all",
         label="Keep Largest",
+        stage=COMPONENTS,
         low=0,
         high=1_000_000,
         type=int,
@@ -175,6 +203,7 @@ class ReconstructionSettings(Described):
         "Drop connected components and fill cavities whose volume is below this. "
         "Larger = fewer small components. 0 = none",
         label="Minimum Volume",
+        stage=COMPONENTS,
         unit="mm3",
         low=0.0,
         flag="min-part",
@@ -183,6 +212,7 @@ class ReconstructionSettings(Described):
         "gradient",
         "Where normals come from: the gradient of the gray values (smooth shading) or the mesh itself",
         label="Normals",
+        stage=LOOK,
         choices=("gradient", "mesh"),
         type=str,
     )
@@ -191,6 +221,7 @@ class ReconstructionSettings(Described):
         "How a rate, a number of triangles or a maximum error is reached: by the built-in quadric error simplifier, "
         "by Blender's live Decimate modifier, or not at all",
         label="Simplifier",
+        stage=SIMPLIFICATION,
         choices=("none", "builtin", "decimate"),
         choice_labels={"builtin": "Built-In"},
         type=str,
@@ -199,6 +230,7 @@ class ReconstructionSettings(Described):
         None,
         "Share of the triangles to remove. Larger = fewer triangles",
         label="Rate",
+        stage=SIMPLIFICATION,
         low=0.0,
         high=1.0,
         high_open=True,
@@ -209,6 +241,7 @@ class ReconstructionSettings(Described):
         None,
         "Number of triangles to simplify to. Smaller = fewer triangles",
         label="Triangles",
+        stage=SIMPLIFICATION,
         low=4,
         type=int,
         flag="triangles",
@@ -218,6 +251,7 @@ class ReconstructionSettings(Described):
         None,
         "Simplify as far as the surface moves at most this far. Larger = fewer triangles",
         label="Maximum Error",
+        stage=SIMPLIFICATION,
         unit="mm",
         low=0.0,
         low_open=True,
@@ -228,6 +262,7 @@ class ReconstructionSettings(Described):
         None,
         "Value that replaces NaN and infinite voxels",
         label="Replace NaN With",
+        stage=FIELD,
         unit="HU or gray value",
         flag="nan-as",
         start=-1024.0,
@@ -245,13 +280,10 @@ class ReconstructionSettings(Described):
                 raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
         if self.threshold is not None and self.upper is not None and self.upper < self.threshold:
             raise SettingsError(f"upper {self.upper:g} is below threshold {self.threshold:g}; give the lower one first")
-        if self.threshold is not None and self.smoothing == "constrained":
-            raise constrained_threshold_error()
-        if self.smoothing in ("none", "constrained") and self.smoothing_mm:
-            raise SettingsError(
-                f"smoothing_mm {self.smoothing_mm:g} is the width of smoothing gaussian, and smoothing is "
-                f"{self.smoothing}; choose one"
-            )
+        if self.threshold is not None and not is_for_gray(self.smoothing):
+            raise SettingsError(for_labels_text(self.smoothing))
+        if self.smoothing_mm and self.smoothing != AUTO and not has_width(self.smoothing):
+            raise SettingsError(no_width_text(self.smoothing, self.smoothing_mm))
         if self.region is not None:
             require_corners_in_order(self.region)
 
@@ -267,17 +299,13 @@ class ReconstructionSettings(Described):
 
     @property
     def smoothing_method(self) -> str:
-        """How the values are smoothed: 'none', 'gaussian' or 'constrained'."""
-        if self.smoothing in ("auto", "gaussian") and self.smoothing_mm is not None:
-            return "gaussian" if self.smoothing_mm > 0 else "none"
-        if self.smoothing == "auto":
-            return "none" if self.label is None else "constrained"
-        return self.smoothing
+        """The smoothing that is done, by its name in `smoothing.choices`."""
+        return done_smoothing(self.smoothing, self.smoothing_mm, self.label is not None)
 
     @property
-    def gaussian_mm(self) -> float:
-        """Standard deviation of the Gaussian; 0 where none smooths."""
-        if self.smoothing_method != "gaussian":
+    def smoothing_width_mm(self) -> float:
+        """The width of the smoothing, such as the standard deviation of a Gaussian; 0 where it has none."""
+        if not has_width(self.smoothing_method):
             return 0.0
         return DEFAULT_SMOOTHING_MM if self.smoothing_mm is None else self.smoothing_mm
 
@@ -296,8 +324,24 @@ class ReconstructionSettings(Described):
 
     @property
     def alpha_matters(self) -> bool:
-        """Whether alpha has an effect: not on a label that is not smoothed, where every crossing is the midpoint."""
-        return self.label is None or self.smoothing_method != "none"
+        """Whether alpha has an effect: not on a label of 0 and 1, where every crossing is the midpoint."""
+        return self.label is None or CHOICES[self.smoothing_method].graded
+
+    def without(self, stage: str) -> ReconstructionSettings:
+        """Return the settings with those of a stage at their defaults.
+
+        Examples
+        --------
+        >>> ReconstructionSettings(threshold=200, reduction=0.9).without("simplification").reduction is None
+        True
+        """
+        default = defaults(type(self))
+        return replace(self, **{name: default[name] for name in settings_of_stage(stage)})
+
+    def at_threshold(self, threshold: float, upper: float | None = None) -> ReconstructionSettings:
+        """Return the settings of a threshold's surface: smoothed as they say, if that smooths gray values."""
+        smoothing = self.smoothing if is_for_gray(self.smoothing) else AUTO
+        return replace(self, label=None, threshold=threshold, upper=upper, smoothing=smoothing)
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> ReconstructionSettings:
@@ -309,6 +353,17 @@ SETTINGS = descriptions(ReconstructionSettings)
 """Every setting's name and description, in the order of the panel and the manual."""
 
 
+def settings_of_stage(stage: str) -> tuple[str, ...]:
+    """Return the names of the settings that act first on a stage.
+
+    Examples
+    --------
+    >>> settings_of_stage("components")
+    ('keep_parts', 'min_part_mm3')
+    """
+    return tuple(name for name, about in SETTINGS.items() if about.stage == stage)
+
+
 def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return settings by name, those of older files by their present names.
 
@@ -318,11 +373,6 @@ def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
     {'label': 2, 'smoothing_mm': 1.5}
     """
     return {RENAMED.get(name, name): value for name, value in values.items()}
-
-
-def constrained_threshold_error() -> SettingsError:
-    """Return the error of `smoothing="constrained"` without a label."""
-    return SettingsError("smoothing constrained is for labels; for a threshold choose smoothing gaussian or none")
 
 
 def is_allowed(settings: Any, name: str) -> bool:

@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from .registry import BY_FILE_NAME, BY_SUFFIX, HEAD, KNOWN_SUFFIXES, folder_format, marked
+from .registry import BY_FILE_NAME, BY_SUFFIX, BY_VALUES, FORMATS, HEAD, KNOWN_SUFFIXES, folder_format, marked
 
 TWO_DOTS = tuple(end for end in KNOWN_SUFFIXES if end.count(".") > 1)
 
@@ -64,8 +64,10 @@ def format_of(path: Path) -> str:
     name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
     if name:
         return name
-    if end == ".img" and path.with_suffix(".hdr").is_file():  # some scanners write DICOM under this name
-        return BY_SUFFIX[".hdr"]
+    if end in BY_VALUES:  # a text beside them tells them; some scanners write DICOM under the suffix .img
+        texts = FORMATS[BY_VALUES[end]].suffixes
+        if any(path.with_name(path.name[: -len(end)] + text).is_file() for text in texts):
+            return BY_VALUES[end]
     with path.open("rb") as file:
         head = file.read(HEAD)
     if head[:2] == b"\x1f\x8b" and end == ".gz":

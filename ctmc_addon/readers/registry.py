@@ -36,6 +36,8 @@ class Format:
         or of several pages a volume; an image of one of the series in its folder.
     names : tuple of str
         Names of files that tell the format; one of them lies in each folder of a folder format.
+    values : str
+        Suffix of the file of values beside a text of such a suffix, which opens the pair too.
     may_be_mask : bool
         Whether a folder of such files may be a folder of masks: they say where their voxels lie.
     """
@@ -45,6 +47,7 @@ class Format:
     marks: tuple[tuple[int, bytes], ...] = ()
     holds: str = VOLUME
     names: tuple[str, ...] = ()
+    values: str = ""
     may_be_mask: bool = False
 
 
@@ -70,7 +73,9 @@ FORMATS = {
     "NumPy": Format("volumes.npy", (".npy",), at_start(b"\x93NUMPY")),
     "MetaImage": Format("volumes.metaimage", (".mha", ".mhd"), at_start(b"ObjectType ="), may_be_mask=True),
     "MGH": Format("volumes.mgh", (".mgh", ".mgz"), may_be_mask=True),
-    "Analyze": Format("volumes.analyze", (".hdr",)),
+    "Analyze": Format("volumes.analyze", (".hdr",), values=".img"),
+    "VFF": Format("volumes.vff", (".vff",), at_start(b"ncaa")),
+    "VOL": Format("volumes.vol", (".vgi", ".vol.info"), values=".vol"),
     "OME-Zarr": Format("volumes.ome_zarr", (".ome.zarr", ".zarr"), (), FOLDER, ZARR),
 }
 
@@ -94,6 +99,7 @@ KNOWN_SUFFIXES = suffixes_of()
 MASK_SUFFIXES = tuple(end for about in FORMATS.values() if about.may_be_mask for end in about.suffixes)
 BY_SUFFIX = {end: name for name, about in FORMATS.items() for end in about.suffixes}
 BY_FILE_NAME = {word: name for name, about in FORMATS.items() for word in about.names}
+BY_VALUES = {about.values: name for name, about in FORMATS.items() if about.values}
 HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # bytes that hold every mark
 
 

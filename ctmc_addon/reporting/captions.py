@@ -100,5 +100,5 @@ def smoothing_phrase(settings: ReconstructionSettings) -> str:
     >>> smoothing_phrase(ReconstructionSettings(label=2, smoothing_mm=1.5))
     'Gaussian of 1.5 mm'
     """
-    bare = settings.label is None and settings.smoothing_method == "none"
-    return "" if bare else smoothing_of(settings).caption(settings)
+    smoothing = smoothing_of(settings)
+    return smoothing.caption(settings) if settings.label is not None or smoothing.smooths else ""

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, marching_cubes, reconstruct
-from ctmc_addon.core.volume.smoothing import constrained_steps
+from ctmc_addon.core.smoothing.constrained import constrained_steps
 
 from . import documents
 from .label_bodies import BLOBS, Labelled, labelled, torus, tube, vessels

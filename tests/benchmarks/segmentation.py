@@ -26,9 +26,9 @@ from ctmc_addon import readers
 from ctmc_addon.core import SettingsError, Volume, finish
 from ctmc_addon.core.segmentation import Click, compete_steps, connected_steps
 from ctmc_addon.core.segmentation.distance import grown_window, squared_distances, window_of
+from ctmc_addon.core.smoothing.gaussian import convolved, weights
+from ctmc_addon.core.smoothing.label_components import label_components_steps
 from ctmc_addon.core.volume import ValueKind, to_index, transform_points
-from ctmc_addon.core.volume.smoothing.gaussian import convolved, weights
-from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
 
 Mask = NDArray[np.bool_]
 DATA = Path(os.environ.get("CTMC_TEST_CT", Path(__file__).resolve().parents[3] / "shared" / "data"))

@@ -20,7 +20,7 @@ from ctmc_addon.core import (
     reconstruct_labels_steps,
 )
 from ctmc_addon.core.errors import MemoryLimitError
-from ctmc_addon.core.simplification.whole import memory_needed
+from ctmc_addon.core.simplification.whole import Goal
 from ctmc_addon.core.volume import labels as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
@@ -93,7 +93,7 @@ def test_what_does_not_fit_beside_other_labels_is_made_whole_alone():
     values = np.pad(np.broadcast_to(boxes, (8, 24, 24)), ((2, 2), (0, 0), (0, 0))).astype(np.uint8)
     volume, settings = Volume(values, AFFINE, kind="label"), separate(reduction=0.9, smoothing="none")
     whole = reconstruct_labels(volume, settings).surfaces
-    budget = Budget(threads=2, bytes=memory_needed(whole[0].full_faces, None) + 1)
+    budget = Budget(threads=2, bytes=Goal(reduction=0.5).bytes_at_once(whole[0].full_faces) + 1)
     with pytest.raises(MemoryLimitError):
         reconstruct(volume, replace(settings, label=1), budget.shared_by(2))
     for first, second in zip(reconstruct_labels(volume, settings, None, budget).surfaces, whole, strict=True):

@@ -7,9 +7,17 @@ from itertools import product
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core import LEAVE_IT, ReconstructionSettings
 from ctmc_addon.core.errors import SettingsError
-from ctmc_addon.core.settings import SETTINGS
+from ctmc_addon.core.settings import (
+    COMPONENTS,
+    FIELD,
+    LOOK,
+    SETTINGS,
+    SIMPLIFICATION,
+    STAGES,
+    settings_of_stage,
+)
 
 
 def test_every_setting_describes_itself():
@@ -92,7 +100,7 @@ def test_a_goal_without_a_simplifier_simplifies_nothing():
 )
 def test_the_smoothing_follows_from_what_is_given(values, method, width):
     settings = ReconstructionSettings.from_dict(values)
-    assert (settings.smoothing_method, settings.gaussian_mm) == (method, width)
+    assert (settings.smoothing_method, settings.smoothing_width_mm) == (method, width)
     assert ReconstructionSettings.from_dict(settings.to_dict()) == settings
 
 
@@ -109,3 +117,19 @@ def test_the_smoothing_follows_from_what_is_given(values, method, width):
 def test_smoothings_that_cannot_be_are_refused(values):
     with pytest.raises(SettingsError):
         ReconstructionSettings(**values)
+
+
+def test_every_setting_names_the_stage_that_it_acts_on_first():
+    assert [name for name, about in SETTINGS.items() if about.stage not in STAGES] == []
+    assert sorted(SETTINGS) == sorted(name for stage in STAGES for name in settings_of_stage(stage))
+
+
+def test_settings_without_a_stage_have_its_defaults_and_keep_all_others():
+    given = ReconstructionSettings(label=2, alpha=0.5, keep_parts=2, simplifier="decimate", reduction=0.5)
+    assert given.without(SIMPLIFICATION) == ReconstructionSettings(label=2, alpha=0.5, keep_parts=2)
+    assert given.without(LOOK) == given
+
+
+def test_what_leaves_a_preview_as_it_is_follows_from_the_stages():
+    assert {*settings_of_stage(SIMPLIFICATION)} < LEAVE_IT
+    assert LEAVE_IT.isdisjoint([*settings_of_stage(FIELD), *settings_of_stage(COMPONENTS), *settings_of_stage(LOOK)])

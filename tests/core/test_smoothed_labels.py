@@ -227,8 +227,8 @@ def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for(monkey
 
     from ctmc_addon.core import finish
     from ctmc_addon.core.extraction import scan
-    from ctmc_addon.core.volume.field import field_steps
-    from ctmc_addon.core.volume.smoothing.constrained import constrained_bytes, outlined
+    from ctmc_addon.core.smoothing.constrained import constrained_bytes, outlined
+    from ctmc_addon.core.smoothing.prepare import field_steps
 
     monkeypatch.setattr(scan, "KEPT_BYTES", 1)  # allocated once and never written to
     box = np.zeros((12, 80, 80), bool)

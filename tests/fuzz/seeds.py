@@ -175,6 +175,29 @@ def masks(folder: Path) -> Path:
     return folder
 
 
+def vff(folder: Path) -> Path:
+    """VFF with a scale."""
+    header = "ncaa\nrank=3;\nbits=16;\nbands=1;\nsize=40 34 4;\nspacing=1 1 2;\nelementsize=0.5;\ndata_scale=2;\n\f\n"
+    (folder / "ct.vff").write_bytes(header.encode() + VALUES.astype(">i2").tobytes())
+    return folder / "ct.vff"
+
+
+def flat_pair(name: str) -> Seed:
+    """The text of Volume Graphics or PyHST, and its values."""
+    texts = {
+        "ct.vgi": "[file1]\nFileFormat = raw\nSize = 40 34 4\nName = ct.vol\nDatatype = signed integer\n"
+        "BitsPerElement = 16\n[geometry]\nresolution = 0.5 0.5 2\nunit = mm\n",
+        "ct.vol.info": "NUM_X = 40\nNUM_Y = 34\nNUM_Z = 4\nvoxelSize = 5\nDATA_TYPE = int16\n",
+    }
+
+    def write(folder: Path) -> Path:
+        (folder / name).write_text(texts[name])
+        (folder / "ct.vol").write_bytes(VALUES.astype("<i2").tobytes())
+        return folder / name
+
+    return write
+
+
 def times(folder: Path) -> Path:
     """NIfTI with a fourth dimension."""
     values = np.stack([VALUES.T, VALUES.T + 1], axis=-1)
@@ -256,6 +279,9 @@ SEEDS: dict[str, Seed] = {
     "mgh": nibabel_file("MGHImage", "ct.mgh"),
     "analyze": nibabel_file("AnalyzeImage", "ct.img"),
     "npy": npy,
+    "vff": vff,
+    "vgi": flat_pair("ct.vgi"),
+    "vol.info": flat_pair("ct.vol.info"),
     "png": pictures("png"),
     "png 16": pictures("png", "I;16"),
     "png palette": pictures("png", "P"),

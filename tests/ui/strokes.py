@@ -7,7 +7,7 @@ import bpy
 
 from ctmc_addon.core.volume import volume_box
 from ctmc_addon.ui.properties.drawing import points_of
-from ctmc_addon.ui.state import drawings, volumes
+from ctmc_addon.ui.state import drawings, masks, volumes
 
 
 def middle():
@@ -22,4 +22,4 @@ def stroke(*points, **options):
 
 def mask():
     scene = bpy.context.scene
-    return drawings.of(scene, drawings.active(scene)).mask
+    return masks.of(scene, drawings.active(scene)).mask

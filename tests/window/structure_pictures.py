@@ -151,8 +151,8 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 """
 PROCESSOR = "import time; answer = time.process_time()"
 VOLUME = """
-scene, drawings = bpy.context.scene, ours("ui.state.drawings")
-answer = drawings.mm3_of(scene, next(drawings.structures(scene))) / 1000
+scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+answer = masks.mm3_of(scene, next(drawings.structures(scene))) / 1000
 """
 # From the patient's front and head, turned about the patient's axis; the surface in the middle.
 LOOK_AT = """

@@ -28,9 +28,9 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 """
 # How many voxels the active structure has; -1 without one.
 VOXELS = """
-scene, drawings = bpy.context.scene, ours("ui.state.drawings")
+scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
 item = drawings.active(scene)
-answer = -1 if item is None else int(drawings.of(scene, item).mask.sum())
+answer = -1 if item is None else int(masks.of(scene, item).mask.sum())
 """
 SELECTED = "answer = [[obj.name for obj in bpy.context.selected_objects], getattr(bpy.context.object, 'name', None)]"
 # The view from the head, and where the middle of the surface is in it.

@@ -31,8 +31,8 @@ answer = [[round(v) for v in on_screen(middle + size * (right, {front}, 0.0))] f
 """
 # Voxels of each structure on the panel's CT.
 VOXELS = """
-scene, drawings = bpy.context.scene, ours("ui.state.drawings")
-answer = [int(drawings.of(scene, item).mask.sum()) for item in drawings.structures(scene)]
+scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+answer = [int(masks.of(scene, item).mask.sum()) for item in drawings.structures(scene)]
 """
 ACTIVATE = """
 box = next(obj for obj in bpy.context.scene.objects if obj.name == {!r})

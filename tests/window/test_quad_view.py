@@ -102,8 +102,8 @@ for region in (region for region in view.area.regions if region.type == "WINDOW"
     answer[plane] = [round(region.x + at.x) + 40, round(view.window.height - 1 - region.y - at.y)]
 """
 VOXELS = """
-scene, drawings = bpy.context.scene, ours("ui.state.drawings")
-answer = sum(int(drawings.of(scene, item).mask.sum()) for item in drawings.structures(scene))
+scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
+answer = sum(int(masks.of(scene, item).mask.sum()) for item in drawings.structures(scene))
 """
 TAKE = """
 view = viewport()

@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import SETTINGS, Described, ReconstructionSettings, SettingsError, setting
+from ...core import SETTINGS, SIMPLIFICATION, Described, ReconstructionSettings, SettingsError, has_width, setting
 from ...reporting.captions import smoothing_phrase, stride_phrase
 
 MOST_CELLS = 26  # of a sheet: there is a letter for each
@@ -96,7 +96,7 @@ class Comparison(Described):
             for name in self.smoothings:
                 change: dict[str, Any] = {
                     "smoothing": name,
-                    "smoothing_mm": settings.smoothing_mm if name == "gaussian" else None,
+                    "smoothing_mm": settings.smoothing_mm if has_width(name) else None,
                 }
                 axes[0].append((smoothing_phrase(replace(settings, **change)) or "not smoothed", change))
         if self.strides:
@@ -105,7 +105,8 @@ class Comparison(Described):
         if self.alphas:
             axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
         if self.levels:
-            free = {"target_faces": None, "max_error_mm": None, "simplifier": "builtin"}
+            full = settings.without(SIMPLIFICATION)
+            free = {name: getattr(full, name) for name, about in SETTINGS.items() if about.stage == SIMPLIFICATION}
             axes.append(
                 [
                     (

@@ -8,13 +8,12 @@ back bit for bit, and vertices that somebody has moved come back to far below a 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Reconstruction, ReconstructionSettings, Surface, TriangleMesh
+from ...core import SIMPLIFICATION, Reconstruction, ReconstructionSettings, Surface, TriangleMesh
 from ...core.mesh import blend, vertex_normals
 from . import mesh_data as meshes
 from .alpha_key import KEY, alpha_key, mixed_positions, value_of
@@ -178,9 +177,8 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
     """
     provenance = require_provenance(obj)
     evaluated, depsgraph = evaluated_object(obj, scene)
-    goals: dict[str, Any] = {"simplifier": "builtin", "reduction": None, "target_faces": None, "max_error_mm": None}
     mesh = triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
-    return reconstruction_of(replace(mesh, normals=None), None, replace(provenance.settings, **goals), provenance)
+    return reconstruction_of(replace(mesh, normals=None), None, provenance.settings.without(SIMPLIFICATION), provenance)
 
 
 def reconstruction_of(

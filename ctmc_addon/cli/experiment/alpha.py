@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from ...core import (
+    SIMPLIFICATION,
     Budget,
     Reconstruction,
     ReconstructionSettings,
@@ -60,7 +61,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
+        full = settings.without(SIMPLIFICATION)
         result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
         meshes, rows = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
         pictures = []
@@ -85,7 +86,7 @@ def require_alpha(settings: ReconstructionSettings) -> None:
     if settings.threshold is None and (settings.label is None or not settings.alpha_matters):
         raise UsageError(
             "alpha moves vertices between gray values, and a bare label has none: "
-            "give --threshold T, or --label N with --smoothing constrained"
+            "give --threshold T, or --label N with --smoothing auto"
         )
 
 

@@ -6,12 +6,11 @@ from __future__ import annotations
 import argparse
 import statistics
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ...blender.figure.spec import ENGINES
-from ...core import SETTINGS, Budget, CtmcError, Stages, TriangleMesh, reconstruct_steps
+from ...core import SETTINGS, SIMPLIFICATION, Budget, CtmcError, Stages, TriangleMesh, reconstruct_steps
 from ..arguments import UsageError, at_least, flag_of, given_settings
 from ..blender_host import blender_at_work, quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -129,7 +128,7 @@ def surface_of(
         return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")]
     settings = bare_settings_from(args)
     require_builtin(settings)
-    full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
+    full = settings.without(SIMPLIFICATION)
     volume = progress.finish(stages.run("Reading", input_steps(args, full)))
     result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
     return result.mesh, facts_of(volume, full, result.threshold, result.notes)

@@ -8,10 +8,10 @@ import gc
 import statistics
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from pathlib import Path
 
-from ...core import Budget, Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
+from ...core import SIMPLIFICATION, Budget, Stages, Step, Steps, TriangleMesh, reconstruct_steps, simplify
 from ...core.mesh import SurfaceDistance
 from ..arguments import at_least
 from ..blender_host import blender_at_work, require_blender
@@ -51,7 +51,7 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
     settings = bare_settings_from(args)
     require_builtin(settings)
     require_blender("a comparison with Decimate")
-    full = replace(settings, reduction=None, target_faces=None, max_error_mm=None)
+    full = settings.without(SIMPLIFICATION)
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))

@@ -23,9 +23,9 @@ from ..mesh.face_normals import vertex_normals
 from ..mesh.triangle_mesh import Pieces, Surface
 from ..progress import PAUSE, Stages, Step, Steps, WithResult
 from ..settings import ReconstructionSettings
+from ..smoothing.prepare import field_steps
 from ..volume.affine import transform_faces, transform_normals, transform_points
-from ..volume.field import Field, field_steps
-from ..volume.field_values import GaussianValues
+from ..volume.field import Field
 from ..volume.volume import Box, Volume
 from .grid import Grid, layers_in_unit, make_axes
 from .marching_cubes import Counts, piece_steps
@@ -251,10 +251,10 @@ def slab_result_steps(volume: Volume, task: SlabTask) -> Steps[SlabResult]:
     budget = Budget(threads=1, slab_bytes=task.slab_bytes)
     field = yield from field_steps(volume, task.settings, budget, task.window)
     slabs = FieldSlabs(field, budget, task.normals)
-    if isinstance(field.values, GaussianValues):  # of all tasks together each slice once
-        z, (low, high) = slabs.axes[2], task.layers
-        first = 0 if low == 0 else int(z.index[low])
-        field.values.count_within(first, field.values.shape[0] if high == z.count else int(z.index[high]))
+    z, (low, high) = slabs.axes[2], task.layers
+    first = 0 if low == 0 else int(z.index[low])
+    last = field.values.shape[0] if high == z.count else int(z.index[high])
+    field.values.count_within(first, last)  # all tasks together count each slice once
     pieces = []
     for item in slabs.pieces_steps(*task.layers):
         if isinstance(item, Step):

@@ -9,7 +9,7 @@ from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
 from .kept_pieces import bodies_steps, keep_components_steps, with_faces
 from .measures import Measures, measures_steps
-from .topology import edges_steps
+from .topology import Groups, edges_steps
 from .triangle_mesh import blend
 
 if TYPE_CHECKING:
@@ -42,6 +42,7 @@ __getattr__ = names_later(
 __all__ = [
     "SAMPLES",
     "SEED",
+    "Groups",
     "Measures",
     "ReferenceSurface",
     "SurfaceDistance",

@@ -17,6 +17,7 @@ from ..errors import MeshError
 from ..progress import Steps
 from .kept_pieces import kept_faces_steps
 from .label_complex import ComplexSurface, borders_of
+from .topology import compacted
 
 
 def keep_complex_components_steps(
@@ -69,9 +70,5 @@ def _between_different(surface: ComplexSurface, sides: NDArray[np.int32]) -> Com
     stay = np.flatnonzero(sides[:, 0] != sides[:, 1])
     if len(stay) == len(sides):
         return replace(surface, sides=sides)
-    faces, used = surface.faces[stay], np.zeros(len(surface.linear), bool)
-    used[faces] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return ComplexSurface(
-        surface.midpoints[used], surface.linear[used], number[faces], sides[stay], surface.off_edges[used]
-    )
+    used, faces = compacted(surface.faces[stay], len(surface.linear))
+    return ComplexSurface(surface.midpoints[used], surface.linear[used], faces, sides[stay], surface.off_edges[used])

@@ -257,8 +257,7 @@ def borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
     """Number of connected lines that the edges between (2, E) vertices form."""
     if not ends.shape[1]:
         return 0
-    as_faces = np.ascontiguousarray(ends[[0, 1, 1]].T)
-    component = yield from component_numbers_steps(as_faces, vertex_count)
+    component = yield from component_numbers_steps(np.ascontiguousarray(ends.T), vertex_count)
     return int(component.max()) + 1
 
 

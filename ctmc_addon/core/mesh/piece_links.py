@@ -45,7 +45,6 @@ class PieceLinks:
     def joined_steps(self) -> Steps[NDArray[np.int32]]:
         """The component of the surface that every component of a piece is in, in the order of their first triangles."""
         nodes = np.arange(self.first[-1], dtype=np.int32)
-        joined = np.concatenate([np.empty((0, 2), np.int64), *self._links]).astype(np.int32)
-        as_faces = np.concatenate([np.stack([nodes] * 3, axis=1), joined[:, [0, 1, 1]]])
-        numbers = yield from component_numbers_steps(as_faces, len(nodes))
+        links = np.concatenate([np.stack([nodes, nodes], axis=1), *self._links]).astype(np.int32)
+        numbers = yield from component_numbers_steps(links, len(nodes))
         return numbers[: len(nodes)]

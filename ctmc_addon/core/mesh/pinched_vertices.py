@@ -42,7 +42,7 @@ def split_pinched(faces: Ints, candidates: NDArray[np.bool_]) -> tuple[Ints, Int
     ends = np.stack([faces[face, (slot + 1) % 3], faces[face, (slot + 2) % 3]], axis=1)
     edges, number = np.unique(vertex[:, None] * len(candidates) + ends, return_inverse=True)
     number = number.reshape(-1, 2).astype(np.int32)
-    fan = finish(component_numbers_steps(number[:, [0, 1, 1]], len(edges)))
+    fan = finish(component_numbers_steps(number, len(edges)))
     fans = int(fan.max(initial=-1)) + 1
     of_fan = np.empty(fans, np.int64)
     of_fan[fan] = vertex

@@ -135,8 +135,65 @@ def buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
             yield places
 
 
+def compacted(faces: Ints, vertex_count: int) -> tuple[NDArray[np.bool_], Ints]:
+    """Which of the vertices the faces have, (vertex_count,) bool, and the faces with those alone counted.
+
+    Examples
+    --------
+    >>> used, faces = compacted(np.array([[4, 1, 3]], np.int32), 6)
+    >>> np.flatnonzero(used).tolist(), faces.tolist()
+    ([1, 3, 4], [[2, 0, 1]])
+    """
+    used = np.zeros(vertex_count, bool)
+    used[faces] = True
+    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    return used, np.take(number, faces)
+
+
+class Groups:
+    """Numbers from 0 on in groups that are joined one after the other; the lowest number stands for its group.
+
+    Where all links are known at first, `component_roots_steps` finds the same faster.
+
+    Examples
+    --------
+    >>> groups = Groups(5)
+    >>> groups.join(4, 1), groups.join(1, 4), groups.root(4)
+    (True, False, 1)
+    >>> groups.lists()
+    [[0], [1, 4], [2], [3]]
+    """
+
+    def __init__(self, count: int) -> None:
+        self._above = list(range(count))
+
+    def root(self, number: int) -> int:
+        """Return the lowest number of the group that this one is in."""
+        above = self._above
+        while above[number] != number:
+            above[number] = above[above[number]]
+            number = above[number]
+        return number
+
+    def join(self, one: int, other: int) -> bool:
+        """Join the groups of two numbers; returns whether they were two."""
+        low, high = sorted((self.root(one), self.root(other)))
+        self._above[high] = low
+        return low != high
+
+    def lists(self) -> list[list[int]]:
+        """Return the numbers of every group, rising, in the order of their lowest."""
+        members: dict[int, list[int]] = {}
+        for number in range(len(self._above)):
+            members.setdefault(self.root(number), []).append(number)
+        return list(members.values())
+
+
 def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
-    """Number of the component that every face (F, 3) is in, (F,) int32; components in the order of their first face."""
+    """Number of the component that every face is in, (F,) int32; components in the order of their first face.
+
+    As of `component_roots_steps`, `faces` may be links too.
+    """
     roots = (yield from component_roots_steps(faces, vertex_count))[faces[:, 0]]  # (F,)
     yield PAUSE
     first = np.full(vertex_count, -1, np.int32)
@@ -151,6 +208,8 @@ def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
 def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Lowest vertex of the component that every vertex is in, (V,) int32; a vertex without faces is its own.
 
+    Faces (F, 3), or any other links (n, 2), connect the vertices of a row.
+
     Where the two ends of an edge have different numbers, the vertex of the higher number takes the lower one, and
     then that number's number (pointer jumping), until nothing changes; the rounds grow with the logarithm of the
     diameter.
@@ -160,7 +219,7 @@ def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     links = [
         (faces[start : start + FACES_PER_STEP, pair], faces[start : start + FACES_PER_STEP, pair + 1])
         for start in starts
-        for pair in (0, 1)
+        for pair in range(faces.shape[1] - 1)
     ]
     while links:
         open_links: list[tuple[Ints, Ints]] = []

@@ -3,7 +3,7 @@
 
 Each drawn slice becomes its signed distance in mm (Raya and Udupa 1990, doi:10.1109/42.52980). Between drawn slices the
 distances are interpolated by cubics that do not overshoot (Fritsch and Butland 1984, doi:10.1137/0905021). What is near
-the surface is then smoothed as `volume.smoothing` smooths a label, towards least curvature in all three directions and
+the surface is then smoothed as `smoothing` smooths a label, towards least curvature in all three directions and
 within bounds: a drawn sample keeps its side, and so does what lies between two drawn slices that agree; elsewhere the
 field is free.
 """
@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 
 from ..budget import Budget
 from ..errors import SettingsError
+from ..parallel import threads_of
 from ..progress import PAUSE, Stages, Step, Steps
-from ..volume.smoothing.bounds import NEAREST_ZERO, Start
-from ..volume.smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed, threads
-from ..volume.smoothing.relaxation import relax_steps
+from ..smoothing.bounds import NEAREST_ZERO, Start
+from ..smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed
+from ..smoothing.relaxation import relax_steps
 from .distance import Floats, Mask, Spacing, squared_distances
 
 NARROW_PIXELS = 3  # to either side of the surface that are smoothed
@@ -183,7 +184,7 @@ def _smoothed_steps(body: Mask, known: Distances, voxel_mm: Spacing, budget: Bud
     code = packed(body)
     bricks = number_bricks(near_surface(code, (NARROW_PIXELS,) * 3), code != 0)
     start = yield from _start_steps(bricks, known, voxel_mm)
-    with threads(budget.thread_count) as pool:
+    with threads_of(budget.thread_count) as pool:
         yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, ROUNDS, pool)
     body.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = start.field[: bricks.active] > 0
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..progress import PAUSE, Steps
-from ..volume.smoothing.label_components import LabelComponents, label_components_steps
+from ..smoothing.label_components import LabelComponents, label_components_steps
 from .distance import Mask
 from .points import Sample
 

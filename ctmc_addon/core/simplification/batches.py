@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..mesh.completed_pieces import CompletedPiece, completed_pieces_steps
+from ..mesh.topology import compacted
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import Step, WithResult
 
@@ -75,14 +76,6 @@ class Numbering:
         numbers = batch.numbers.copy()
         numbers[new] = self.take(int(new.sum()))
         return Batch(batch.mesh, numbers)
-
-
-def compacted(faces: NDArray[Any], vertex_count: int) -> tuple[Flags, NDArray[np.int32]]:
-    """Which of the vertices are used, (vertex_count,) bool, and the faces with those alone counted."""
-    used = np.zeros(vertex_count, bool)
-    used[faces] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return used, number[faces]
 
 
 def joined(batches: Sequence[Batch]) -> Batch:

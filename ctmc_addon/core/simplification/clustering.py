@@ -30,14 +30,10 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .batches import Batch
 from .collapses import TURN, shuffled
+from .policy import POLICY, Policy
 from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
-CLUSTERED = 8.0  # times as many triangles as shall be left in the end: worth clustering first
-LEFT_BY_CLUSTERS = 4.0  # times as many triangles as shall be left in the end: edges collapse from there on
 PASSES = 3  # of choosing seeds
-EXPENSIVE = 8.0  # times the median error of clusters: such a cluster is not made
-ENOUGH = 1.15  # times as many triangles as asked for: no round more
-LEAST_GAIN = 0.8  # of the triangles may be left by a round that is worth another
 BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
 ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
 
@@ -83,12 +79,15 @@ class Clusters:
     cost: Floats
     quadrics: EdgeQuadric
 
-    def cheap(self, most: int) -> Indices:
-        """Numbers of those to be made: the cheapest for each triangle that goes, `most` of which may."""
+    def cheap(self, most: int, expensive: float) -> Indices:
+        """Numbers of those to be made: the cheapest for each triangle that goes, `most` of which may.
+
+        None costs more than `expensive` times the median.
+        """
         number = np.flatnonzero(self.disk)
         if not len(number):
             return number
-        number = number[self.cost[number] <= EXPENSIVE * np.median(self.cost[number])]
+        number = number[self.cost[number] <= expensive * np.median(self.cost[number])]
         going = 2 * (self.size[number] - 1)
         if going.sum() <= most:
             return number
@@ -96,7 +95,7 @@ class Clusters:
         return np.sort(number[order[np.cumsum(going[order]) <= most]])
 
 
-def clustered_steps(batch: Batch, target: int) -> Steps[tuple[Batch, NDArray[np.float64]]]:
+def clustered_steps(batch: Batch, target: int, policy: Policy = POLICY) -> Steps[tuple[Batch, NDArray[np.float64]]]:
     """The batch with no fewer than `target` triangles, and not many more where it is smooth; its border stays.
 
     Returns also the volume that the component of each vertex left enclosed before: clusters shrink small ones.
@@ -111,14 +110,14 @@ def clustered_steps(batch: Batch, target: int) -> Steps[tuple[Batch, NDArray[np.
     locked = _border(faces, len(joins))
     quadrics = yield from _quadrics_steps(positions, faces)
     shape = Shape(positions, faces, locked, original, quadrics)
-    while (before := shape.faces.shape[1]) > ENOUGH * target and len(shape.locked) >> ID_BITS == 0:
+    while (before := shape.faces.shape[1]) > policy.enough_clusters * target and len(shape.locked) >> ID_BITS == 0:
         yield PAUSE
         becomes = original.copy()
         at = shape.original
-        shape, joined = yield from _round_steps(shape, target)
+        shape, joined = yield from _round_steps(shape, target, policy)
         becomes[at] = at[joined]
         joins = becomes[joins]
-        if shape.faces.shape[1] > LEAST_GAIN * before:
+        if shape.faces.shape[1] > policy.least_cluster_gain * before:
             break
     placed = positions.copy()
     placed[:, shape.original] = shape.positions
@@ -184,14 +183,14 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
     return sums != 0
 
 
-def _round_steps(shape: Shape, target: int) -> Steps[tuple[Shape, Indices]]:
+def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape, Indices]]:
     """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
     joins = yield from _seeds_steps(shape)
     new = np.take(joins, faces)
     yield PAUSE
     clusters = yield from _made_steps(shape, joins, new)
-    made = clusters.roots[clusters.cheap(faces.shape[1] - target)]
+    made = clusters.roots[clusters.cheap(faces.shape[1] - target, policy.expensive_cluster)]
     placed = positions.copy()
     placed[:, clusters.roots] = clusters.places
     multiple, reverted = np.zeros((2, len(joins)), bool)

@@ -15,6 +15,8 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.topology import component_roots_steps
+from ..progress import finish
 from .collapses import Collapses
 
 Ints = NDArray[np.int32]
@@ -163,15 +165,9 @@ class CollapseLog:
         of_corner = np.take(loop, mesh.faces)
         faces = np.flatnonzero((of_corner >= 0).any(axis=0))
         of_corner = of_corner[:, faces]
-        change = np.arange(count + 1, dtype=np.int32)  # the last for corners in no loop
-        before = None
-        while before is None or (before != change).any():
-            before = change.copy()
-            lowest = change[of_corner].min(axis=0)
-            for corner in of_corner:
-                np.minimum.at(change, corner[corner >= 0], lowest[corner >= 0])
-        owner = change[of_corner].min(axis=0)
-        self._add(mesh, count, (faces, owner), (loops.ravel(), np.repeat(change[:-1], 3)), change[:-1])
+        met = np.where(of_corner >= 0, of_corner, of_corner.max(axis=0))
+        change = finish(component_roots_steps(met.T, count))
+        self._add(mesh, count, (faces, change[met[0]]), (loops.ravel(), np.repeat(change, 3)), change)
         copies = np.arange(3 * count, dtype=np.int32)
         self.append(self.faces + copies[: 2 * count], self.edges + copies, (self.vertices + copies))
         self.faces, self.edges, self.vertices = (

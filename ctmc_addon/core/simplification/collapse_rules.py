@@ -54,7 +54,7 @@ class CollapseRules:
     doubtful: Flags
     batch: bool
     bound: ErrorBound | None
-    share = 0.06  # of the edges are looked at in a round: fewer come closer to one heap, and take more rounds
+    share: float
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Which of these edges may never collapse: both ends are locked."""

@@ -25,8 +25,8 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from ..units import volume_text
 from .error_check import ErrorCheck
+from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
-from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -34,11 +34,6 @@ Floats = NDArray[np.float32]
 Doubles = NDArray[np.float64]
 Flags = NDArray[np.bool_]
 
-# A removal must cost less than this share of a collapse: its gap counts one way only, and noise lowers quadrics.
-COST_SHARE = 0.6  # measured
-EVERY = 6  # one of so many vertices stands for a component when others measure their gap to it
-PROBES = 4  # vertices of a component, at most, at which its gap is measured
-SMALL = 4.0  # times the maximum error is the extent of components that may go within it
 TETRAHEDRON = 4  # triangles
 POINTS_AT_ONCE = 1024
 
@@ -109,6 +104,9 @@ class Components:
     staying = Staying()
     volume_before: Doubles | None = None
 
+    def __init__(self, policy: Policy = POLICY) -> None:
+        self.policy = policy
+
     def prepare_steps(self, positions: Floats, faces: Ints, border: Ints, locked: Ints) -> Steps[Ints]:
         """Take in positions (3, V) and faces (3, F); returns the component of every vertex, -1 for one without faces.
 
@@ -165,13 +163,13 @@ class Components:
             return
         order, vertices = self.order, self.vertices
         starts = np.cumsum(vertices) - vertices
-        probes = np.minimum(PROBES, -(-vertices // 32))
+        probes = np.minimum(self.policy.component_probes, -(-vertices // 32))
         self.probed = probed = np.repeat(np.arange(self.count), probes)
         turn = np.arange(len(probed)) - np.repeat(np.cumsum(probes) - probes, probes)
         self.probes = np.take(positions, order[starts[probed] + turn * vertices[probed] // probes[probed]], axis=1)
         yield PAUSE
         turn = np.arange(len(order)) - np.repeat(starts, vertices)
-        sample = order[turn % EVERY == 0]
+        sample = order[turn % self.policy.component_every == 0]
         self.tree = RankedPoints()
         yield from self.tree.prepare_steps(np.take(positions, sample, axis=1), of_vertex[sample], self.rank)
         self.gap, self.nearest = np.zeros(self.count), np.full(self.count, self.largest)
@@ -216,7 +214,7 @@ class Components:
             inner, owner = inner[further], owner[further]
         ready = np.flatnonzero(self.present & self.removable)
         costs = areas[ready] * self.gap[ready] / counts[ready]
-        cheap = costs < COST_SHARE * cost
+        cheap = costs < self.policy.component_cost * cost
         ready = ready[cheap][np.argsort(costs[cheap], kind="stable")]
         selected = ready[np.cumsum(counts[ready]) <= excess]
         if not len(selected) and np.isinf(cost):
@@ -262,24 +260,31 @@ def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) ->
     return np.bincount(component, np.sqrt(dot(normal, normal)).astype(np.float64), count) / 2.0
 
 
-def without_components_steps(components: Components, history: History, check: ErrorCheck) -> Steps[Ints]:
-    """Faces of a surface within the error, without the components that may go; (3, f) of the history's.
+def without_components_steps(
+    components: Components, positions: Floats, faces: Ints, of_face: Ints, of_original: Ints, check: ErrorCheck
+) -> Steps[Flags]:
+    """Which faces of a surface within the error may go with their components, (F,) bool.
 
     A component may go if all of its original is within the limit of what stays. All small ones are removed at once;
     those that are then too far away, and those that others were nearest to, come back: a larger surface is nowhere
     farther.
+
+    Parameters
+    ----------
+    components : Components
+    positions, faces : (3, V) float32 and (3, F) int32
+    of_face, of_original : (F,) and (f,) int32
+        The component of every face, and of the original's.
+    check : ErrorCheck
+        Compared with the surface.
     """
-    faces = history.faces
     if components.count == 1:
-        return faces
-    of_vertex = np.empty(history.positions.shape[1], np.int32)
-    of_vertex[components.order] = np.repeat(np.arange(components.count, dtype=np.int32), components.vertices)
-    removed = components.removable & (components.extent < SMALL * check.limit)
-    of_face, of_original = of_vertex[faces[0]], of_vertex[check.original_faces[0]]
+        return np.zeros(faces.shape[1], bool)
+    removed = components.removable & (components.extent < components.policy.component_extent * check.limit)
     nearest_component = of_face[check.nearest]  # component nearest to every vertex of the original
     faces_to_check = np.arange(len(of_original))
     while removed.any():
-        yield from check.compare_with_steps(history.positions, faces[:, ~removed[of_face]])
+        yield from check.compare_with_steps(positions, faces[:, ~removed[of_face]])
         away = yield from check.original_exceeding_steps(faces_to_check)
         back = np.zeros(components.count, bool)
         back[of_original[away]] = back[nearest_component[check.original_faces[:, away]]] = True
@@ -292,4 +297,4 @@ def without_components_steps(components: Components, history: History, check: Er
         # The rest is near to a part of what is present now.
         faces_to_check = np.flatnonzero(back[of_original] | np.isin(np.arange(len(of_original)), away))
     components.count_removed(removed)
-    return faces[:, ~removed[of_face]]
+    return removed[of_face]

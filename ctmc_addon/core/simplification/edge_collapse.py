@@ -19,7 +19,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.topology import edges_steps
+from ..mesh.topology import compacted, edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
@@ -34,6 +34,7 @@ from .collapses import (
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
 from .handles import least_face_cost, longest_loop_edge, pull_apart_steps
+from .policy import POLICY, Policy
 from .quadrics import (
     EdgeQuadric,
     best_step,
@@ -44,7 +45,6 @@ from .quadrics import (
     renew_quadrics_steps,
     vertex_quadrics_steps,
 )
-from .rollback import History
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -52,12 +52,6 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 BLOCK = 8192  # edges whose costs are computed together: what fits the cache
-FEW = 0.05  # of the edges tried could collapse: the round was poor
-POOR_ROUNDS = 24  # in a row: give up, or give refused edges another chance
-COMPACT = 0.75  # of the faces are left: leave out those that are gone
-CONSIDER_AGAIN = 1.2  # times more expensive are collapses before components are considered again
-CUT_AGAIN = 3.0  # times before handles are; they are fewer, and finding them takes longer
-CUT_IN_BATCH = 6.0  # times in a batch of a surface: the last pass cuts what is left
 
 
 class CollapsingMesh(CollapseRules):
@@ -80,9 +74,10 @@ class CollapsingMesh(CollapseRules):
         self,
         mesh: TriangleMesh,
         max_error: float | None = None,
-        safety_factor: float = 1.0,
+        policy: Policy = POLICY,
         batch: bool = False,
     ) -> None:
+        self.policy, self.share = policy, policy.share
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
         # A power of two: nothing is rounded, and float32 neither over- nor underflows in any unit.
@@ -99,12 +94,11 @@ class CollapsingMesh(CollapseRules):
         self.faces = np.array(mesh.faces.T, order="C")
         self.face_count = self.faces.shape[1]
         self.limit = None if max_error is None else max_error * float(self.scale)
-        self.safety_factor = safety_factor
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
         self.crossing_count: int | None = None  # pairs of triangles that cross, once tested
         self.batch = batch
-        self.components = Components()
+        self.components = Components(policy)
         self.face_cost = 0.0  # of the most expensive collapses so far, for every face that went: area times distance
         self.cost_at_removal = 0.0  # `face_cost` when components were last considered
         self.least_cost_of_cut = math.inf  # `face_cost` above which handles are considered again
@@ -125,15 +119,13 @@ class CollapsingMesh(CollapseRules):
         self.quadrics = yield from vertex_quadrics_steps(self.positions, self.faces)
         self.cost = np.full(self.edges.shape[1], np.inf, np.float32)
         if self.limit is not None:
-            self.history = History(self.positions.copy(), self.normals, self.faces, self.locked)
-            self.bound = ErrorBound(self.limit, self.safety_factor)
+            self.bound = ErrorBound(self.limit, self.policy)
             yield from self.bound.prepare_steps(self.positions, self.faces, self.edges, self.face_edges)
-            self.faces = self.faces.copy()  # the others keep the original
+            self.faces = self.faces.copy()  # the bound keeps the original
         yield from self.update_costs_steps()
-        if self.limit is None:
-            self.begin_log()
-            if self.may_have_handles():
-                self.least_cost_of_cut = least_face_cost(self.positions, self.edges)
+        self.begin_log()
+        if self.limit is None and self.may_have_handles():
+            self.least_cost_of_cut = least_face_cost(self.positions, self.edges, self.policy)
 
     def prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
@@ -178,7 +170,7 @@ class CollapsingMesh(CollapseRules):
 
     def can_collapse_steps(self) -> Steps[bool]:
         """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
-        if self.poor_rounds < POOR_ROUNDS and np.isfinite(self.cost).any():
+        if self.poor_rounds < self.policy.poor_rounds and np.isfinite(self.cost).any():
             return True
         if self.collapsed <= len(self.cost) // 1000:
             return False
@@ -204,8 +196,8 @@ class CollapsingMesh(CollapseRules):
             accepted *= share
         else:
             collapses = self.within_budget(collapses, budget)
-        self.accepted = max(accepted, FEW)
-        self.poor_rounds = self.poor_rounds + 1 if self.accepted == FEW else 0
+        self.accepted = max(accepted, self.policy.poor_round)
+        self.poor_rounds = self.poor_rounds + 1 if self.accepted == self.policy.poor_round else 0
         if len(collapses.edges):
             yield from self.merge_steps(collapses, tested)
 
@@ -217,7 +209,7 @@ class CollapsingMesh(CollapseRules):
         if (
             self.limit is not None
             or self.components.count == 1
-            or not (stuck or self.face_cost > CONSIDER_AGAIN * self.cost_at_removal)
+            or not (stuck or self.face_cost > self.policy.consider_again * self.cost_at_removal)
         ):
             return False
         self.cost_at_removal = self.face_cost
@@ -242,7 +234,7 @@ class CollapsingMesh(CollapseRules):
         """Cut handles that now cost less than collapses, when collapses have become more expensive."""
         if self.limit is not None or self.face_cost <= self.least_cost_of_cut:
             return
-        self.least_cost_of_cut = self.face_cost * (CUT_IN_BATCH if self.batch else CUT_AGAIN)
+        self.least_cost_of_cut = self.face_cost * (self.policy.cut_in_batch if self.batch else self.policy.cut_again)
         longest = longest_loop_edge(self.face_cost)
         cuts = yield from self.handle_cuts_steps(longest)
         if cuts is None:
@@ -268,7 +260,7 @@ class CollapsingMesh(CollapseRules):
         self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
         self.handles_were_cut(cuts.loops)
         yield PAUSE
-        yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops)
+        yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops, self.policy)
         moved = np.zeros(len(vertices), bool)
         moved[cuts.loops] = moved[vertex_count:] = True
         yield from renew_quadrics_steps(self.quadrics, self.positions, self.faces, moved)
@@ -292,7 +284,8 @@ class CollapsingMesh(CollapseRules):
         """Collapse; what is gone stands at the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
         keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
         self.collapsed += len(keep)
-        self.compacting = self.bound is not None or self.face_count - len(gone) < COMPACT * self.faces.shape[1]
+        remaining = self.face_count - len(gone)
+        self.compacting = self.bound is not None or remaining < self.policy.compact_below * self.faces.shape[1]
         if self.log is not None:
             self.log.add_collapses(self, collapses, tested)
         if self.compacting:
@@ -301,8 +294,6 @@ class CollapsingMesh(CollapseRules):
             yield from self.move_steps(collapses)
         if self.normals is not None:
             self.normals[:, keep] += self.normals_added(collapses)
-        if self.bound is not None:
-            self.history.add(self.original_vertex[keep], self.original_vertex[drop], collapses.target)
 
         # In every face that vanishes the other two edges become a single edge.
         sides = np.take(self.face_edges, gone, axis=1)
@@ -400,8 +391,8 @@ class CollapsingMesh(CollapseRules):
         self.locked = self.locked[vertex_left]
         if self.normals is not None:
             self.normals = np.take(self.normals, vertex_left, axis=1)
+        self.component = self.component[vertex_left]
         if self.bound is None:
-            self.component = self.component[vertex_left]
             self.quadrics = np.take(self.quadrics, vertex_left, axis=1)
         self.dummy = int(vertex_number[self.dummy])
         self.vertex_becomes = np.arange(len(vertex_left), dtype=np.int32)
@@ -424,10 +415,7 @@ class CollapsingMesh(CollapseRules):
 
     def used_mesh(self) -> tuple[TriangleMesh, Flags]:
         """`mesh`, and which vertices of `original_vertex` it has, bool."""
-        faces = self.faces if self.limit is not None else self.faces[:, self.faces[0] != self.dummy]
-        used = np.zeros(self.positions.shape[1], bool)
-        used[faces] = True
-        number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+        used, faces = compacted(self.faces[:, self.faces[0] != self.dummy], self.positions.shape[1])
         vertices = np.ascontiguousarray((self.positions[:, used] / self.scale).T)
         normals = None
         if self.normals is not None:
@@ -435,4 +423,4 @@ class CollapsingMesh(CollapseRules):
             length = np.sqrt(dot(normals, normals))
             length[length == 0] = 1.0
             normals = np.ascontiguousarray((normals / length).T)
-        return TriangleMesh(vertices, np.ascontiguousarray(number[faces].T), normals), used
+        return TriangleMesh(vertices, np.ascontiguousarray(faces.T), normals), used

@@ -21,6 +21,7 @@ from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapses import Collapses
 from .error_check import STEPS, ErrorCheck
+from .policy import Policy
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -28,8 +29,6 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
-MOST_PARTS = 15  # that a side is cut into for samples
-SAMPLE = 8  # of so many samples one is looked at first: most refusals need no more
 
 
 class ErrorBound:
@@ -39,13 +38,12 @@ class ErrorBound:
     ----------
     limit : float
         In the unit of the positions.
-    safety_factor : float
-        Share of the limit that samples must keep: between them a surface swings out a little farther.
+    policy : Policy
     """
 
-    def __init__(self, limit: float, safety_factor: float) -> None:
-        self.check = ErrorCheck(limit)
-        self.limit = safety_factor * limit
+    def __init__(self, limit: float, policy: Policy) -> None:
+        self.check, self.policy = ErrorCheck(limit), policy
+        self.limit = policy.safety_factor * limit
         self.limit_squared = np.float32(self.limit * self.limit)
         self.moving = self.new_assigned_face = np.empty(0, np.int64)  # what a round would change
 
@@ -59,11 +57,11 @@ class ErrorBound:
         self.gap = max(2.0 * float(np.median(length)), self.check.limit)
         yield PAUSE
         long = np.flatnonzero(length > 2.0 * self.check.limit)  # between the ends of others little can go wrong
-        on_edges, edge_of = _spread([np.take(end, long, axis=1) for end in ends], self.gap)
+        on_edges, edge_of = _spread([np.take(end, long, axis=1) for end in ends], self.gap, self.policy.sample_parts)
         edge_of = long[edge_of]
         yield PAUSE
         corners = [np.take(positions, corner, axis=1) for corner in faces]
-        in_faces, face_of = _spread(corners, self.gap)
+        in_faces, face_of = _spread(corners, self.gap, self.policy.sample_parts)
         yield PAUSE
         self.samples = np.concatenate([positions, on_edges, in_faces], axis=1)
 
@@ -106,7 +104,7 @@ class ErrorBound:
         column = np.full(faces.shape[1], -1)
         column[star] = np.arange(len(star))
         near = column[self.assigned_face[moving]]  # mostly the face assigned so far will do, if it remains
-        for step in (SAMPLE, 1):
+        for step in (self.policy.sample_first, 1):
             yield PAUSE
             rest = np.arange(0, len(moving), step)
             rest = rest[~exceeded[collapse[rest]]]
@@ -150,8 +148,8 @@ class ErrorBound:
         corners = np.take(corners, column, axis=1)
         slot, each = np.argmax(np.take(new_vertex, corners), axis=0), np.arange(len(column))
         a, b, c = (np.take(moved, corners[(slot + k) % 3, each], axis=1) for k in range(3))  # a is the one that moves
-        on_edges, edge = _spread([a, b], self.gap)
-        in_faces, face = _spread([a, b, c], self.gap)
+        on_edges, edge = _spread([a, b], self.gap, self.policy.sample_parts)
+        in_faces, face = _spread([a, b, c], self.gap, self.policy.sample_parts)
         once = np.flatnonzero(np.diff(owner[column], prepend=-1))  # of every collapse one face, for its new vertex
         points = np.concatenate([a[:, once], on_edges, in_faces], axis=1)
         yield PAUSE
@@ -202,17 +200,17 @@ class ErrorBound:
         self.assigned_face = np.where(self.assigned_face < 0, -1, number[self.assigned_face])
 
 
-def _spread(corners: list[Floats], gap: float) -> tuple[Floats, Indices]:
+def _spread(corners: list[Floats], gap: float, most_parts: int) -> tuple[Floats, Indices]:
     """Points spread over edges (two corners, (3, m) each) or faces (three), and the edge or face of each.
 
-    The longest side is cut into parts no longer than the gap, an odd number of them; the points are the
+    The longest side is cut into parts no longer than the gap, an odd number of at most `most_parts`; the points are the
     middles of the pieces that lie like the whole, among them that of the whole edge.
     """
     longest = np.zeros(corners[0].shape[1], np.float32)
     for start, end in itertools.combinations(corners, 2):
         along = end - start
         np.maximum(longest, dot(along, along), out=longest)
-    parts = np.ceil(np.sqrt(longest) / np.float32(gap)).clip(1, MOST_PARTS)
+    parts = np.ceil(np.sqrt(longest) / np.float32(gap)).clip(1, most_parts)
     parts += 1 - parts % 2
     points, owners = [], []
     for count in range(1, int(parts.max(initial=1)) + 1, 2):

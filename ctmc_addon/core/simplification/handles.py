@@ -22,9 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
-from ..mesh.topology import component_roots_steps
+from ..mesh.topology import Groups, component_roots_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
+from .policy import POLICY, Policy
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -32,11 +33,9 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 SAVED = 4  # triangles fewer for every cut
-LEAST_LOOP = 0.6  # of the median edge at first is the longest edge of a loop before handles are looked for
-EVERY = 16  # one of so many edges is measured for that
+EVERY = 16  # One of so many edges is measured for the median.
 MOST_FACES = 64  # at a vertex, on one side of a loop
-PULL = np.float32(0.1)  # share of the way to its neighbors by which each of the two loops is moved
-HALVINGS = 8  # of that share, at most, where a triangle would turn over
+HALVINGS = 8  # Of the share by which a loop is pulled, at most, where a triangle would turn over.
 
 
 @dataclass(frozen=True, eq=False)
@@ -105,7 +104,7 @@ def longest_loop_edge(face_cost: float) -> float:
     return float(cube_root(SAVED * face_cost))
 
 
-def least_face_cost(positions: Floats, edges: Ints) -> float:
+def least_face_cost(positions: Floats, edges: Ints, policy: Policy = POLICY) -> float:
     """Cost of collapses for every triangle from which on it is worth looking for handles: few have shorter loops."""
     first, second = edges[:, ::EVERY]
     along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
@@ -113,7 +112,7 @@ def least_face_cost(positions: Floats, edges: Ints) -> float:
     if not len(squared):
         return math.inf
     middle = len(squared) // 2
-    longest = LEAST_LOOP * float(np.sqrt(np.partition(squared, middle)[middle]))
+    longest = policy.least_loop * float(np.sqrt(np.partition(squared, middle)[middle]))
     return longest * longest * longest / SAVED
 
 
@@ -145,7 +144,7 @@ def handle_cuts_steps(
     return cuts.select(handle) if handle.any() else None
 
 
-def pull_apart_steps(positions: Floats, faces: Ints, edges: Ints, loops: Ints) -> Steps[None]:
+def pull_apart_steps(positions: Floats, faces: Ints, edges: Ints, loops: Ints, policy: Policy = POLICY) -> Steps[None]:
     """Move loops (n, 3) that were cut and their copies, the last `3 * n` vertices, each toward its own side.
 
     A vertex moves toward the mean of its neighbors that are not in its loop, by a share of the loop's longest edge at
@@ -173,7 +172,7 @@ def pull_apart_steps(positions: Floats, faces: Ints, edges: Ints, loops: Ints) -
     around = faces[:, (np.take(loop, faces) >= 0).any(axis=0)]
     before = _normals(positions, around)
     start = positions[:, vertices]
-    share = np.full(vertex_count, PULL)
+    share = np.full(vertex_count, policy.pull, np.float32)
     for _ in range(HALVINGS):
         positions[:, vertices] = start + share[vertices] * way
         after = _normals(positions, around)
@@ -317,17 +316,10 @@ def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, p
     roots = yield from component_roots_steps(np.ascontiguousarray(cut.T), vertex_count + 3 * count)
     left_piece, right_piece = roots[vertex_count + 3 * np.arange(count)], roots[cut[0, right]]
     handle = left_piece == right_piece
-    piece: dict[int, int] = {}
-
-    def root(number: int) -> int:
-        while (above := piece.get(number, number)) != number:
-            piece[number] = piece.get(above, above)
-            number = above
-        return number
-
+    necks = np.flatnonzero(~handle)[::-1]
+    pieces, number = np.unique([left_piece[necks], right_piece[necks]], return_inverse=True)
+    joined = Groups(len(pieces))
     # The longest keep the pieces together.
-    for loop in np.flatnonzero(~handle)[::-1].tolist():
-        one, other = root(int(left_piece[loop])), root(int(right_piece[loop]))
-        handle[loop] = one == other
-        piece[one] = other
+    for loop, one, other in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
+        handle[loop] = not joined.join(one, other)
     return handle

@@ -2,7 +2,7 @@
 """Simplify a surface in batches side by side, so that memory follows the simplified surface and threads serve it.
 
 Each batch is simplified while its seams to its neighbors stay as they are; where most of its triangles shall go, by
-quick clusters at first. They leave `SPARE` times as many triangles as are wanted, and those along the seams: where
+quick clusters at first. They leave `spare` times as many triangles as are wanted, and those along the seams: where
 these are most, batches that follow each other are simplified again as one. The last pass simplifies all of them, the
 seams too, exactly to the goal: a larger surface in regions, whose borders do not run along the seams.
 
@@ -25,23 +25,16 @@ from ..budget import Budget
 from ..errors import MeshError
 from ..memory import give_back, require_or_killed
 from ..mesh.intersections import self_intersections_steps
+from ..mesh.topology import Groups
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
 from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
 from .bounded import hold_bound_steps
-from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
+from .clustering import clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
-from .whole import (
-    SAFETY_FACTOR,
-    SPARE,
-    Goal,
-    Simplification,
-    collapse_steps,
-    memory_needed,
-    require_finite,
-    whole_steps,
-)
+from .policy import POLICY, Policy
+from .whole import Goal, Simplification, collapse_steps, require_finite, whole_steps
 
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
@@ -180,11 +173,7 @@ class _Passes:
         self._require(faces)
         batch = joined([each.batch for each in held])
         held.clear()
-        reducing = WithResult(
-            reduce_batch_steps(
-                batch, wanted, border, largest_component=self.later_limit, by_box=True, protected=self.protected()
-            )
-        )
+        reducing = WithResult(self._again(batch, wanted, border)())
         for step in reducing:
             yield Step(fraction, step.message)
         reduced = reducing.result
@@ -215,7 +204,7 @@ class _Passes:
         """Raise if the memory to simplify so many triangles at once is not available."""
         what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
-        needed = memory_needed(face_count, self.goal.max_error)
+        needed = self.goal.bytes_at_once(face_count)
         if self.budget.bytes is None:
             require_or_killed(needed, what, remedy)
         else:
@@ -228,20 +217,49 @@ class _Passes:
         if max_error is not None:
             self.planned.append((0.0, below, above))
             return partial(
-                reduce_batch_steps, batch, 0, 0, FIRST_SHARE * max_error, largest_component=self.goal.largest_component
+                reduce_batch_steps,
+                batch,
+                0,
+                0,
+                FIRST_SHARE * max_error,
+                largest_component=self.goal.largest_component,
+                policy=self.goal.policy,
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
-        wanted = batch.face_count * min(1.0, SPARE * self.goal.target(self.full_faces) / self.full_faces)
+        share = self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
+        wanted = batch.face_count * min(1.0, share)
         self.planned.append((wanted, below, above))
         return partial(
-            reduce_batch_steps, batch, wanted, 2 * (below + above), largest_component=self.goal.largest_component
+            reduce_batch_steps,
+            batch,
+            wanted,
+            2 * (below + above),
+            largest_component=self.goal.largest_component,
+            policy=self.goal.policy,
+        )
+
+    def _again(
+        self, batch: Batch, wanted: float, at_border: int, max_error: float | None = None, whole: bool = False
+    ) -> Work:
+        """Return the function that simplifies what batches have left."""
+        return partial(
+            reduce_batch_steps,
+            batch,
+            wanted,
+            at_border,
+            max_error,
+            whole,
+            largest_component=self.later_limit,
+            by_box=True,
+            protected=self.protected(),
+            policy=self.goal.policy,
         )
 
     def _in_order_steps(
         self, works: Iterable[Step | Work], most: int, other_bytes: int = 0
     ) -> Generator[Step | Reduced, None, None]:
         """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
-        threads = self.budget.threads_for(THREAD_FACTOR * memory_needed(most, self.goal.max_error), other_bytes)
+        threads = self.budget.threads_for(THREAD_FACTOR * self.goal.bytes_at_once(most), other_bytes)
         for item in in_order_steps(works, threads):
             yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
 
@@ -294,21 +312,12 @@ class _Passes:
             numbers = [number for number, result in enumerate(results) if result is None]
             most = max(parts[number].face_count for number in numbers)
             self.budget.require(
-                memory_needed(most, max_error),
+                self.goal.bytes_at_once(most),
                 f"simplifying {sum(part.face_count for part in parts)} triangles",
                 "ask for fewer triangles, or use a larger stride",
             )
             works = [
-                partial(
-                    reduce_batch_steps,
-                    parts[number],
-                    wanted[number] if max_error is None else 0,
-                    max_error=max_error,
-                    whole=len(parts) == 1,
-                    largest_component=self.later_limit,
-                    by_box=True,
-                    protected=self.protected(),
-                )
+                self._again(parts[number], wanted[number] if max_error is None else 0, 0, max_error, len(parts) == 1)
                 for number in numbers
             ]
             done = 0
@@ -339,6 +348,7 @@ def reduce_batch_steps(
     largest_component: float = math.inf,
     by_box: bool = False,
     protected: Numbers | None = None,
+    policy: Policy = POLICY,
 ) -> Steps[Reduced]:
     """Simplify a batch whose border stays.
 
@@ -346,7 +356,7 @@ def reduce_batch_steps(
     ----------
     batch : Batch
     wanted : float
-        Triangles to leave, with a maximum error 0: of a batch `SPARE` times as many as shall be left in the end, of a
+        Triangles to leave, with a maximum error 0: of a batch `spare` times as many as shall be left in the end, of a
         region of the last pass its share of that pass's goal.
     at_border : int
         Triangles to leave besides, because the border stays.
@@ -359,15 +369,16 @@ def reduce_batch_steps(
         Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
     protected : (n,) int64, optional
         Numbers of vertices whose components stay.
+    policy : Policy, optional
     """
     before = batch.face_count
     target = round(wanted) + at_border
     if target >= before:
         return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes = None
-    if max_error is None and not whole and before - at_border > CLUSTERED * wanted / SPARE:
-        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * wanted / SPARE) + at_border)
-    collapsing = CollapsingMesh(batch.mesh, max_error, SAFETY_FACTOR, batch=not whole)
+    volumes, left = None, wanted / policy.spare
+    if max_error is None and not whole and before - at_border > policy.clustered * left:
+        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * left) + at_border, policy)
+    collapsing = CollapsingMesh(batch.mesh, max_error, policy, batch=not whole)
     if volumes is not None:
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
@@ -377,10 +388,10 @@ def reduce_batch_steps(
         yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
-    left = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = left.numbers[collapsing.components.large[collapsing.component[used]] & (left.numbers != NEW)]
+    made = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
+    large = made.numbers[collapsing.components.large[collapsing.component[used]] & (made.numbers != NEW)]
     collapsed = collapsing.collapsed_components
-    return Reduced(left, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
+    return Reduced(made, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _crossing_steps(batches: list[Batch]) -> Steps[Numbers]:
@@ -400,13 +411,13 @@ def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:
     >>> _groups(np.array([[1, 3], [0, 2]]), [5, 5, 9, 5], 12)
     [[0], [1, 3], [2]]
     """
-    groups = [[number] for number in range(len(counts))]
+    groups, counts = Groups(len(counts)), list(counts)
     for pair in np.unique(pairs, axis=0).tolist():
-        first, second = ({tuple(group): group for group in groups if number in group} for number in pair)
-        both = sorted({number for group in (*first, *second) for number in group})
-        if sum(counts[number] for number in both) <= most:
-            groups = [group for group in groups if group[0] not in both] + [both]
-    return sorted(groups)
+        low, high = sorted(map(groups.root, pair))
+        if low != high and counts[low] + counts[high] <= most:
+            groups.join(low, high)
+            counts[low] += counts[high]
+    return groups.lists()
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:

@@ -75,7 +75,7 @@ def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[
         if not len(last):
             break
         asked.append(log.vertices_of(last))
-        selected, moved = _restored(mesh, log, log.undo(last), moved)
+        selected, moved = restored(mesh, log, log.undo(last), moved)
         yield PAUSE
     if asked:
         held = log.places.vertices[np.concatenate(asked)]
@@ -95,7 +95,7 @@ def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indic
     return alive[found.T]
 
 
-def _restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved: Flags) -> tuple[Flags, Flags]:
+def restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved: Flags) -> tuple[Flags, Flags]:
     """Bring back what these changes have changed; which faces of the mesh are as before, and which vertices moved."""
     corners, sides = np.empty((3, log.faces), np.int32), np.empty((3, log.faces), np.int32)
     positions = np.empty((3, log.vertices), np.float32)

@@ -15,19 +15,12 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
 from .batches import Batch
 from .bounded import hold_bound_steps
-from .clustering import CLUSTERED, LEFT_BY_CLUSTERS, clustered_steps
+from .clustering import clustered_steps
 from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
+from .policy import POLICY, Policy
 from .uncrossing import uncross_steps
 
-FACE_BYTES, BOUNDED_FACE_BYTES = 380, 800  # of memory for each triangle at the start, without and with a maximum error
-HELD_FACE_BYTES = 36  # of a triangle between the passes: 12, and half a vertex with its normal and number of 64 bits
-SPARE = 1.2  # times as many triangles as wanted are left for the last pass
-SAFETY_FACTOR = 0.75  # of max_error is the limit for samples: between them a surface swings out farther
-TEST_AGAIN = 0.25  # of the triangles are left: look for crossings
-FAR = 2.0  # times as many as asked for, at least; nearer to the goal the test at the end is soon enough
-LAST = 0.01  # of the triangles are too many: handles are no longer looked for, unless edges get no further
-BATCHES, REGIONS = 4, 8  # into which `whole_faces` triangles would be cut
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
@@ -40,6 +33,7 @@ class Goal:
     target_faces: int | None = None
     max_error: float | None = None
     largest_component: float = math.inf
+    policy: Policy = POLICY
 
     def target(self, face_count: int) -> int:
         """Return how many of so many triangles shall be left; 0 with a maximum error, which sets no number.
@@ -71,8 +65,8 @@ class Goal:
     def sizes(self, budget: Budget) -> tuple[int, int]:
         """Return about how many triangles a batch has, and a region of the last pass."""
         if self.max_error is None:
-            return max(1, budget.whole_faces // BATCHES), max(1, budget.whole_faces // REGIONS)
-        return max(1, budget.whole_faces // BATCHES), self.most_at_once(budget)
+            return max(1, budget.whole_faces // self.policy.batches), max(1, budget.whole_faces // self.policy.regions)
+        return max(1, budget.whole_faces // self.policy.batches), self.most_at_once(budget)
 
     def most_at_once(self, budget: Budget) -> int:
         """Return up to how many triangles of a surface that goes in batches are simplified as one."""
@@ -94,15 +88,20 @@ class Goal:
         budget : Budget
         """
         if face_count <= self.most_whole(budget):
-            return budget.work_bytes + memory_needed(face_count, self.max_error)
-        spared = min(face_count, math.ceil(SPARE * left))
-        held = spared * HELD_FACE_BYTES
+            return budget.work_bytes + self.bytes_at_once(face_count)
+        spared = min(face_count, math.ceil(self.policy.spare * left))
+        held = spared * self.policy.held_face_bytes
         batch, _ = self.sizes(budget)
-        batches = budget.work_bytes + held + memory_needed(batch, self.max_error)
+        batches = budget.work_bytes + held + self.bytes_at_once(batch)
         most = self.most_at_once(budget)
         region = most if self.max_error is not None else min(spared, most)
         # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
-        return max(batches, 2 * held + memory_needed(region, self.max_error))
+        return max(batches, 2 * held + self.bytes_at_once(region))
+
+    def bytes_at_once(self, face_count: int) -> int:
+        """Return the bytes that simplifying so many triangles at once takes."""
+        policy = self.policy
+        return face_count * (policy.face_bytes if self.max_error is None else policy.bounded_face_bytes)
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,16 +156,16 @@ def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplif
     if target >= len(mesh.faces):
         return Simplification(mesh, CollapsedComponents())
     budget.require(
-        memory_needed(len(mesh.faces), max_error),
+        goal.bytes_at_once(len(mesh.faces)),
         f"simplifying {len(mesh.faces)} triangles",
         "use a larger stride or a region",
     )
-    volumes = None
-    if max_error is None and len(mesh.faces) > CLUSTERED * target:
+    volumes, policy = None, goal.policy
+    if max_error is None and len(mesh.faces) > policy.clustered * target:
         batch = Batch(mesh, np.arange(len(mesh.vertices)))
-        batch, volumes = yield from clustered_steps(batch, round(LEFT_BY_CLUSTERS * target))
+        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * target), policy)
         mesh = batch.mesh
-    collapsing = CollapsingMesh(mesh, max_error, SAFETY_FACTOR)
+    collapsing = CollapsingMesh(mesh, max_error, policy)
     if volumes is not None:
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
@@ -185,7 +184,7 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
 
     Where edges are left no more, components go at any cost, if this is the `last` that is done to the surface.
     """
-    start = collapsing.face_count
+    start, policy = collapsing.face_count, collapsing.policy
     yield from collapsing.prepare_steps()
     changed = True
     while changed:
@@ -194,15 +193,17 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
             if not (yield from equal_part(_round_steps(collapsing, excess, last), done, start - target)):
                 break
             log = collapsing.log
-            if log is not None and FAR * target < collapsing.face_count < TEST_AGAIN * log.face_count:
+            if log is None or collapsing.bound is not None:
+                continue  # within a maximum error crossings are undone at the end, together with what exceeds it
+            if policy.far * target < collapsing.face_count < policy.test_again * log.face_count:
                 yield from uncross_steps(collapsing, hold=False)
-        changed = yield from uncross_steps(collapsing, hold=True)
+        changed = collapsing.bound is None and (yield from uncross_steps(collapsing, hold=True))
 
 
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
     """One round, in which at most `excess` faces go; whether there was anything to try."""
     faces = collapsing.face_count
-    if excess > LAST * faces or collapsing.poor_rounds:
+    if excess > collapsing.policy.last * faces or collapsing.poor_rounds:
         yield from collapsing.cut_handles_steps()
     excess += collapsing.face_count - faces
     if not (yield from collapsing.can_collapse_steps()):
@@ -213,11 +214,6 @@ def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[b
     if excess > 0:
         yield from collapsing.collapse_round_steps(-(-excess // 2))
     return True
-
-
-def memory_needed(face_count: int, max_error: float | None) -> int:
-    """Bytes that simplifying so many triangles takes, as measured with tracemalloc on tumors and bone, rounded up."""
-    return face_count * (FACE_BYTES if max_error is None else BOUNDED_FACE_BYTES)
 
 
 def require_finite(mesh: TriangleMesh, numbers: NDArray[np.int64] | None = None) -> None:

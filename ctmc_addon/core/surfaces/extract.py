@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
+from ..described import AUTO
 from ..errors import MemoryLimitError
 from ..extraction.field_pieces import surface_pieces_steps
 from ..memory import give_back
@@ -24,9 +25,10 @@ from ..mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_ste
 from ..plan import required_steps
 from ..progress import Steps, WithResult, finish
 from ..reconstruction import Reconstruction
-from ..settings import AUTO, ReconstructionSettings
+from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
-from ..volume.field import Field, field_steps
+from ..smoothing.prepare import field_steps
+from ..volume.field import Field
 from ..volume.volume import Volume
 from .finish import (
     CHOOSING,

@@ -11,12 +11,13 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from ..budget import Budget
+from ..described import AUTO
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Surface
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
-from ..settings import AUTO, ReconstructionSettings
+from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
 from ..volume.volume import Volume
 from .request import MadeSurface, Scope

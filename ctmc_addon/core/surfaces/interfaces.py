@@ -28,10 +28,11 @@ from ..mesh.label_complex import ComplexSurface
 from ..parallel import map_steps, side_by_side_steps
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..settings import ReconstructionSettings
+from ..smoothing.methods import smoothing_of
+from ..smoothing.prepare import field_steps
+from ..smoothing.smooth_field import refined_affine
 from ..volume.affine import transform_faces, transform_points
-from ..volume.field import field_steps, smoothed_note
 from ..volume.field_values import fetched_steps
-from ..volume.smoothing import refined_affine
 from ..volume.volume import Box, Volume
 from .each_label import each_label_steps, label_title, no_surface
 from .request import Scope, scope_of_labels
@@ -150,7 +151,8 @@ class LabelInterfaces:
         self.volume, self.budget = volume.as_labels, budget
         self.settings = replace(settings, threshold=None, label=None)
         self.stages = Stages(STAGES)
-        self.method = replace(self.settings, label=1).smoothing_method
+        self.smoothing = smoothing_of(replace(self.settings, label=1))
+        self.has_distances = self.smoothing.smooths and self.smoothing.keeps_samples
         scope.require_stride()
 
     def fields_steps(self, labels: Sequence[int]) -> Steps[None]:
@@ -161,9 +163,9 @@ class LabelInterfaces:
 
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
             field = yield from field_steps(volume, runs[at], own, region=region)
-            if self.method != "constrained":
-                field.check()  # which constrained smoothing has done
-            samples = None if self.method == "none" else (yield from label_samples_steps(field))
+            if self.smoothing.by_slabs:
+                field.check()  # which was done before all of it was smoothed
+            samples = (yield from label_samples_steps(field)) if self.smoothing.smooths else None
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
         made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
@@ -185,7 +187,7 @@ class LabelInterfaces:
         """Find the owner of every sample of the grid that all labels share."""
         axes = self._axes()
         count = axes[0].count * axes[1].count * axes[2].count
-        indicators, steps = self.method == "gaussian", self.slice_steps
+        indicators, steps = not self.smoothing.keeps_samples, self.slice_steps
         size = " x ".join(str(axis.count) for axis in axes)
         box = _union([field.window for field in self.fields])
         voxels = math.prod(stop - start for start, stop in box)
@@ -194,7 +196,7 @@ class LabelInterfaces:
         samples = [field.samples for field in self.fields if field.samples is not None]
         own = yield from self.stages.run(OWNING, self._labels_steps())
         self.walls: dict[tuple[int, int], LabelSamples] = {}
-        if self.method == "constrained":
+        if self.has_distances:
             yield from self.stages.run(WALLS, self._walls_steps(own, samples))
         first_x, first_y, first_z = self.first
         columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
@@ -353,7 +355,7 @@ class LabelInterfaces:
         count = len(self.labels)
         sx, sy, sz = self.volume.spacing
         sizes = (sx, sy, sz / self.slice_steps)
-        keeps = self.method == "constrained" and self.settings.stride == (1, 1, 1)
+        keeps = self.has_distances and self.settings.stride == (1, 1, 1)
         free = self.touches & (self.goals > 0) & keeps
         constants = np.zeros(count + 1)
         limit = max(self.volume.spacing) / 2
@@ -380,9 +382,7 @@ class LabelInterfaces:
     def _notes(self, at: int) -> tuple[str, ...]:
         """Return the notes on a label; beside others it does not enclose what it would alone."""
         notes = self.fields[at - 1].notes
-        if self.method == "constrained" and self.touches[at]:
-            return (smoothed_note(self.slice_steps), *notes[1:])
-        return notes
+        return self.smoothing.shared_notes(notes, self.slice_steps) if self.touches[at] else notes
 
     def result_steps(self) -> Steps[LabelComplex]:
         """Move everything to RAS+ mm."""

@@ -12,7 +12,7 @@ from ..extraction.grid import check_stride
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
-from ..volume.field import refinement_of
+from ..smoothing.methods import refinement_of
 from ..volume.region import region_box
 from ..volume.volume import Box, Volume
 

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
+from ..described import AUTO
 from ..errors import CtmcError
 from ..mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from ..mesh.complex_components import keep_complex_components_steps
@@ -19,7 +20,7 @@ from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighb
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Stages, Step, Steps
 from ..reconstruction import Reconstruction
-from ..settings import AUTO, ReconstructionSettings
+from ..settings import ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.component_removal import CollapsedComponents
 from ..sinks import Taken

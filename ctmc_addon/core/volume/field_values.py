@@ -13,15 +13,11 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import VolumeError
-from ..parallel import map_steps
 from ..progress import PAUSE, Steps
-from .smoothing.gaussian import smoothed_middle, smoothed_plane, weights
 from .statistics import slabs_of
 from .volume import Box, Volume
 
-SMOOTHING = "Smoothing"
 SLICES = 16  # A label is compared with so many at once: what is rounded as it is read takes memory for these alone.
 
 
@@ -49,8 +45,15 @@ class FieldValues(Protocol):
         """Whether slices that are not sampled need not be fetched."""
 
     @property
+    def mixes_samples(self) -> bool:
+        """Whether a value depends on samples beside its own, which may lie beyond the window."""
+
+    @property
     def wrong_side(self) -> int:
         """Samples of a label, in the slices fetched so far, that smoothing has put on the other side of the level."""
+
+    def count_within(self, first: int, stop: int) -> None:
+        """Count samples on the wrong side in the slices from `first` to `stop` alone, where they are still counted."""
 
     def again(self) -> FieldValues:
         """The same values, to be fetched from the first slice."""
@@ -73,6 +76,7 @@ class GrayValues:
     """
 
     own_bytes = wrong_side = 0
+    mixes_samples = False
 
     def __init__(self, volume: Volume, needed: Box, nan_as: float | None) -> None:
         self.volume, self.needed, self.nan_as = volume, needed, nan_as
@@ -80,6 +84,9 @@ class GrayValues:
         self.dtype = np.dtype(np.uint8) if volume.dtype == bool else volume.dtype
         self.held = volume.reader.own_bytes == 0 and (nan_as is None or self.dtype.kind != "f")
         self.skips_slices = self.dtype.kind != "f"
+
+    def count_within(self, first: int, stop: int) -> None:
+        """Count nothing: the wrong side of all slices is known."""
 
     def again(self) -> GrayValues:
         """The same values, to be fetched from the first slice."""
@@ -118,12 +125,16 @@ class LabelMask:
 
     wrong_side = 0
     skips_slices = True
+    mixes_samples = False
 
     def __init__(self, volume: Volume, label: int) -> None:
         self.volume, self.label = volume, label
         self.shape, self.dtype = volume.shape, np.dtype(np.uint8)
         self.held = volume.reader.own_bytes == 0
         self.own_bytes = math.prod(self.shape) if self.held else 0
+
+    def count_within(self, first: int, stop: int) -> None:
+        """Count nothing: the wrong side of all slices is known."""
 
     def again(self) -> LabelMask:
         """The same values, to be fetched from the first slice."""
@@ -148,11 +159,15 @@ class HeldValues:
     """
 
     held = skips_slices = True
+    mixes_samples = False
 
     def __init__(self, values: NDArray[Any], wrong_side: int = 0) -> None:
         self.values, self.wrong_side = values, wrong_side
         slices, rows, columns = values.shape
         self.shape, self.dtype, self.own_bytes = (slices, rows, columns), values.dtype, values.nbytes
+
+    def count_within(self, first: int, stop: int) -> None:
+        """Count nothing: the wrong side of all slices is known."""
 
     def again(self) -> HeldValues:
         """The same values, to be fetched from the first slice."""
@@ -163,87 +178,6 @@ class HeldValues:
         yield PAUSE
         run = len(numbers) > 0 and len(numbers) == numbers[-1] - numbers[0] + 1
         return self.values[numbers[0] : numbers[-1] + 1] if run else self.values[list(numbers)]
-
-
-class GaussianValues:
-    """Other values, smoothed by a Gaussian, the border repeated; the sums are those of the whole box.
-
-    Parameters
-    ----------
-    values : GrayValues or LabelMask
-    spacing_mm : (x, y, z) float
-    sigma_mm : float
-    counted : Box, optional
-        Where samples of a label on the wrong side are counted: a label's.
-    level : float
-        Inside is ``value >= level``.
-    budget : Budget
-    """
-
-    held = skips_slices = False
-    own_bytes = 0
-
-    def __init__(
-        self,
-        values: GrayValues | LabelMask,
-        spacing_mm: Sequence[float],
-        sigma_mm: float,
-        counted: Box | None,
-        level: float,
-        budget: Budget,
-    ) -> None:
-        self.values, self.spacing_mm, self.sigma_mm = values, spacing_mm, sigma_mm
-        self.counted, self.level, self.budget = counted, level, budget
-        self.shape, self.dtype = values.shape, np.dtype(np.float32)
-        self.wrong_side = 0
-        self._kernels = [weights(sigma_mm / side) for side in spacing_mm]
-        self._planes: dict[int, NDArray[np.float32]] = {}  # slices that are smoothed along x and y
-        self._masks: dict[int, NDArray[np.uint8]] = {}
-        self._next, self._end = 0, self.shape[0]  # slices whose wrong side is still to be counted
-
-    def again(self) -> GaussianValues:
-        """The same values, to be fetched from the first slice."""
-        again = self.values.again()
-        return GaussianValues(again, self.spacing_mm, self.sigma_mm, self.counted, self.level, self.budget)
-
-    def slices_steps(self, numbers: Sequence[int]) -> Steps[NDArray[Any]]:
-        """Fetch the values of slices with rising numbers, (slices, rows, columns)."""
-        if not len(numbers):
-            return np.empty((0, *self.shape[1:]), self.dtype)
-        along_x, along_y, along_z = self._kernels
-        threads = self.budget.thread_count
-        reach, last = len(along_z) - 1, self.shape[0] - 1
-        low, high = max(0, numbers[0] - reach), min(last, numbers[-1] + reach) + 1
-        self._planes = {number: plane for number, plane in self._planes.items() if number >= low}
-        missing = [number for number in range(low, high) if number not in self._planes]
-        fetched = yield from self.values.slices_steps(missing)
-        planes = yield from map_steps(
-            lambda plane: smoothed_plane(plane, along_x, along_y), list(fetched), threads, SMOOTHING
-        )
-        self._planes |= dict(zip(missing, planes, strict=True))
-
-        def across(number: int) -> NDArray[np.float32]:
-            around = range(number - reach, number + reach + 1)
-            return smoothed_middle([self._planes[min(max(at, 0), last)] for at in around], along_z)
-
-        smoothed = np.stack((yield from map_steps(across, numbers, threads, SMOOTHING)))
-        if self.counted is not None:
-            self._masks = {number: mask for number, mask in self._masks.items() if number >= numbers[0]}
-            self._masks |= dict(zip(missing, fetched, strict=True))
-            self._count(smoothed, numbers, self.counted)
-        return smoothed
-
-    def count_within(self, first: int, stop: int) -> None:
-        """Count samples on the wrong side in the slices from `first` to `stop` alone."""
-        self._next, self._end = first, stop
-
-    def _count(self, smoothed: NDArray[np.float32], numbers: Sequence[int], counted: Box) -> None:
-        x, y, z = counted
-        for values, number in zip(smoothed, numbers, strict=True):
-            if max(z[0], self._next) <= number < min(z[1], self._end):
-                inside = values[slice(*y), slice(*x)] >= self.level
-                self.wrong_side += int(np.count_nonzero(inside != self._masks[number][slice(*y), slice(*x)]))
-                self._next = number + 1
 
 
 def fetched_steps(volume: Volume, numbers: Sequence[int]) -> Steps[NDArray[Any]]:

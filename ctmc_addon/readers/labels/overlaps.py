@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError, Step, Steps
+from ...core.mesh import Groups
 from .contours import FAR, Filled, edges_of, traced_steps
 
 SLIVER = 0.05  # A contour lies within another if a smaller share of it lies outside.
@@ -81,26 +82,16 @@ def _groups_steps(
     contours: Sequence[NDArray[np.float64]], rows: int, columns: int, name: str
 ) -> Steps[list[list[int]]]:
     """Return the numbers of contours; those that are connected by overlaps in part stand in one list."""
-    parents = list(range(len(contours)))
-
-    def root(number: int) -> int:
-        while parents[number] != number:
-            number = parents[number]
-        return number
-
+    groups = Groups(len(contours))
     filled: dict[int, Filled] = {}
     for pair in _pairs_with_overlapping_boxes(contours, rows, columns, name):
         for number in pair:
             if number not in filled:
                 filled[number] = (yield from traced_steps(edges_of([contours[number]], rows), columns)).filled
         if _partly_overlap(filled[pair[0]], filled[pair[1]]):
-            first, second = sorted(map(root, pair))
-            parents[second] = first
+            groups.join(*pair)
         yield Step(pair[0] / len(contours), "Filling contours")
-    groups: dict[int, list[int]] = {}
-    for number in range(len(contours)):
-        groups.setdefault(root(number), []).append(number)
-    return list(groups.values())
+    return groups.lists()
 
 
 def _pairs_with_overlapping_boxes(

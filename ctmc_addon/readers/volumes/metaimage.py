@@ -27,8 +27,8 @@ from ..value_kind import require_text_memory
 from ..zlib_stream import ZlibFile
 from .grid import check_bytes
 from .nrrd import data_files, header_text, open_data_file, words_steps
+from .text_header import MOST_HEADER, numbers, whole
 
-MOST_HEADER = 1 << 20  # bytes, names of data files included
 TYPES = {
     **{"CHAR": "i1", "UCHAR": "u1", "SHORT": "i2", "USHORT": "u2", "INT": "i4", "UINT": "u4", "LONG": "i4"},
     **{"ULONG": "u4", "LONG_LONG": "i8", "ULONG_LONG": "u8", "FLOAT": "f4", "DOUBLE": "f8"},
@@ -135,21 +135,6 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
     raise ReadError(f"{name} is not a readable MetaImage: its header lacks ElementDataFile; export or copy it again")
 
 
-def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: str) -> list[float] | None:
-    """Return the `count` numbers of the first of `keys` that there is, or None."""
-    key = next((key for key in keys if key.lower() in fields), None)
-    if key is None:
-        return None
-    words = fields[key.lower()].split()
-    try:
-        values = [float(word) for word in words]
-    except ValueError:
-        values = []
-    if len(values) != count or not all(map(math.isfinite, values)):
-        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {count} numbers; export it again")
-    return values
-
-
 def told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
     """Return a note for each of `keys` that says something else than the first one, which is taken."""
     first, *others = [key for key in keys if key.lower() in fields] or [""]
@@ -175,13 +160,6 @@ def words_of(text: str) -> list[float | str]:
         except ValueError:
             words.append(word)
     return words
-
-
-def whole(text: str, key: str, name: str) -> int:
-    """Return the whole number in a field."""
-    if not re.fullmatch(r"[+-]?\d{1,12}", text, re.ASCII):
-        raise ReadError(f"{name} has '{text[:60]}' as {key}, not a whole number; export it again")
-    return int(text)
 
 
 def is_true(text: str) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ...core import SMOOTHINGS, done_smoothing, has_width
 from ...core.volume import ValueKind, tissue_name
 from ..operators.ct import threshold
 from ..state import volumes
@@ -47,11 +48,12 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
     """Draw how the values are smoothed, and what belongs to that."""
     draw_setting(layout, settings, "smoothing")
     row = layout.row()
-    if settings.use_label and settings.smoothing in ("auto", "constrained") and not settings.use_smoothing_mm:
-        row.prop(settings, "slice_steps")
-    else:
-        row.active = settings.smoothing == "gaussian" or settings.use_smoothing_mm
-        row.prop(settings, "smoothing_mm")
+    width_mm = settings.smoothing_mm if settings.use_smoothing_mm else None
+    own = SMOOTHINGS[done_smoothing(settings.smoothing, width_mm, settings.use_label)].settings
+    if not own:
+        row.active = settings.use_smoothing_mm or has_width(settings.smoothing)
+    for name in own or ("smoothing_mm",):
+        row.prop(settings, name)
     if settings.use_label:
         row = layout.row()
         row.active = sum(item.chosen for item in settings.labels) > 1

@@ -17,7 +17,7 @@ from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core import EXCLUSIVE, SETTINGS, ReconstructionSettings
+from ...core import EXCLUSIVE, SETTINGS, ReconstructionSettings, has_width
 from ..state.change_events import notify
 from .described import as_typed, property_of, tooltip
 from .kinds import boolean, text
@@ -75,7 +75,7 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
             properties.region_for = properties.volume_fingerprint
         if optional(name) and not getattr(properties, switch(name)):
             setattr(properties, switch(name), True)
-        if name == "smoothing" and properties.smoothing != "gaussian":
+        if name == "smoothing" and not has_width(properties.smoothing):
             properties.use_smoothing_mm = False
         if name == "label":
             tick_only(properties, properties.label)

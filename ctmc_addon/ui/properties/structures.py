@@ -234,9 +234,7 @@ def of_structure(item: Any, settings: ReconstructionSettings) -> ReconstructionS
     """Return the settings of a structure's surface: its label, or its threshold smoothed as a threshold can be."""
     if item.kind == LABEL:
         return replace(settings, label=item.value)
-    smoothing = "auto" if settings.smoothing == "constrained" else settings.smoothing
-    upper = as_written(item.upper) if item.use_upper else None
-    return replace(settings, label=None, threshold=as_written(item.threshold), upper=upper, smoothing=smoothing)
+    return settings.at_threshold(as_written(item.threshold), as_written(item.upper) if item.use_upper else None)
 
 
 def is_made_of(item: Any, settings: ReconstructionSettings) -> bool:

@@ -19,7 +19,7 @@ from ...core.files.file_names import file_name
 from ...core.files.label_files import Segment, write_labels_steps
 from ...core.segmentation import layers_of
 from ..properties.structures import called
-from . import drawings, scans, session, volumes
+from . import drawings, masks, scans, session, volumes
 
 SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
 SHORT = 4  # letters of a fingerprint
@@ -53,7 +53,7 @@ def after_save(blend: str, *_: Any) -> None:
 
 def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
     """Write what was drawn on a CT of a scene, unless it is written there already; an empty drawing writes nothing."""
-    items = [(item, drawings.of(scene, item)) for item in drawings.structures_of(ct)]
+    items = [(item, masks.of(scene, item)) for item in drawings.structures_of(ct)]
     items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
     lines = [next(line for line in ct.labels if line.source == item.key) for item, _ in items]
     state = [(called(line), tuple(line.color), drawn.revision) for line, (_, drawn) in zip(lines, items, strict=True)]

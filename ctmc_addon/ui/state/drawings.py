@@ -1,65 +1,20 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The masks of drawn structures. The file holds their slices packed; the masks here are made of those.
-
-Each is a line of the list of structures and a source of its labels (`structures`), which are these masks.
-
-So nothing is lost that Blender does not lose: undo and redo bring back other slices, and `follow_file` unpacks those
-that differ. While a stroke is drawn its mask is ahead of the file, until `store` or `revert`.
-"""
+"""What was drawn, in the file: each a line of the list of structures, and a source of its labels, the mask."""
 
 from __future__ import annotations
 
-import dataclasses
 import hashlib
 import uuid
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from itertools import count
 from typing import Any
 
 import bpy
-import numpy as np
 
 from ...blender.surface import read_provenance
-from ...core import Volume
-from ...core.segmentation import Change, Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind, linear, structure_color
 from ..properties.structures import LABEL, filling
-from . import change_events, session, volumes
-from . import structures as structure_list
-
-_revisions = count(1)
-
-
-@dataclass
-class Drawn:
-    """A structure in memory.
-
-    Parameters
-    ----------
-    labels : Volume
-        The mask as labels of the list of structures. After every change of the file they are another volume, as what
-        is known of a volume, such as where its labels lie, is kept with it.
-    unpacked : dict of int to bytes
-        The slices of the file that the mask was made of.
-    revision : int
-        Another number after every change of the mask; what shows it asks whether it has shown this one.
-    hash : str
-        Of the slices of the file; empty until it is asked for.
-    grown : tuple or None
-        The clicks and settings of the last Grow, and what came of them, which the next click changes.
-    """
-
-    mask: Mask
-    labels: Volume
-    unpacked: dict[int, bytes] = field(default_factory=dict)
-    revision: int = 0
-    hash: str = ""
-    grown: tuple[Any, Change] | None = None
-
-
-_strokes: list[Any] = []  # the operator whose stroke is being drawn
-_drawn: dict[tuple[int, str], Drawn] = {}  # by session_uid of the scene, and key of the structure
+from . import change_events, masks, session, volumes
 
 
 def structures(scene: bpy.types.Scene) -> Iterator[Any]:
@@ -166,22 +121,14 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
     return len(items)
 
 
-def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
-    """Return what was drawn of a structure, for the list; None of another source, or without the CT."""
-    if volumes.loaded(scene) is None or volumes.is_coarse(scene):
-        return None
-    fingerprint = scene.ctmc.volume_fingerprint
-    item = next((one for one in scene.ctmc_draw.structures if (one.key, one.fingerprint) == (key, fingerprint)), None)
-    return None if item is None else of(scene, item).labels
-
-
 def forget(scene: bpy.types.Scene, key: str) -> None:
     """Remove what was drawn of a structure whose line was removed."""
     drawing = scene.ctmc_draw
     place = next((at for at, item in enumerate(drawing.structures) if item.key == key), None)
     if place is not None:
         drawing.structures.remove(place)
-        _drawn.pop((scene.session_uid, key), None)
+        for ct in volumes.all_known():
+            ct.drawn.pop((scene.session_uid, key), None)
         change_events.notify(scene.ctmc, change_events.DRAWN)
 
 
@@ -227,58 +174,12 @@ def choose(stored: Any, chosen: dict[str, Any]) -> None:
                 setattr(stored, name, value)
 
 
-def of(scene: bpy.types.Scene, item: Any) -> Drawn:
-    """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
-    key, volume = (scene.session_uid, item.key), volumes.require_known(item.fingerprint).volume
-    drawn = _drawn.get(key)
-    if drawn is None or drawn.mask.shape != volume.shape or (drawn.labels.affine != volume.affine).any():
-        mask = np.zeros(volume.shape, bool)
-        drawn = _drawn[key] = Drawn(mask, label_volume(mask, volume))
-        take(drawn, item)
-    return drawn
-
-
-def take(drawn: Drawn, item: Any) -> bool:
-    """Bring a mask to what the file has of it, in a copy: work under way may read it; return whether it had changed."""
-    content = {entry.number: entry.content for entry in item.slices}
-    numbers = content.keys() | drawn.unpacked.keys()
-    changed = {n: content.get(n, b"") for n in numbers if content.get(n, b"") != drawn.unpacked.get(n, b"")}
-    if changed or not drawn.revision:
-        mask = drawn.mask.copy()
-        unpack_into(mask, changed)
-        drawn.mask, drawn.unpacked = mask, content
-        drawn.labels = label_volume(mask, drawn.labels)
-        is_stored(drawn)
-    return bool(changed)
-
-
-def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
-    """Put slices of a mask that have changed into the file."""
-    drawn = of(scene, item)
-    places = {entry.number: at for at, entry in enumerate(item.slices)}
-    for number, content in packed_slices(drawn.mask, numbers).items():
-        if content == drawn.unpacked.get(number, b""):
-            continue
-        if number not in places:
-            places[number] = len(item.slices)
-            item.slices.add().number = number
-        item.slices[places[number]].content = content
-        drawn.unpacked[number] = content
-    is_stored(drawn)
-    change_events.notify(scene.ctmc, change_events.DRAWN)
-
-
-def is_stored(drawn: Drawn) -> None:
-    """Note that a mask is what the file has, after a change."""
-    drawn.labels, drawn.revision, drawn.hash = dataclasses.replace(drawn.labels), next(_revisions), ""
-
-
 def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
     """Return a hash of what the file has of a drawn line of the list; empty of another line."""
     item = None if line is None else drawn_by(scene, line)
     if item is None:
         return ""
-    drawn = of(scene, item)
+    drawn = masks.of(scene, item)
     if not drawn.hash:
         content = hashlib.sha256()
         for number, packed in sorted(drawn.unpacked.items()):
@@ -287,77 +188,18 @@ def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
     return drawn.hash
 
 
-def touched(drawn: Drawn) -> None:
-    """Note that a mask has changed and is ahead of the file, within a stroke."""
-    drawn.revision = next(_revisions)
-
-
-def begin_stroke(operator: Any) -> None:
-    """Note that a stroke is being drawn: its mask is ahead of the file."""
-    _strokes.append(operator)
-
-
-def end_stroke(operator: Any) -> None:
-    """Note that it is done, or cancelled."""
-    if operator in _strokes:
-        _strokes.remove(operator)
-
-
-def stroke_under_way() -> bool:
-    """Return whether a stroke is being drawn."""
-    return bool(_strokes)
-
-
-def revert(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
-    """Bring slices of a mask back to what the file has: a stroke is cancelled."""
-    drawn = of(scene, item)
-    unpack_into(drawn.mask, {number: drawn.unpacked.get(number, b"") for number in numbers})
-    touched(drawn)
-
-
-def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> None:
-    """Put another part into a structure, in the file too."""
-    drawn = of(scene, item)
-    differs = (drawn.mask[window] != part).any(axis=(1, 2))
-    drawn.mask[window] = part
-    store(scene, item, (np.flatnonzero(differs) + window[0].start).tolist())
-
-
-def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:
-    """Return the window of a mask that holds all of it; None where it is empty."""
-    drawn = of(scene, item)
-    numbers = [number for number, content in drawn.unpacked.items() if content]
-    if not numbers:
-        return None
-    low, high = min(numbers), max(numbers) + 1
-    inner = window_of(drawn.mask[low:high])
-    return None if inner is None else (slice(low + inner[0].start, low + inner[0].stop), *inner[1:])
-
-
-def mm3_of(scene: bpy.types.Scene, item: Any) -> float:
-    """Return the volume of a structure, mm3."""
-    window = window_in(scene, item)
-    voxels = 0 if window is None else int(np.count_nonzero(of(scene, item).mask[window]))
-    return voxels * volumes.require_loaded(scene).volume.voxel_mm3
-
-
-def label_volume(mask: Mask, volume: Volume) -> Volume:
-    """Return a mask as a volume of labels 0 and 1 on the grid of a CT; it shares the mask's memory."""
-    return Volume(mask.view(np.uint8), volume.affine, (), volume.name, ValueKind.LABEL)
-
-
 def follow_file(*_: Any) -> None:
     """Bring all masks to what the file has, after undo or redo."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     changed = set()
-    for (uid, key), drawn in list(_drawn.items()):
-        scene = scenes.get(uid)
-        item = scene and next((one for one in scene.ctmc_draw.structures if one.key == key), None)
-        if scene is None or item is None:
-            del _drawn[uid, key]
-            changed.add(uid)
-        elif take(drawn, item):
-            changed.add(uid)
+    items = {(uid, item.key): item for uid, scene in scenes.items() for item in scene.ctmc_draw.structures}
+    for ct in volumes.all_known():
+        for key, drawn in list(ct.drawn.items()):
+            if key not in items:
+                del ct.drawn[key]
+                changed.add(key[0])
+            elif masks.take(drawn, items[key]):
+                changed.add(key[0])
     for scene in scenes.values():
         connect_all(scene)  # a structure whose removal was undone
     for uid in changed & scenes.keys():
@@ -366,31 +208,10 @@ def follow_file(*_: Any) -> None:
         session.redraw_viewports()
 
 
-def bytes_of(fingerprint: str) -> int:
-    """Return the bytes of all masks of a CT."""
-    return sum(
-        _drawn[scene.session_uid, item.key].mask.nbytes
-        for scene in bpy.data.scenes
-        for item in scene.ctmc_draw.structures
-        if item.fingerprint == fingerprint and (scene.session_uid, item.key) in _drawn
-    )
-
-
-def discard() -> None:
-    """Release the masks of structures that have gone, and of CTs that are no longer in memory."""
-    kept = {
-        (scene.session_uid, item.key)
-        for scene in bpy.data.scenes
-        for item in scene.ctmc_draw.structures
-        if volumes.known(item.fingerprint) is not None
-    }
-    for key in _drawn.keys() - kept:
-        del _drawn[key]
-
-
 def after_load(*_: Any) -> None:
     """Take what an opened file has, where its CT is in memory still."""
-    clear()
+    for ct in volumes.all_known():
+        ct.drawn.clear()
     for scene in bpy.data.scenes:
         connect_all(scene)
 
@@ -399,7 +220,6 @@ def follow(properties: Any, name: str) -> None:
     """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
     scene = properties.id_data
     if name == "volume":
-        discard()
         connect_all(scene)
     elif name in ("label_name", "label_color"):
         for item in structures(scene):
@@ -408,28 +228,18 @@ def follow(properties: Any, name: str) -> None:
         change_events.notify(properties, change_events.DRAWN)
 
 
-def clear(*_: Any) -> None:
-    """Release all masks, as another file is loaded."""
-    _drawn.clear()
-
-
 HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_post": after_load}
 
 
 def register() -> None:
     """Listen for undo, for another file and for another CT."""
     change_events.subscribe(follow)
-    structure_list.ask(voxels_of)
-    volumes.count(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
-    """Stop listening, and release all masks."""
+    """Stop listening."""
     change_events.unsubscribe(follow)
-    structure_list.ask_no_more(voxels_of)
-    volumes.count_no_more(bytes_of)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)
-    clear()

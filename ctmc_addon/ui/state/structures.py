@@ -4,13 +4,13 @@
 The list `scene.ctmc.labels` and the sources `scene.ctmc.label_sources` are the file's, so undo, saving and opening need
 nothing here; the voxels of a source are kept by its key while the session lasts. What is combined is derived from both.
 
-A structure from elsewhere (a drawn mask, a click) is a source without a path: `add_labels(scene, labels, key)`. Voxels
-that another module keeps, as `drawings` does, are asked of it whenever they are needed: `ask(maker)`.
+A structure from elsewhere is a source without a path: `add_labels(scene, labels, key)`. The voxels of a drawn one are
+its mask.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -31,7 +31,7 @@ from ...core.volume import (
 )
 from ...readers import ReadingOptions
 from ..properties.preferences import machine
-from . import volumes
+from . import masks, volumes
 
 STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20, "Counting the labels": 10}
 
@@ -44,30 +44,14 @@ class PlacedLabels(NamedTuple):
     key: str
 
 
-Maker = Callable[[bpy.types.Scene, str], Volume | None]
-"""Returns the voxels of a source of a scene by its key; None of a source that it does not keep."""
-
 _sources: dict[str, Volume] = {}
-_makers: list[Maker] = []
-_combined: dict[
-    int, tuple[tuple[Any, ...], Volume]
-] = {}  # by the scene's session_uid: of which sources, and the labels
-
-
-def ask(maker: Maker) -> None:
-    """Ask another module for the voxels of sources that are not kept here."""
-    _makers.append(maker)
-
-
-def ask_no_more(maker: Maker) -> None:
-    """Stop asking it."""
-    _makers.remove(maker)
+# By the scene's session_uid: of which sources, and the labels.
+_combined: dict[int, tuple[tuple[Any, ...], Volume]] = {}
 
 
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
     """Return the voxels of a source of a scene; None where they are not in memory."""
-    made = (maker(scene, key) for maker in _makers)
-    return _sources.get(key) or next((labels for labels in made if labels is not None), None)
+    return _sources.get(key) or masks.voxels_of(scene, key)
 
 
 def label_volume(scene: bpy.types.Scene) -> Volume | None:

@@ -6,7 +6,7 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
@@ -16,8 +16,37 @@ import bpy
 
 from ...blender.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
+from ...core.segmentation import Change, Mask
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
+
+
+@dataclass
+class Drawn:
+    """A drawn structure in memory.
+
+    Parameters
+    ----------
+    labels : Volume
+        The mask as labels of the list of structures. After every change of the file they are another volume, as what
+        is known of a volume, such as where its labels lie, is kept with it.
+    unpacked : dict of int to bytes
+        The slices of the file that the mask was made of.
+    revision : int
+        Another number after every change of the mask; what shows it asks whether it has shown this one.
+    hash : str
+        Of the slices of the file; empty until it is asked for.
+    grown : tuple or None
+        The clicks and settings of the last Grow, and what came of them, which the next click changes.
+    """
+
+    mask: Mask
+    labels: Volume
+    unpacked: dict[int, bytes] = field(default_factory=dict)
+    revision: int = 0
+    hash: str = ""
+    grown: tuple[Any, Change] | None = None
+
 
 OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
 """Reading options that move samples or change values; each sample stays the same one."""
@@ -42,6 +71,8 @@ class Loaded:
         the file.
     shown_stride : (x, y, z) int
         Every so many samples of the file are in the copy.
+    drawn : dict of (int, str) to Drawn
+        What was drawn on it, by session_uid of the scene and key of the structure; `masks` makes and changes it.
     """
 
     path: Path
@@ -54,6 +85,12 @@ class Loaded:
     labels_beside: tuple[Path, ...] = ()
     file: Volume | None = None
     shown_stride: tuple[int, int, int] = (1, 1, 1)
+    drawn: dict[tuple[int, str], Drawn] = field(default_factory=dict)
+
+    @property
+    def nbytes(self) -> int:
+        """Return the bytes of the samples in memory, and of what was drawn on them."""
+        return self.volume.nbytes + sum(drawn.mask.nbytes for drawn in self.drawn.values())
 
     @property
     def full(self) -> Volume:
@@ -84,7 +121,6 @@ class Loaded:
 
 
 _loaded: dict[str, Loaded] = {}
-_beside: list[Callable[[str], int]] = []  # each returns the bytes that another module keeps of a CT
 
 
 def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
@@ -96,20 +132,9 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     _loaded[fingerprint] = loaded  # the last one loaded stands last
     used, room = used_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
-        taken = _loaded[earlier].volume.nbytes + sum(bytes_of(earlier) for bytes_of in _beside)
-        room = None if room is None else room - taken
+        room = None if room is None else room - _loaded[earlier].nbytes
         if room is not None and room < 0:
             del _loaded[earlier]
-
-
-def count(bytes_of: Callable[[str], int]) -> None:
-    """Count what another module keeps of a CT, by its fingerprint, with the CT."""
-    _beside.append(bytes_of)
-
-
-def count_no_more(bytes_of: Callable[[str], int]) -> None:
-    """Stop counting it."""
-    _beside.remove(bytes_of)
 
 
 def used_fingerprints() -> set[str]:
@@ -126,6 +151,11 @@ def discard_unused(*_: Any) -> None:
     """Release the volumes that no scene of a newly opened file refers to."""
     for fingerprint in set(_loaded) - known_fingerprints():
         del _loaded[fingerprint]
+
+
+def all_known() -> Iterator[Loaded]:
+    """Yield all CTs in memory."""
+    yield from _loaded.values()
 
 
 def known(fingerprint: str) -> Loaded | None:

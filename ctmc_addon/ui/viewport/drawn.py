@@ -21,7 +21,7 @@ from ...core.segmentation import Mask, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_normal, slice_values
 from .. import jobs
 from ..properties.preferences import machine
-from ..state import change_events, drawings, session, surfaces, volumes
+from ..state import change_events, drawings, masks, session, surfaces, volumes
 from ..state.tools import tool_of
 from .slice_hits import slices_in
 
@@ -47,7 +47,7 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
     for item in drawings.structures(scene):
         if not item.shown:
             continue
-        drawn, place = drawings.of(scene, item), (scene.session_uid, item.key, key)
+        drawn, place = masks.of(scene, item), (scene.session_uid, item.key, key)
         is_active = active is not None and active.key == item.key
         state = (corners_mm.tobytes(), drawn.revision, tuple(item.color), is_active, scale)
         if place not in _pictures or _pictures[place][0] != state:
@@ -61,7 +61,7 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
 
 def mask_in(scene: bpy.types.Scene, mask: Mask, corners_mm: Any, section: Any) -> Any:
     """Return a mask in a slice of the grid, or on any plane, (rows, columns) bool."""
-    labels = drawings.label_volume(mask, volumes.require_loaded(scene).volume)
+    labels = masks.label_volume(mask, volumes.require_loaded(scene).volume)
     if section is not None:
         return slice_values(labels, section) > 0
     width, height = (np.linalg.norm(corners_mm[end] - corners_mm[0]) for end in (1, 3))
@@ -169,7 +169,7 @@ def follow(_properties: Any, name: str) -> None:
 def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure has changed since its surface was made."""
     made = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
-    return made != drawings.of(scene, item).revision
+    return made != masks.of(scene, item).revision
 
 
 def wake() -> None:
@@ -180,14 +180,14 @@ def wake() -> None:
 
 def tick() -> float | None:
     """Make the surfaces of structures that have changed, one at a time."""
-    if jobs.running() is not None or drawings.stroke_under_way():
+    if jobs.running() is not None or masks.stroke_under_way():
         return 10 * SOON
     for scene in bpy.data.scenes:
         if volumes.loaded(scene) is None or volumes.is_coarse(scene):
             continue
         for item in drawings.structures(scene):
             if is_behind(scene, item):
-                revision = drawings.of(scene, item).revision
+                revision = masks.of(scene, item).revision
                 try:
                     surface = surface_of(scene, item)
                 except (CtmcError, MemoryError):  # none is shown until the next stroke
@@ -200,12 +200,12 @@ def tick() -> float | None:
 
 def surface_of(scene: bpy.types.Scene, item: Any) -> PreviewSurface | None:
     """Return a structure's surface, as fine as the time for a preview allows; None of an empty one."""
-    window, volume = drawings.window_in(scene, item), volumes.require_loaded(scene).volume
+    window, volume = masks.window_in(scene, item), volumes.require_loaded(scene).volume
     if window is None:
         return None
-    mask = drawings.of(scene, item).mask
+    mask = masks.of(scene, item).mask
     z, y, x = grown_window(window, max(CROP_MM, 1.01 * max(volume.spacing)), volume.spacing, mask.shape)
-    labels = drawings.label_volume(mask, volume).part(((x.start, x.stop), (y.start, y.stop), (z.start, z.stop)))
+    labels = masks.label_volume(mask, volume).part(((x.start, x.stop), (y.start, y.stop), (z.start, z.stop)))
     limits = machine()
     shown = Preview(labels, limits.preview_seconds, limits.budget).interactive(ReconstructionSettings(label=1))
     return None if shown is None else PreviewSurface(shown.surface, scene.ctmc.alpha, limits.scale)

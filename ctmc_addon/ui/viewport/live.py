@@ -15,19 +15,17 @@ from typing import Any
 import bpy
 
 from ...blender.viewport import free_shader
-from ...core import CtmcError, FieldCache, ReconstructionSettings, Steps
+from ...core import LEAVE_IT, CtmcError, FieldCache, ReconstructionSettings, Steps
 from .. import jobs
 from ..properties.described import as_written
 from ..properties.preferences import machine
-from ..state import change_events, drawings, label_looks, session, structures, volumes
+from ..state import change_events, label_looks, masks, session, structures, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, drawn, preview
 
 IDLE = 0.25  # seconds without a change after which costs are counted and the preview is refined
 TICK = 0.03  # seconds of work between two looks at the events
 SOON = 0.01  # seconds to the next tick
-SILENT = {"alpha", "min_angle_deg", "simplifier", "reduction", "target_faces", "max_error_mm"}
-"""Changes that leave the preview's surface as it is."""
 
 
 @dataclass
@@ -70,7 +68,7 @@ def mark(properties: Any, name: str) -> None:
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)
         return
-    start(scene, stale=name not in SILENT and not (name == change_events.DRAWN and shows_drawn(scene)))
+    start(scene, stale=name not in LEAVE_IT and not (name == change_events.DRAWN and shows_drawn(scene)))
     if name == "alpha":
         live.alpha_moved = True
         alpha.move(scene, as_written(properties.alpha))
@@ -99,7 +97,7 @@ def tick() -> float | None:
     if scene is None or live.changed is None:
         live.changed = None
         return None
-    if jobs.running() is not None or drawings.stroke_under_way():
+    if jobs.running() is not None or masks.stroke_under_way():
         return IDLE
     loaded = volumes.loaded(scene)
     if loaded is None:

@@ -147,7 +147,7 @@ def key_of(settings: ReconstructionSettings, threshold: float | None) -> Preview
     All other settings leave out parts or move it by less than a voxel.
     """
     value = None if threshold is None or settings.label is not None else float(f"{threshold:.6g}")
-    return settings.label, value, settings.upper, settings.smoothing_method, settings.gaussian_mm
+    return settings.label, value, settings.upper, settings.smoothing_method, settings.smoothing_width_mm
 
 
 def draw() -> None:

@@ -24,7 +24,7 @@ from ctmc_addon.core.extraction import grid, scan
 from ctmc_addon.core.extraction.field_pieces import FieldSlabs, surface_pieces_steps
 from ctmc_addon.core.mesh.triangle_mesh import blend
 from ctmc_addon.core.phantom import foam
-from ctmc_addon.core.volume.field import field_steps
+from ctmc_addon.core.smoothing.prepare import field_steps
 from ctmc_addon.readers import read_volume
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"

@@ -1,36 +1,18 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """A surface whose slabs are extracted by workers has the bytes of one machine, whatever the workers get."""
 
-import pickle
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from other_workers import OtherWorkers
 from volumes import AFFINE, FileReader, in_file, of_result, waves
 
-from ctmc_addon.core import Budget, CtmcError, ReconstructionSettings, Volume, finish, reconstruct
+from ctmc_addon.core import Budget, CtmcError, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.errors import ReadError, SettingsError
 from ctmc_addon.core.extraction import field_pieces, grid, scan
-from ctmc_addon.core.extraction.field_pieces import slab_result_steps
 
 SLICE = 2 * 21 * 70  # bytes
-
-
-class OtherWorkers:
-    """Workers with a volume of their own, to whom tasks are sent and who send results."""
-
-    def __init__(self, volume, count):
-        self.volume, self.count, self.layers, self.closed = volume, count, [], 0
-
-    def results(self, tasks):
-        try:
-            for task in tasks:
-                self.layers.append(task.layers)
-                yield None
-                steps = slab_result_steps(in_file(self.volume), pickle.loads(pickle.dumps(task)))
-                yield pickle.loads(pickle.dumps(finish(steps)))
-        finally:
-            self.closed += 1
 
 
 @pytest.fixture(autouse=True)

@@ -18,7 +18,7 @@ from ctmc_addon.core.mesh.kept_pieces import KeptPieces, keep_components_steps, 
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.triangle_mesh import Surface
 from ctmc_addon.core.progress import Step
-from ctmc_addon.core.volume.field import field_steps
+from ctmc_addon.core.smoothing.prepare import field_steps
 from ctmc_addon.readers import read_volume
 
 SHARED = Path(__file__).resolve().parents[4] / "shared" / "data"

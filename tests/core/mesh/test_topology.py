@@ -5,7 +5,14 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import finish, marching_cubes
-from ctmc_addon.core.mesh.topology import component_numbers_steps, edge_counts_steps, edges_steps
+from ctmc_addon.core.mesh.topology import (
+    Groups,
+    compacted,
+    component_numbers_steps,
+    component_roots_steps,
+    edge_counts_steps,
+    edges_steps,
+)
 
 
 @pytest.mark.parametrize("at_once", [7, 1 << 18])
@@ -55,3 +62,29 @@ def test_of_every_edge_the_triangles_are_counted_and_those_that_run_up_it():
     assert edges.T.tolist() == [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [1, 3], [1, 4]]
     assert count.tolist() == [3, 1, 1, 1, 1, 1, 1]
     assert upwards.tolist() == [2, 0, 1, 0, 1, 0, 1]
+
+
+def test_links_of_two_connect_as_faces_do():
+    faces = np.array([[0, 4, 2], [5, 1, 1], [3, 5, 5]], np.int32)
+    links = np.concatenate([faces[:, :2], faces[:, 1:]])
+    assert finish(component_roots_steps(links, 7)).tolist() == finish(component_roots_steps(faces, 7)).tolist()
+    assert finish(component_roots_steps(links, 7)).tolist() == [0, 1, 0, 1, 0, 1, 6]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_groups_joined_one_after_the_other_are_the_components(seed):
+    pairs = np.random.default_rng(seed).integers(0, 40, (25, 2)).astype(np.int32)
+    groups = Groups(40)
+    joined = [groups.join(*pair) for pair in pairs.tolist()]
+    roots = finish(component_roots_steps(pairs, 40)).tolist()
+    assert [groups.root(number) for number in range(40)] == roots
+    assert sum(joined) == 40 - len(set(roots))
+    assert groups.lists() == [[n for n in range(40) if roots[n] == root] for root in sorted(set(roots))]
+
+
+def test_compacted_faces_keep_the_order_of_the_vertices_that_they_use():
+    faces = np.array([[7, 2, 5], [5, 2, 9]], np.int32)
+    used, left = compacted(faces, 11)
+    assert np.flatnonzero(used).tolist() == [2, 5, 7, 9]
+    np.testing.assert_array_equal(np.flatnonzero(used)[left], faces)
+    assert compacted(faces[:0], 3)[0].tolist() == [False] * 3

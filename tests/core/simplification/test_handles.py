@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Small handles that are cut: which, how many, and what never changes."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import as_mesh, assert_sound, icosphere, joined, torus
@@ -10,12 +12,12 @@ from ctmc_addon.core.mesh.face_normals import face_vectors, vertex_normals
 from ctmc_addon.core.mesh.topology import edges_steps
 from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
 from ctmc_addon.core.simplification.handles import (
-    LEAST_LOOP,
     handle_cuts_steps,
     least_face_cost,
     longest_loop_edge,
     pull_apart_steps,
 )
+from ctmc_addon.core.simplification.policy import POLICY
 from ctmc_addon.core.simplification.simplify import simplification_steps
 
 RINGS = np.linspace(0, 1, 6)[1:-1]  # on the way of a tube
@@ -111,7 +113,9 @@ def test_handles_are_looked_for_only_where_the_euler_number_leaves_room_for_one(
 def test_the_first_loops_that_are_cut_are_as_long_as_a_share_of_the_median_edge():
     positions = np.arange(100, dtype=np.float32) ** 2 * np.array([[1.0], [0.0], [0.0]], np.float32)
     edges = np.stack([np.zeros(99 * 16, np.int32), np.repeat(np.arange(1, 100, dtype=np.int32), 16)])
-    assert longest_loop_edge(least_face_cost(positions, edges)) == pytest.approx(LEAST_LOOP * 50.0**2)
+    assert longest_loop_edge(least_face_cost(positions, edges)) == pytest.approx(0.6 * 50.0**2)
+    rarely = replace(POLICY, least_loop=0.3)
+    assert longest_loop_edge(least_face_cost(positions, edges, rarely)) == pytest.approx(0.3 * 50.0**2)
 
 
 def test_a_neck_is_not_a_handle():

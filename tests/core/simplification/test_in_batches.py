@@ -18,7 +18,7 @@ from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.simplification import in_batches
 from ctmc_addon.core.simplification.batches import Batch, batches_steps, near_others
 from ctmc_addon.core.simplification.simplify import simplification_steps, simplified_pieces_steps
-from ctmc_addon.core.simplification.whole import Goal, memory_needed
+from ctmc_addon.core.simplification.whole import Goal
 
 SMALL = Budget(whole_faces=4000)
 
@@ -352,7 +352,7 @@ def test_refusals_are_those_of_a_whole_mesh():
     for work in (reduced, in_pieces):
         with pytest.raises(SettingsError, match="exactly one"):
             work(mesh)
-        little, enough = memory_needed(500, None), memory_needed(8000, None)
+        little, enough = Goal(reduction=0.5).bytes_at_once(500), Goal(reduction=0.5).bytes_at_once(8000)
         with pytest.raises(MemoryLimitError, match=r"simplifying \d+ triangles at once needs about .* are available; "):
             work(mesh, budget=replace(SMALL, bytes=little), reduction=0.9)
         assert len(work(mesh, budget=replace(SMALL, bytes=enough), reduction=0.9).mesh.faces) < 4000

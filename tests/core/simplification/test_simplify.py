@@ -29,7 +29,7 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh.face_normals import face_vectors
-from ctmc_addon.core.simplification.whole import memory_needed
+from ctmc_addon.core.simplification.whole import Goal
 
 
 def outward(mesh, center=(0.0, 0.0, 0.0)):
@@ -364,7 +364,7 @@ def test_a_maximum_error_below_the_rounding_of_the_positions_leaves_the_surface_
 
 def test_too_much_for_the_memory_is_refused_before_the_work():
     mesh = icosphere(3)
-    needed = memory_needed(len(mesh.faces), None)
+    needed = Goal(reduction=0.5).bytes_at_once(len(mesh.faces))
     assert len(simplify(mesh, reduction=0.5, budget=Budget(bytes=needed)).faces) == len(mesh.faces) // 2
     with pytest.raises(MemoryLimitError):
         simplify(mesh, reduction=0.5, budget=Budget(bytes=needed - 1))

@@ -13,7 +13,7 @@ from ctmc_addon.core.simplification.collapses import Collapses
 from ctmc_addon.core.simplification.crossing_check import crosses_steps
 from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
 from ctmc_addon.core.simplification.simplify import simplification_steps
-from ctmc_addon.core.simplification.uncrossing import _restored, uncross_steps
+from ctmc_addon.core.simplification.uncrossing import restored, uncross_steps
 
 
 def leaves(layers=3, width=34):
@@ -184,7 +184,7 @@ def test_undoing_every_change_brings_back_the_surface_as_it_was(full):
     assert mesh.face_count < 0.5 * len(full.faces)
     assert mesh.handles_cut > 0
     undone = log.undo(np.arange(count))
-    _restored(mesh, log, undone, np.zeros(len(mesh.locked), bool))
+    restored(mesh, log, undone, np.zeros(len(mesh.locked), bool))
     start = CollapsingMesh(full)
     assert mesh.face_count == start.face_count
     assert mesh.handles_cut == 0
@@ -195,7 +195,7 @@ def test_undoing_some_changes_leaves_a_sound_surface_and_others_as_they_are(full
     mesh, log = changed_mesh(full, 6)
     before = {tuple(row) for row in triangles_of(mesh)}
     some = np.random.default_rng(2).choice(sum(each.count for each in log.rounds), 30, replace=False)
-    _restored(mesh, log, log.undo(some), np.zeros(len(mesh.locked), bool))
+    restored(mesh, log, log.undo(some), np.zeros(len(mesh.locked), bool))
     after = {tuple(row) for row in triangles_of(mesh)}
     assert len(after - before) > 30
     assert len(after & before) > 0.5 * len(before)

@@ -7,7 +7,8 @@ from volumes import gaussian_smoothed, in_file
 
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, marching_cubes, reconstruct
 from ctmc_addon.core.errors import VolumeError
-from ctmc_addon.core.volume.field import field_steps, held_steps
+from ctmc_addon.core.smoothing.prepare import field_steps
+from ctmc_addon.core.volume.field import held_steps
 
 
 def ball(size=(40, 36, 30), radius=9.0, spacing=(1.0, 1.0, 1.0), where=0.5):

@@ -28,6 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...mesh.topology import Groups
 from ..case_table import EDGE_BETWEEN, FACES, Loop, closed_loops, roughness, triangulations
 
 CORNER_BITS = 3
@@ -239,11 +240,13 @@ def _face_segments(labels: list[int], face: int, first_is_larger: bool) -> Itera
 
 def _groups(segments: list[Segment]) -> list[list[Segment]]:
     """The connected groups of segments, in the order of their lowest nodes."""
-    group_of = {node: node for segment in segments for node in segment[:2]}
+    joined = Groups(1 + max((node for segment in segments for node in segment[:2]), default=-1))
     for first, second, _, _ in segments:
-        low, high = sorted((group_of[first], group_of[second]))
-        group_of = {node: low if group == high else group for node, group in group_of.items()}
-    return [[s for s in segments if group_of[s[0]] == group] for group in sorted(set(group_of.values()))]
+        joined.join(first, second)
+    groups: dict[int, list[Segment]] = {}
+    for segment in segments:
+        groups.setdefault(joined.root(segment[0]), []).append(segment)
+    return [groups[lowest] for lowest in sorted(groups)]
 
 
 def _cut_loops(group: list[Segment]) -> list[tuple[int, int, int]] | None:

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from ...budget import Budget
 from ...progress import PAUSE, Steps
-from ...volume.smoothing import LabelComponents, between_labels_steps, label_components_steps, reach_of
+from ...smoothing.between_labels import between_labels_steps
+from ...smoothing.constrained import reach_of
+from ...smoothing.label_components import LabelComponents, label_components_steps
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from ...progress import PAUSE, Steps, finish
 from ..distance.triangle_tree import CODE_BITS, morton_codes
+from ..topology import compacted
 from ..vectors import cross, dot
 from .box_pairs import BoxTree
 from .near import near_faces_steps
@@ -134,10 +135,8 @@ def _kept_steps(blocks: Pairs, selected: Flags) -> Steps[tuple[Pairs, Indices]]:
 
 def _used(columns: Floats, faces: Ints) -> tuple[Floats, Ints]:
     """Only the vertices that triangles have, and these with the new numbers."""
-    used = np.zeros(columns.shape[1], bool)
-    used[faces] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
-    return np.compress(used, columns, axis=1), np.take(number, faces)
+    used, faces = compacted(faces, columns.shape[1])
+    return np.compress(used, columns, axis=1), faces
 
 
 class _Measured:

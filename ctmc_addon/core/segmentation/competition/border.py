@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import PAUSE, Steps, equal_part
-from ...volume.smoothing.gaussian import convolved, weights
+from ...smoothing.gaussian import convolved, weights
 from ..distance import Mask, Window, grown_window, near_steps, window_of
 from ..islands import touching_steps
 from ..points import Sample, sample_in

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from ...errors import SettingsError
 from ...progress import PAUSE, Stages, Step, Steps, equal_part
-from ...volume.smoothing.gaussian import convolved, weights
+from ...smoothing.gaussian import convolved, weights
 from ...volume.value_kind import ValueKind
 from ...volume.volume import Volume
 from ..distance import Mask, Spacing, Window

@@ -14,6 +14,7 @@ from ...progress import Steps
 from ..collapses import Collapses
 from ..edge_collapse import CollapsingMesh
 from ..handles import Cuts, handle_cuts_steps
+from ..policy import POLICY, Policy
 from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares
 
@@ -21,10 +22,6 @@ Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
-
-# Of its cost an edge of a line is ordered by: with it three triangles go, and each interface then needs fewer along it.
-LINE_SHARE = np.float32(0.4)  # measured: of a patient's 61 organs, the median error of a label falls by 5 %
-RETRY = 10  # rounds after which edges that were refused are considered again
 
 
 class CollapsingComplex(CollapsingMesh):
@@ -35,17 +32,16 @@ class CollapsingComplex(CollapsingMesh):
     turned : (F,) bool, whether the face of the complex given points the other way
     """
 
-    share = 0.12  # fewer leave more contacts of two labels that are smaller than a triangle
-
-    def __init__(self, mesh: ComplexMesh, target: int) -> None:
+    def __init__(self, mesh: ComplexMesh, target: int, policy: Policy = POLICY) -> None:
         behind, front = mesh.sides.T
         turned = behind < front
         faces = mesh.faces.copy()
         faces[turned] = faces[turned][:, ::-1]
-        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals))
+        super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), policy=policy)
+        self.share = policy.complex_share
         self.turned = turned
         self.labels, self.interface = interfaces_of(mesh.sides)
-        self.shares = Shares(self.labels, self.interface, target / len(mesh.faces))
+        self.shares = Shares(self.labels, self.interface, target / len(mesh.faces), policy)
         self.rounds = 0
         self.logged: tuple[NDArray[Any], ...] = ()
         self.junctions = Junctions(*(np.empty(0, bool) for _ in range(4)))
@@ -133,7 +129,7 @@ class CollapsingComplex(CollapsingMesh):
         else:
             interface, line, cost = junctions.interface[edges], junctions.edges[edges], self.cost[edges]
         weight = np.take(self.shares.weight, interface)
-        weight[line] *= LINE_SHARE
+        weight[line] *= np.float32(self.policy.line_share)
         weight *= cost
         if self.shares.closed.any():
             weight[np.take(self.shares.closed, interface)] = np.inf
@@ -143,7 +139,7 @@ class CollapsingComplex(CollapsingMesh):
         """Whether it is worth trying, with the weights that the labels' shares ask for."""
         self.shares.update(self.interface[self.faces[0] != self.dummy])
         self.rounds += 1
-        if self.rounds % RETRY == 0:
+        if self.rounds % self.policy.retry == 0:
             # Lines refuse more edges than a surface does, and soon allow them again.
             yield from self.update_costs_steps(np.flatnonzero(np.isinf(self.cost) & (self.edges[0] != self.dummy)))
         if not (yield from super().can_collapse_steps()):

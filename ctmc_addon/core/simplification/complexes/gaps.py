@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...mesh.label_complex import ComplexMesh, junction_vertices
-from ...mesh.topology import component_numbers_steps, edges_steps
+from ...mesh.topology import compacted, component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ..component_removal import CollapsedComponents
@@ -107,11 +107,9 @@ def gaps_filled_steps(
     sides[at] = np.where(sides[at] == 0, takes[wall[filled]][:, None], sides[at])
     left = np.ones(len(mesh.faces), bool)
     left[outer[gone[wall]]] = False
-    used = np.zeros(len(mesh.vertices), bool)
-    used[mesh.faces[left]] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    used, faces = compacted(mesh.faces[left], len(mesh.vertices))
     normals = None if mesh.normals is None else mesh.normals[used]
-    made = ComplexMesh(mesh.vertices[used], number[mesh.faces[left]], sides[left], normals)
+    made = ComplexMesh(mesh.vertices[used], faces, sides[left], normals)
     filled_by = {}
     for taker in np.unique(label[goes]).tolist():
         own = volumes[label[goes] == taker]
@@ -138,8 +136,7 @@ def _walls_steps(around: Ints, faces_at: Indices) -> Steps[tuple[Indices, int]]:
     count = around.shape[1]
     face = np.tile(np.arange(count, dtype=np.int32), 3)
     node = np.where(np.take(faces_at, around).ravel() == 2, count + around.ravel(), face).astype(np.int32)
-    links = np.stack([face, node, node], axis=1)
-    number = (yield from component_numbers_steps(links, count + len(faces_at)))[:count]
+    number = (yield from component_numbers_steps(np.stack([face, node], axis=1), count + len(faces_at)))[:count]
     return number.astype(np.int64), int(number.max()) + 1
 
 

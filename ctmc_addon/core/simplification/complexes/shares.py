@@ -7,7 +7,7 @@ controller with a proportional and an integral part, in octaves. Between two lab
 each then has the triangles where it needs them most, on whichever interface.
 
 Lines and borders need triangles at any rate. Where labels with many of them cannot give their share, the others give
-more, but not without end: a label that is down to `LEAST` of its share gives no more.
+more, but not without end: a label that is down to `least_share` of its share gives no more.
 """
 
 from __future__ import annotations
@@ -15,9 +15,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-PROPORTIONAL, INTEGRAL = 6.0, 0.5  # octaves of cost for each octave of a label's share, at once and for every round
-MOST = 40.0  # octaves
-LEAST = 0.75  # of the share that is asked for
+from ..policy import POLICY, Policy
 
 Ints = NDArray[np.int32]
 Floats = NDArray[np.float32]
@@ -35,9 +33,11 @@ class Shares:
         Number of the interface that each triangle is in.
     asked : float
         Share of the triangles that shall be left.
+    policy : Policy, optional
     """
 
-    def __init__(self, labels: Ints, interface: Ints, asked: float) -> None:
+    def __init__(self, labels: Ints, interface: Ints, asked: float, policy: Policy = POLICY) -> None:
+        self.policy = policy
         self.labels = np.unique(labels[labels != 0])
         self.member = np.stack([(labels == label).any(axis=0) for label in self.labels]).astype(np.float64)
         self.counts = (self.member * np.bincount(interface, minlength=labels.shape[1])).sum(axis=1)
@@ -45,7 +45,7 @@ class Shares:
         self.sum = np.zeros(len(self.labels))
         self.weight = np.ones(labels.shape[1], np.float32)
         self.closed = np.zeros(labels.shape[1], bool)  # interfaces that give no more
-        self.least = LEAST * asked
+        self.least = policy.least_share * asked
 
     def update(self, interface: Ints) -> None:
         """Weigh the interfaces anew for the triangles there are now, (f,) numbers of interfaces."""
@@ -54,8 +54,9 @@ class Shares:
         now = np.bincount(interface, minlength=len(self.weight))
         shares = (self.member * now).sum(axis=1) / self.counts
         lag = octaves(shares * (self.total / max(1, len(interface))))
-        self.sum = np.clip(self.sum + INTEGRAL * lag, -MOST, MOST)
-        offset = np.clip(PROPORTIONAL * lag + self.sum, -MOST, MOST)
+        most = self.policy.most_octaves
+        self.sum = np.clip(self.sum + self.policy.integral * lag, -most, most)
+        offset = np.clip(self.policy.proportional * lag + self.sum, -most, most)
         mean = (offset[:, None] * self.member).sum(axis=0) / self.member.sum(axis=0)
         self.closed = (self.member[shares >= self.least] == 0).all(axis=0)
         self.weight = power_of_two(-mean).astype(np.float32)

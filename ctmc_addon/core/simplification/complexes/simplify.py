@@ -25,7 +25,7 @@ from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance,
 from ...mesh.intersections import self_intersections_steps
 from ...mesh.label_complex import ComplexMesh, borders_of
 from ...mesh.measures import component_volumes_steps
-from ...mesh.topology import component_numbers_steps
+from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
 from ..component_removal import CollapsedComponents, Staying
@@ -37,7 +37,6 @@ from .junctions import interfaces_of
 
 TRIALS = 6  # shares of the triangles that are tried for a maximum error
 FIRST_SHARE, LEAST_SHARE = 0.1, 0.002
-FACE_BYTES = 320  # of memory for each triangle at the start
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
@@ -169,7 +168,7 @@ def _parts_steps(
     """Simplify each part; the largest comes last, and makes good what others could not remove."""
     touching = max((len(part.faces) for part in parts if not part.alone), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
-    budget.require(FACE_BYTES * touching, what, "use a larger stride, fewer labels or a region")
+    budget.require(goal.policy.complex_face_bytes * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
     made: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
@@ -228,7 +227,7 @@ def _part_steps(
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
-        collapsing = CollapsingComplex(mesh, target)
+        collapsing = CollapsingComplex(mesh, target, goal.policy)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         made = collapsing.complex_mesh()
@@ -286,26 +285,22 @@ def _bounded_steps(
 
 def _parts(mesh: ComplexMesh) -> list[_Part]:
     """The parts of a complex that share no label and no vertex, in the order of their lowest labels."""
-    (larger, smaller), interface = interfaces_of(mesh.sides)
+    labels, interface = interfaces_of(mesh.sides)
+    names, number = np.unique(labels, return_inverse=True)
+    larger, other = number.reshape(labels.shape).astype(np.int32)
+    links = [np.stack([larger, np.where(labels[1] == 0, larger, other)], axis=1)]
     at_vertex = np.empty(len(mesh.vertices), np.int32)
     for corner in mesh.faces.T:
         at_vertex[corner] = interface
-    links = set(zip(larger.tolist(), np.where(smaller == 0, larger, smaller).tolist(), strict=True))
     for corner in mesh.faces.T:
-        other = at_vertex[corner]
-        differ = interface != other
-        keys = np.unique(interface[differ].astype(np.int64) * len(larger) + other[differ])
-        one, two = np.divmod(keys, len(larger))
-        links.update(zip(larger[one].tolist(), larger[two].tolist(), strict=True))
-    root = {label: label for link in links for label in link}
-    for a, b in sorted(links):
-        low, high = sorted((root[a], root[b]))
-        root = {label: low if lowest == high else lowest for label, lowest in root.items()}
-    of_interface = np.array([root[label] for label in larger.tolist()])
+        there = at_vertex[corner]
+        differ = np.flatnonzero(interface != there)
+        links.append(larger[np.stack([interface[differ], there[differ]], axis=1)])
+    of_interface = finish(component_roots_steps(np.concatenate(links), len(names)))[larger]
     parts = []
-    for lowest in sorted(set(root.values())):
+    for lowest in np.unique(of_interface):
         own = of_interface == lowest
-        parts.append(_Part(np.flatnonzero(own[interface]), own.sum() == 1 and smaller[own][0] == 0))
+        parts.append(_Part(np.flatnonzero(own[interface]), own.sum() == 1 and labels[1, own][0] == 0))
     return parts
 
 
@@ -313,12 +308,9 @@ def _extracted(mesh: ComplexMesh, numbers: Indices) -> ComplexMesh:
     """These triangles, and the vertices in use."""
     if len(numbers) == len(mesh.faces):
         return mesh
-    faces = mesh.faces[numbers]
-    used = np.zeros(len(mesh.vertices), bool)
-    used[faces] = True
-    number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+    used, faces = compacted(mesh.faces[numbers], len(mesh.vertices))
     normals = None if mesh.normals is None else mesh.normals[used]
-    return ComplexMesh(mesh.vertices[used], number[faces], mesh.sides[numbers], normals)
+    return ComplexMesh(mesh.vertices[used], faces, mesh.sides[numbers], normals)
 
 
 def _joined(meshes: list[ComplexMesh]) -> ComplexMesh:

@@ -43,8 +43,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.load"
     bl_label = "Load CT"
     bl_description = (
-        "Read a CT or labels: DICOM with its segmentations (SEG) and structure sets (RTSTRUCT), NIfTI, NRRD, "
-        "MetaImage, MGH, Analyze, npy, a folder of masks, or slices as TIFF, JPEG 2000, PNG, JPEG or BMP"
+        "Read a CT or labels: DICOM with its segmentations (SEG) and structure sets (RTSTRUCT), NIfTI, NRRD "
+        "and other volumes, a folder of masks, or slices as pictures"
     )
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     message_field = "load_message"

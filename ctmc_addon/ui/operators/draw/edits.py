@@ -25,7 +25,7 @@ from ....core.segmentation import (
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.structures import LABEL
-from ...state import drawings, session, structures
+from ...state import drawings, masks, session, structures
 from .needs import (
     Target,
     allowed_steps,
@@ -61,12 +61,12 @@ class Edit(jobs.LongOperator):
         """Return the work on the window of the structure."""
         scene = context.scene
         item, volume = require_active(scene), volume_of(scene)
-        window = drawings.window_in(scene, item)
+        window = masks.window_in(scene, item)
         if window is None:
             raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
         reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
-        mask = drawings.of(scene, item).mask[window].copy()
+        mask = masks.of(scene, item).mask[window].copy()
         return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
@@ -76,7 +76,7 @@ def edit_steps(work: Steps[Mask], window: Window, target: Target) -> Steps[jobs.
 
     def conclude() -> str:
         scene, item = require(target)
-        drawings.replace(scene, item, window, made)
+        masks.replace(scene, item, window, made)
         session.of(scene).message = ""
         return named_volume_text(scene, item)
 
@@ -167,7 +167,7 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
         line = next((line for line in others if name and line.name == name and line.kind == LABEL), None)
         if item is None or line is None:
             raise SettingsError("choose another structure to combine with, drawn or a label")
-        first, second = drawings.of(scene, item).mask.copy(), mask_of(scene, line)
+        first, second = masks.of(scene, item).mask.copy(), mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)
         return edit_steps(combined_steps(first, second, how), (z, y, x), target_of(scene, item))
 

@@ -26,7 +26,7 @@ from ....core.segmentation import (
     sample_at,
 )
 from ... import jobs
-from ...state import drawings, session
+from ...state import drawings, masks, session
 from ...translations import translate
 from ...viewport.slice_hits import slice_under
 from .needs import Target, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
@@ -72,7 +72,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
         item = drawings.active(scene)
         limits = limits_of(drawing)
         if drawing.method == "connected":
-            before = None if item is None else drawings.of(scene, item).mask
+            before = None if item is None else masks.of(scene, item).mask
             limits = (drawing.low, drawing.high)
             work = connected_click_steps(
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
@@ -80,7 +80,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
             return conclusion_steps(work, target_of(scene, item), None)
         known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
         clicks = (*known, Click(sample, 0 if self.surroundings else 1))
-        grown = None if item is None else drawings.of(scene, item).grown
+        grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
         work = compete_click_steps(volume, clicks, how, grown)
         return conclusion_steps(work, target_of(scene, item), clicks[-1])
@@ -102,9 +102,9 @@ def conclusion_steps(work: Steps[Grown], target: Target, click: Click | None) ->
         if click is not None:
             added = item.clicks.add()
             added.sample, added.inside = click.sample, bool(click.structure)
-        drawn = drawings.of(scene, item)
+        drawn = masks.of(scene, item)
         window, add, take = grown.window, grown.added, grown.taken
-        drawings.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
+        masks.replace(scene, item, window, (drawn.mask[window] | add) & ~take)
         drawn.grown = grown.kept
         return named_volume_text(scene, item)
 

@@ -11,7 +11,7 @@ import bpy
 from ....core import ReadError, SettingsError, Steps, Volume, volume_text
 from ....core.segmentation import Mask, Window, range_mask_steps
 from ....core.volume import ValueKind
-from ...state import drawings, session, volumes
+from ...state import drawings, masks, session, volumes
 from ...translations import translate
 from ..scene.slice_object import in_object_mode
 
@@ -76,7 +76,7 @@ class Target(NamedTuple):
 def target_of(scene: bpy.types.Scene, item: Any | None) -> Target:
     """Return a structure as it is now; None for one that is to be made."""
     target = Target(scene.session_uid, scene.ctmc.volume_fingerprint)
-    return target if item is None else target._replace(key=item.key, revision=drawings.of(scene, item).revision)
+    return target if item is None else target._replace(key=item.key, revision=masks.of(scene, item).revision)
 
 
 def require(target: Target) -> tuple[bpy.types.Scene, Any]:
@@ -121,4 +121,4 @@ def whole(shape: Sequence[int]) -> Window:
 def named_volume_text(scene: bpy.types.Scene, item: Any) -> str:
     """Return what a structure is called, and how large it is."""
     text, name = translate("{name}: {volume}"), drawings.line_of(scene, item).name
-    return text.format(name=name, volume=volume_text(drawings.mm3_of(scene, item)))
+    return text.format(name=name, volume=volume_text(masks.mm3_of(scene, item)))

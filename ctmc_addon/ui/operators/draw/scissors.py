@@ -17,7 +17,7 @@ from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint, points_of
 from ...properties.preferences import machine
-from ...state import drawings, session
+from ...state import masks, session
 from ...translations import translate
 from ...viewport.mouse import window_under
 from .edits import edit_steps
@@ -49,7 +49,7 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
         item, volume = require_active(scene), volume_of(scene)
         corners = np.array([corner.at[:2] for corner in self.lasso], np.float64).reshape(-1, 2)
         view = np.array(self.view, np.float64).reshape(4, 4)
-        mask = drawings.of(scene, item).mask.copy()
+        mask = masks.of(scene, item).mask.copy()
         work = scissors_steps(mask, volume, view, corners, self.keep_inside, scene.ctmc_draw.depth_mm or math.inf)
         return edit_steps(work, whole(volume.shape), target_of(scene, item))
 

@@ -16,7 +16,7 @@ from ....core.segmentation import brush
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
-from ...state import drawings, session, volumes
+from ...state import drawings, masks, session, volumes
 from ...translations import translate
 from ...viewport.mouse import viewport_at
 from ...viewport.slice_hits import SliceHit, brush_under
@@ -58,18 +58,18 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
     def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point | None) -> None:
         """Draw from point to point; a ball where there is no normal, on a surface."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
-        drawn = drawings.of(scene, structure_of(scene, self.key))
+        drawn = masks.of(scene, structure_of(scene, self.key))
         across = None if drawing.ball else normal
         window = brush(drawn.mask, volume, points_mm, drawing.radius_mm, across, limits_of(drawing), self.erase)
         self.touched.update(range(window[0].start, window[0].stop))
-        drawings.touched(drawn)
+        masks.touched(drawn)
 
     def finish(self, context: bpy.types.Context) -> set[str]:
         """Put the stroke into the file; a new structure that has nothing is not kept."""
         scene = context.scene
         item = structure_of(scene, self.key)
-        drawings.store(scene, item, self.touched)
-        if self.is_new and drawings.window_in(scene, item) is None:
+        masks.store(scene, item, self.touched)
+        if self.is_new and masks.window_in(scene, item) is None:
             raise SettingsError("nothing was drawn: no voxel under the brush is in the CT and in the range")
         return {"FINISHED"}
 
@@ -82,7 +82,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         if hit is None:
             return {"CANCELLED", "PASS_THROUGH"}
         self.area, self.hit = context.area.as_pointer(), hit
-        drawings.begin_stroke(self)
+        masks.begin_stroke(self)
         try:
             self.start(context.scene)
             self.follow(context, hit)
@@ -105,7 +105,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
             return {"CANCELLED"}
         try:
             if event.type == "LEFTMOUSE" and event.value == "RELEASE":
-                drawings.end_stroke(self)
+                masks.end_stroke(self)
                 return self.finish(context)
             if event.type in ("MOUSEMOVE", "INBETWEEN_MOUSEMOVE"):
                 area = viewport_at(context, self.area)
@@ -123,12 +123,12 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
 
     def cancel(self, context: bpy.types.Context) -> None:
         """Bring back what the file has, while structure and CT are there, and the list as it was."""
-        drawings.end_stroke(self)
+        masks.end_stroke(self)
         scene = context.scene
         item = next((one for one in drawings.structures(scene) if one.key == self.key), None)
         if item is None or volumes.loaded(scene) is None:
             return
-        drawings.revert(scene, item, self.touched)
+        masks.revert(scene, item, self.touched)
         if self.is_new:
             drawings.remove(scene, drawings.line_of(scene, item))
             drawings.choose(scene.ctmc, self.chosen)

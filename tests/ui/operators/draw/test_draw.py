@@ -19,7 +19,7 @@ from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.state import drawings, measurements, scans, structures, surfaces, volumes
+from ctmc_addon.ui.state import drawings, masks, measurements, scans, structures, surfaces, volumes
 from ctmc_addon.ui.viewport import drawn
 from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
 from ctmc_addon.ui.viewport.slice_hits import SliceHit, brush_along
@@ -179,7 +179,7 @@ def test_reconstruct_makes_what_was_drawn_under_its_name(drawing):
     for item, name in zip(drawings.structures(scene), ("kidney", "Structure 2"), strict=True):
         (obj,) = surfaces.of_structure(scene, drawings.line_of(scene, item))
         assert obj.name.endswith(name)
-        drawn = drawings.of(scene, item).mask.sum() * np.prod(volumes.current(scene).spacing)
+        drawn = masks.of(scene, item).mask.sum() * np.prod(volumes.current(scene).spacing)
         assert measurements.of(obj).measures.volume == pytest.approx(drawn, rel=0.05)
 
 
@@ -276,13 +276,13 @@ def test_a_stroke_without_memory_leaves_nothing_and_lets_others_begin(drawing, m
             setattr(drawn, name, MethodType(getattr(CTMC_OT_draw_stroke, name), drawn))
         drawn.erase, drawn.hit = False, SliceHit(middle(), np.eye(4, 3))
         drawn.start(bpy.context.scene)
-        drawings.begin_stroke(drawn)
+        masks.begin_stroke(drawn)
         drawn.area = 0
         monkeypatch.setattr(operators.draw.stroke, "viewport_at", lambda *_: object())
         monkeypatch.setattr(operators.draw.stroke, "brush_under", lambda *_: drawn.hit)
         moved = SimpleNamespace(type="MOUSEMOVE", value="NOTHING")
         assert CTMC_OT_draw_stroke.modal(drawn, bpy.context, moved) == {"CANCELLED"}
-    assert not drawings.stroke_under_way()
+    assert not masks.stroke_under_way()
     assert len(bpy.context.scene.ctmc.labels) == 0
 
 
@@ -298,7 +298,7 @@ def test_the_volume_of_a_drawing_in_slices_of_a_tilted_gantry(drawing, monkeypat
     affine[1, 2] = affine[2, 2]  # by 45 degrees
     tilted = replace(ct, volume=replace(ct.volume, affine=affine))
     monkeypatch.setitem(volumes._loaded, ct.statistics.fingerprint, tilted)
-    assert drawings.mm3_of(scene, drawings.active(scene)) == pytest.approx(mask().sum() * 1 * 1 * 2)
+    assert masks.mm3_of(scene, drawings.active(scene)) == pytest.approx(mask().sum() * 1 * 1 * 2)
 
 
 def test_a_new_structure_is_not_that_of_a_surface_whose_line_was_removed(drawing):

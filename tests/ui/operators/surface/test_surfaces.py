@@ -86,13 +86,13 @@ def test_an_update_leaves_an_alpha_that_a_hand_has_moved(loaded):
 
 
 def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loaded, monkeypatch, tmp_path):
-    from ctmc_addon.core.simplification.whole import memory_needed
+    from ctmc_addon.core.simplification.whole import Goal
     from ctmc_addon.ui.operators import figure, rotation
     from ctmc_addon.ui.operators.surface import reconstruct
     from ctmc_addon.ui.properties.preferences import Machine
 
     bpy.ops.ctmc.reconstruct()
-    limit = memory_needed(len(active().data.polygons), None) - 1
+    limit = Goal(reduction=0.5).bytes_at_once(len(active().data.polygons)) - 1
     for module in (figure, reconstruct, rotation):
         monkeypatch.setattr(module, "machine", lambda: Machine(budget=Budget(bytes=limit)))
     bpy.ops.ctmc.reconstruct()  # extraction needs less
@@ -111,13 +111,13 @@ def test_the_memory_limit_of_the_preferences_is_handed_to_every_simplifier(loade
 def too_large(loaded, monkeypatch):
     """The ball, which does not fit as a whole and is simplified as it is extracted; the memory limit."""
 
-    from ctmc_addon.core.simplification.whole import memory_needed
+    from ctmc_addon.core.simplification.whole import Goal
     from ctmc_addon.core.surfaces.extract import FieldSurface
     from ctmc_addon.ui.operators.surface import reconstruct as operators
     from ctmc_addon.ui.properties.preferences import Machine
 
     bpy.ops.ctmc.reconstruct(new=True)
-    limit = memory_needed(len(active().data.polygons), None) - 1
+    limit = Goal(reduction=0.5).bytes_at_once(len(active().data.polygons)) - 1
     bpy.data.objects.remove(active())
     session.clear()
     full_steps = FieldSurface.full_steps

@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, changes_along_x, over_rows
+from ..parallel import Threads
+from ..progress import Step, Steps
+from .bricks import WIDTH, Bricks, Floats, Places, changes_along_x, over_rows
 
 
 def signed_distance_steps(

@@ -15,8 +15,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.topology import component_roots_steps
-from ...progress import PAUSE, Steps
+from ..mesh.topology import component_roots_steps
+from ..progress import PAUSE, Steps
 
 Indices = NDArray[np.int64]
 
@@ -103,7 +103,7 @@ def label_components_steps(labels: NDArray[Any]) -> Steps[LabelComponents]:
         if labels.dtype != bool:
             same = value[near] == value[far]
             near, far = near[same], far[same]
-        links.append(np.stack([near, far, far], axis=1).astype(np.int32))
+        links.append(np.stack([near, far], axis=1).astype(np.int32))
         yield PAUSE
     root = yield from component_roots_steps(np.concatenate(links), len(start))
     lengths = stop - start

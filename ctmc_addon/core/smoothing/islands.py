@@ -17,15 +17,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arithmetic import cube_root
-from ...budget import Budget
-from ...extraction.grid import make_grid
-from ...extraction.marching_cubes import extract_steps
-from ...mesh.triangle_mesh import Surface
-from ...progress import PAUSE, Steps
-from .bounds import NEAREST_ZERO, Inside, Start
-from .bricks import WIDTH, Bricks, Floats
+from ..arithmetic import cube_root
+from ..budget import Budget
+from ..extraction.grid import make_grid
+from ..extraction.marching_cubes import extract_steps
+from ..mesh.triangle_mesh import Surface
+from ..progress import PAUSE, Steps
+from .bounds import NEAREST_ZERO
+from .bricks import WIDTH, Floats
 from .label_components import Indices, LabelComponents, label_components_steps
+from .refined_label import RefinedLabel
 from .volume_constant import area_of_ball
 
 Doubles = NDArray[np.float64]
@@ -76,32 +77,14 @@ class _Samples:
     rim_way: NDArray[np.int8]
 
 
-def keep_islands_steps(
-    mask: Flags,
-    spacing_mm: tuple[float, float, float],
-    slice_steps: int,
-    bricks: Bricks,
-    start: Start,
-    inside: Inside,
-    limit_mm: float,
-    close_border: bool,
-    budget: Budget,
-) -> Steps[None]:
+def keep_islands_steps(label: RefinedLabel, budget: Budget) -> Steps[None]:
     """Give each small component of a label a constant of its own, in the field before the common constant.
 
     Where one component has more than half of the samples, the islands' values are final: field and bounds are set to
     them, and the constant that is found afterwards for the whole moves what is not an island. Else it moves all.
-
-    Parameters
-    ----------
-    bricks, start, inside
-        The smooth field on the refined grid, its bounds, and the mask's place in the label's grid; changed in place.
-    limit_mm : float
-        Of an island's constant to either side; the field's values are hardly farther from zero.
-    close_border : bool
-        Whether slices will be added, so that an island at an end of the grid ends half a slice gap outside.
     """
-    components = yield from label_components_steps(mask)
+    start = label.start
+    components = yield from label_components_steps(label.mask)
     voxels = components.voxels
     has_body = 2 * int(voxels[-1]) > int(voxels.sum())
     selected = voxels <= LARGEST_ISLAND
@@ -109,12 +92,11 @@ def keep_islands_steps(
         selected[-1] = False
     if len(voxels) == 1 or not selected.any():
         return
-    samples = yield from _samples_steps(mask, components, selected, slice_steps, bricks, inside)
+    samples = yield from _samples_steps(label, components, selected)
     field, low, high = (array[samples.brick, samples.lane] for array in (start.field, start.low, start.high))
-    solving = _Solving(components, selected, samples, spacing_mm, slice_steps, len(mask), limit_mm, close_border)
-    constants = yield from solving.solve_steps(field, low, high, budget)
+    constants = yield from _Solving(label, components, selected, samples).solve_steps(field, low, high, budget)
     moved = field + constants[samples.owner]
-    active = samples.brick < bricks.active
+    active = samples.brick < label.bricks.active
     at = samples.brick[active], samples.lane[active]
     if has_body:
         moved = np.minimum(np.maximum(moved, low), high)
@@ -122,15 +104,9 @@ def keep_islands_steps(
     start.field[at] = moved[active]
 
 
-def _samples_steps(
-    mask: Flags,
-    components: LabelComponents,
-    selected: Flags,
-    steps: int,
-    bricks: Bricks,
-    inside: Inside,
-) -> Steps[_Samples]:
+def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: Flags) -> Steps[_Samples]:
     """The samples that the selected components move."""
+    mask, steps, inside = label.mask, label.slice_steps, label.inside
     slices, rows, columns = mask.shape
     last, places = (slices - 1) * steps, 2 * steps - 1
     z, y, x, component = (along.astype(np.int32) for along in components.samples(selected))
@@ -197,7 +173,7 @@ def _samples_steps(
     line, column = np.divmod(samples, columns)
     layer, row = np.divmod(line, rows)
     column += inside.x[0]
-    brick = bricks.at(layer + inside.z[0] * steps, row + inside.y[0], column // WIDTH)
+    brick = label.bricks.at(layer + inside.z[0] * steps, row + inside.y[0], column // WIDTH)
     yield PAUSE
     brick, lane = brick.astype(np.int32), (column % WIDTH).astype(np.int32)
     return _Samples(brick, lane, owner, z, y, x, component, core.reshape(-1, places), rim_place, rim, rim_way)
@@ -206,22 +182,11 @@ def _samples_steps(
 class _Solving:
     """Islands whose constants are sought."""
 
-    def __init__(
-        self,
-        components: LabelComponents,
-        selected: Flags,
-        samples: _Samples,
-        spacing_mm: tuple[float, float, float],
-        steps: int,
-        slices: int,
-        limit_mm: float,
-        close_border: bool,
-    ) -> None:
-        self.samples, self.steps, self.selected = samples, steps, selected
-        self.adds_slices = close_border and steps > 1
-        self.sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps)
-        self.nearest = np.float32(NEAREST_ZERO * min(spacing_mm))
-        self.limit = limit_mm
+    def __init__(self, label: RefinedLabel, components: LabelComponents, selected: Flags, samples: _Samples) -> None:
+        self.samples, self.selected = samples, selected
+        self.steps, self.sides, self.adds_slices = label.slice_steps, label.sides, label.adds_slices
+        self.nearest, self.limit = np.float32(NEAREST_ZERO * min(label.spacing_mm)), label.limit_mm
+        steps, slices = label.slice_steps, len(label.mask)
         low, high = components.boxes()
         self.corner = (low - 1) * (steps, 1, 1)  # of every component's box, z, y, x
         self.size = (high - low + 2) * (steps, 1, 1) + 1

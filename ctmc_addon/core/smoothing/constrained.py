@@ -14,40 +14,68 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
-from ...errors import LabelError, SettingsError
-from ...progress import PAUSE, Stages, Steps
-from ..volume import Box
-from .bounds import Inside, Start, between_slices, doubled, halfway_mm, refined_start
-from .bricks import WIDTH, Bricks, Floats, Threads, near_surface, number_bricks, packed, pieces, threads, widened
+from ..budget import Budget
+from ..errors import LabelError, SettingsError
+from ..parallel import Threads, parts_of, threads_of
+from ..progress import PAUSE, Stages, Steps, equal_part
+from ..volume.volume import Box
+from .bounds import Inside, Start, carried, halfway_mm, refined_start
+from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
 from .islands import keep_islands_steps
+from .refined_label import RefinedLabel
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
 from .smooth_field import SmoothField
 from .volume_constant import keep_volume_steps
 
-BAND_PIXELS = 5  # to either side of the surface that are smoothed
-BAND_GAPS = 1.6  # and so many slice gaps
-COARSE = 2  # every so many pixels are smoothed first
-NARROW_PIXELS = 2  # to either side that are smoothed at full resolution, after every other pixel
-COARSE_ROUNDS = 25  # on every other pixel
-SLICE_ROUNDS, BETWEEN_ROUNDS = 38, 12  # and with over two steps between slices at these alone, then with the steps
-COARSE_INERTIA = 4.5  # as after some six rounds: the distances that the field starts with are smooth but for steps
-FINE_ROUNDS = 18
-FINE_INERTIA = 8.0  # the coarse field is nearly smooth
 MOST_STEPS = 8
 SAMPLES_AT_ONCE = 1 << 18  # far from the surface
 BYTES_A_BRICK = 300
 BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
-STAGES = {
-    "Finding the surface": 5,
-    "Measuring distances": 15,
-    "Smoothing": 50,
-    "Keeping islands": 3,
-    "Keeping the volume": 27,
-}
+STAGES = {"Finding the surface": 5, "Smoothing": 65, "Keeping islands": 3, "Keeping the volume": 27}
 WORKING_BYTES = 1 << 23
 REMEDY = "choose a region, fewer slice_steps or smoothing none"  # where memory is too little
+
+
+class Grid(NamedTuple):
+    """A grid on which a field is smoothed.
+
+    Parameters
+    ----------
+    every_xy : int
+        It has every so many pixels along x and y.
+    between : bool
+        Whether it has the steps between slices; else the slices alone.
+    band : (pixels, gaps)
+        The field is smoothed up to the larger of so many pixels and so many slice gaps from zero.
+    rounds : int
+    inertia : float
+        Of the momentum at the beginning: more where the field is nearly smooth already.
+    """
+
+    every_xy: int
+    between: bool
+    band: tuple[float, float]
+    rounds: int
+    inertia: float
+
+    def band_mm(self, spacing_mm: tuple[float, float, float]) -> float:
+        """How far from zero the field is smoothed."""
+        return max(self.band[0] * max(spacing_mm[:2]), self.band[1] * spacing_mm[2])
+
+
+BEYOND = 1.5  # The distance that is given where the other side is farther is so many bands at least.
+FAR, NEAR = (5.0, 1.6), (2.0, 0.0)
+# Farther than two pixels from the surface the field of every other pixel is smooth enough. Distances are smooth but for
+# steps, hence the momentum. Of three steps a slice and more, what is to go are folds from slice to slice, which takes
+# many rounds where steps are short: so these are smoothed at the slices alone first.
+THIN = (Grid(2, True, FAR, 25, 4.5), Grid(1, True, NEAR, 18, 8.0))
+THICK = (Grid(2, False, FAR, 40, 4.5), Grid(2, True, FAR, 12, 4.5), Grid(1, True, NEAR, 18, 8.0))
+
+
+def grids_of(slice_steps: int) -> tuple[Grid, ...]:
+    """Return the grids on which a field with so many steps a slice is smoothed, the coarsest first."""
+    return THICK if slice_steps > 2 else THIN
 
 
 def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
@@ -64,7 +92,7 @@ def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
 
 def band_mm(spacing_mm: tuple[float, float, float]) -> float:
     """How far to either side of the surface the field is smoothed."""
-    return max(BAND_PIXELS * max(spacing_mm[:2]), BAND_GAPS * spacing_mm[2])
+    return THICK[0].band_mm(spacing_mm)
 
 
 def reach_of(spacing_mm: tuple[float, float, float]) -> tuple[int, int, int]:
@@ -126,51 +154,31 @@ def constrained_steps(
     if mask.all():
         raise LabelError("every sample here is the label; choose a region that reaches beyond it")
     steps = slice_steps or automatic_refinement(spacing_mm)
-    finding, measuring, smoothing, islands, keeping = STAGES
+    finding, smoothing, islands, keeping = STAGES
     stages = Stages(STAGES)
     budget = budget or Budget()
-    with threads(budget.thread_count) as pool:
+    with threads_of(budget.thread_count) as pool:
         looking = _label_bricks_steps(mask, spacing_mm, steps, close_border, budget)
-        code, near, inside, inside_label = yield from stages.run(finding, looking)
+        code, inside, inside_label = yield from stages.run(finding, looking)
         smoother = _Smoother(code, spacing_mm, steps, inside_label, pool)
-        yield from stages.run(measuring, smoother.start_steps(near))
         yield from stages.run(smoothing, smoother.smooth_steps())
-        fine, limit = smoother.fine, band_mm(spacing_mm)  # of a constant
-        islands_steps = keep_islands_steps(
-            mask, spacing_mm, steps, fine.bricks, fine.start, inside, limit, close_border, budget
-        )
-        yield from stages.run(islands, islands_steps)
+        fine, limit = smoother.levels[-1], band_mm(spacing_mm)
+        label = RefinedLabel(mask, spacing_mm, steps, close_border, fine.bricks, fine.start, inside, limit)
+        yield from stages.run(islands, keep_islands_steps(label, budget))
         whole = yield from smoother.whole_steps()
-        volume_steps = keep_volume_steps(
-            mask,
-            spacing_mm,
-            steps,
-            fine.bricks,
-            fine.start,
-            inside,
-            whole,
-            limit,
-            close_border,
-            budget,
-            pool,
-            window,
-        )
-        return (yield from stages.run(keeping, volume_steps))
+        return (yield from stages.run(keeping, keep_volume_steps(label, whole, budget, pool, window)))
 
 
 def _label_bricks_steps(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int, close_border: bool, budget: Budget
-) -> Steps[tuple[NDArray[np.uint8], NDArray[np.bool_], Inside, Inside]]:
-    """What `outlined` returns.
-
-    Before anything large is made, whether there is the memory for all.
-    """
+) -> Steps[tuple[NDArray[np.uint8], Inside, Inside]]:
+    """The packed label with its margins, and what `_padded` says of them, if there is the memory for all."""
     yield PAUSE
     code, near, inside, inside_label = outlined(mask, spacing_mm)
     slices, rows, columns = mask.shape
     what = f"smoothing a label's {columns} x {rows} x {slices} voxels in {steps} steps a slice"
     budget.require(constrained_bytes(mask, code, near, steps, close_border), what, REMEDY)
-    return code, near, inside, inside_label
+    return code, inside, inside_label
 
 
 def outlined(
@@ -184,23 +192,31 @@ def outlined(
 
 
 class _Level(NamedTuple):
-    """A field and its bounds over the bricks of a grid."""
+    """A field and its bounds over the bricks of a grid, whose label's slices are every so many."""
 
+    grid: Grid
+    slice_steps: int
     bricks: Bricks
     start: Start
 
 
+class _Measured(NamedTuple):
+    """Distances over the label's own slices, of every so many pixels, and the bricks that a field has there."""
+
+    label: Bricks
+    distance: Floats
+    near: NDArray[np.bool_]
+    deep: NDArray[np.bool_]
+
+
 class _Smoother:
-    """The smoothest field near a label's surface, before the constant: on every other pixel, then on all.
+    """The smoothest field near a label's surface, before the constant: grid by grid, each begun from the one before.
 
-    Farther than `NARROW_PIXELS` from the surface the field of every other pixel is smooth enough. Where there are
-    several steps between slices that field is smoothed at the slices first: what is to go are folds from slice to
-    slice, for which many rounds are needed where steps are short.
+    Attributes
+    ----------
+    levels : list
+        The last two grids.
     """
-
-    at_slices: _Level | None = None
-    coarse: _Level
-    fine: _Level
 
     def __init__(
         self,
@@ -210,120 +226,97 @@ class _Smoother:
         inside: Inside,
         pool: Threads | None,
     ) -> None:
-        self.code, self.spacing_mm, self.steps, self.inside, self.pool = code, spacing_mm, steps, inside, pool
-        self.sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / steps)
-
-    def start_steps(self, near: NDArray[np.bool_]) -> Steps[None]:
-        """Measure the distances, and find where the smoothing starts and what bounds it; `near` is `outlined`'s."""
-        stages = Stages({"Every other pixel": 1, "All pixels": 1})
-        self.coarse = yield from stages.run("Every other pixel", self._coarse_steps(near))
-        self.fine = yield from stages.run("All pixels", self._fine_steps())
-
-    def _coarse_steps(self, near: NDArray[np.bool_]) -> Steps[_Level]:
-        spacing, band = self.spacing_mm, band_mm(self.spacing_mm)
-        deep = _coarser(self.code != 0)
-        label = self._label_bricks(_coarser(near), deep)
-        reach, farthest = reach_of(spacing), 1.5 * band
-        distance = yield from signed_distance_steps(self.code, label, spacing, reach, farthest, self.pool, COARSE)
-        # The reach is a box: its corners are farther than the band.
-        near = np.zeros(deep.shape, bool)
-        near.ravel()[label.place] = np.abs(distance[: len(label.place)]).min(axis=1) <= band
-
-        def level(bricks: Bricks, steps: int) -> _Level:
-            start = refined_start(label, distance, bricks, spacing, steps, self.inside, self.pool, COARSE)
-            return _Level(bricks, start)
-
-        if self.steps > 2:
-            self.at_slices = level(number_bricks(near, deep), 1)
-        return level(number_bricks(*self._refined(near, deep)), self.steps)
-
-    def _fine_steps(self) -> Steps[_Level]:
-        spacing = self.spacing_mm
-        # A sample that is farther cannot come as near to the surface as is smoothed.
-        farthest = NARROW_PIXELS * max(spacing[:2]) + halfway_mm(spacing)
-        x, y, z = (max(1, math.ceil(farthest / side - 1e-6) - 1) for side in spacing)
-        x = min(WIDTH, x)
-        # All that come as near lie in these bricks, with the neighbors that normals read.
-        near_y, near_z = (math.floor(farthest / side) - 1 for side in spacing[1:])
-        near = near_surface(self.code, (x, max(1, near_y), max(int(self.steps == 1), near_z)))
-        deep = self.code != 0
-        label = self._label_bricks(near, deep)
-        distance = yield from signed_distance_steps(self.code, label, spacing, (x, y, z), farthest, self.pool)
-        bricks = number_bricks(*self._refined(near, deep))
-        return _Level(bricks, refined_start(label, distance, bricks, spacing, self.steps, self.inside, self.pool))
-
-    def _label_bricks(self, near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> Bricks:
-        return number_bricks(near if self.steps == 1 else widened(near, 1, 0), deep, neighbors=False)
-
-    def _refined(self, near: NDArray[np.bool_], deep: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-        """Flags of slices with the steps between them: near where one of both slices is."""
-        if self.steps == 1:
-            return near, deep
-        after = np.repeat(near[1:], self.steps, axis=0)
-        near = np.repeat(near, self.steps, axis=0)[: (len(near) - 1) * self.steps + 1]
-        deep = np.repeat(deep, self.steps, axis=0)[: len(near)]
-        for step in range(1, self.steps):
-            near[step :: self.steps] |= after[step :: self.steps]
-        return near, deep
+        self.code, self.spacing_mm, self.steps = code, spacing_mm, steps
+        self.inside, self.pool = inside, pool
+        self.levels: list[_Level] = []
 
     def smooth_steps(self) -> Steps[None]:
-        """Smooth both levels in place."""
-        stages = Stages({"Smoothing at the slices": 1, "Smoothing every other pixel": 1, "Smoothing": 2})
-        x, y, z = self.sides
-        coarse, start = self.coarse
-        rounds = COARSE_ROUNDS
-        if self.at_slices is not None:
-            rounds, (bricks, first) = BETWEEN_ROUNDS, self.at_slices
-            self.at_slices = None
-            sides = (COARSE * x, COARSE * y, z * self.steps)
-            relaxing = _relaxed_steps(bricks, first, sides, SLICE_ROUNDS, self.pool)
-            yield from stages.run("Smoothing at the slices", relaxing)
-            between_slices(bricks, first.field, coarse, start, self.steps, self.pool)
-        relaxing = _relaxed_steps(coarse, start, (COARSE * x, COARSE * y, z), rounds, self.pool)
-        yield from stages.run("Smoothing every other pixel", relaxing)
-        doubled(coarse, start.field, *self.fine, self.pool)
-        yield from stages.run("Smoothing", self._narrow_steps())
+        """Smooth the field on every grid."""
+        grids = grids_of(self.steps)
+        parts = 2 * len(grids)
+        measured: _Measured | None = None
+        for number, grid in enumerate(grids):
+            if number == 0 or grid.every_xy != grids[number - 1].every_xy:
+                measured = yield from equal_part(self._measured_steps(grid), 2 * number, parts)
+            assert measured is not None, "the first grid is measured"
+            level = self._level(grid, measured)
+            self.levels = [*self.levels[-1:], level]
+            if number:
+                before = self.levels[0]
+                every = before.grid.every_xy // grid.every_xy, level.slice_steps // before.slice_steps
+                carried(before.bricks, before.start.field, level.bricks, level.start, every, self.pool)
+            yield from equal_part(self._relaxed_steps(level), 2 * number + 1, parts)
 
-    def _narrow_steps(self) -> Steps[None]:
-        """Smooth what is near the surface now."""
+    def _measured_steps(self, grid: Grid) -> Steps[_Measured]:
+        """Measure the distances as far as the field of a grid may come into its band."""
+        spacing, every = self.spacing_mm, grid.every_xy
+        # A sample that is farther from the other side cannot come as near to the surface as is smoothed.
+        band = grid.band_mm(spacing)
+        farthest = band + halfway_mm(spacing)
+        x, y, z = (max(1, math.ceil(farthest / side - 1e-6) - 1) for side in spacing)
+        reach = min(WIDTH, x), y, z
+        # All that come as near lie in these bricks, with the neighbors that normals read.
+        near_y, near_z = (math.floor(farthest / side) - 1 for side in spacing[1:])
+        near = near_surface(self.code, (reach[0], max(1, near_y), max(int(self.steps == 1), near_z)))
+        deep = self.code != 0
+        if every > 1:
+            near, deep = _coarser(near), _coarser(deep)
+        label = number_bricks(near if self.steps == 1 else widened(near, 1, 0), deep, neighbors=False)
+        # Beyond the reach of thin slices distances rise on, so that the band does not end at a flat field.
+        farthest = max(farthest, BEYOND * band)
+        distance = yield from signed_distance_steps(self.code, label, spacing, reach, farthest, self.pool, every)
+        return _Measured(label, distance, near, deep)
+
+    def _level(self, grid: Grid, measured: _Measured) -> _Level:
+        """The bricks of a grid, with distances and bounds."""
+        steps = self.steps if grid.between else 1
+        near, deep = measured.near, measured.deep
+        if steps > 1:  # a step is near where one of both slices is
+            after = np.repeat(near[1:], steps, axis=0)
+            near = np.repeat(near, steps, axis=0)[: (len(near) - 1) * steps + 1]
+            deep = np.repeat(deep, steps, axis=0)[: len(near)]
+            for step in range(1, steps):
+                near[step::steps] |= after[step::steps]
+        bricks = number_bricks(near, deep)
+        own = measured.label, measured.distance, bricks, self.spacing_mm, steps, self.inside, self.pool
+        return _Level(grid, steps, bricks, refined_start(*own, grid.every_xy))
+
+    def _relaxed_steps(self, level: _Level) -> Steps[None]:
+        """Smooth in place what is in the band of a grid."""
         yield PAUSE
-        bricks, start = self.fine
+        grid, _, bricks, start = level
+        x, y, z = self.spacing_mm
+        sides = (grid.every_xy * x, grid.every_xy * y, z / level.slice_steps)
         near = np.zeros(bricks.shape, bool)
-        distance = np.abs(start.field[: bricks.active]).min(axis=1)
-        near.ravel()[bricks.place[: bricks.active]] = distance <= NARROW_PIXELS * max(self.sides[:2])
+        nearest = np.abs(start.field[: bricks.active]).min(axis=1)
+        near.ravel()[bricks.place[: bricks.active]] = nearest <= grid.band_mm(self.spacing_mm)
         narrow = number_bricks(near, near)  # every neighbor is one of the bricks
         own = bricks.number.ravel().take(narrow.place)
         field = start.field.take(np.append(own, [len(bricks) - 2, len(bricks) - 1]), axis=0)
         own = own[: narrow.active]
         low, high = start.low.take(own, axis=0), start.high.take(own, axis=0)
         yield PAUSE
-        yield from relax_steps(narrow, field, low, high, self.sides, FINE_ROUNDS, self.pool, FINE_INERTIA)
+        yield from relax_steps(narrow, field, low, high, sides, grid.rounds, self.pool, grid.inertia)
         start.field[own] = field[: narrow.active]
 
     def whole_steps(self) -> Steps[Floats]:
-        """The field at all samples, (slices, rows, columns), each two by two pixels as one of every other pixel.
+        """The field at all samples, (slices, rows, columns), as the grid before the last has it.
 
         That holds far from the surface; of the bricks near it only those neighbors have their own field already.
         """
-        coarse, start = self.coarse
-        slices, rows, wide = self.fine.bricks.shape
+        coarse, fine = self.levels
+        every, field = coarse.grid.every_xy, coarse.start.field
+        slices, rows, wide = fine.bricks.shape
         whole = np.empty((slices, rows, wide * WIDTH), np.float32)
-        for part in pieces(slices, max(1, SAMPLES_AT_ONCE // (rows * wide * WIDTH))):
-            values = start.field.take(coarse.number[part], axis=0)  # (slices, rows, bricks, 8)
+        for part in parts_of(slices, max(1, SAMPLES_AT_ONCE // (rows * wide * WIDTH))):
+            values = field.take(coarse.bricks.number[part], axis=0)  # (slices, rows, bricks, 8)
             values = values.reshape(*values.shape[:2], -1)
-            along = np.repeat(values, COARSE, axis=2)[:, :, : wide * WIDTH]
-            for row in range(COARSE):
-                into = whole[part, row::COARSE]
+            along = np.repeat(values, every, axis=2)[:, :, : wide * WIDTH]
+            for row in range(every):
+                into = whole[part, row::every]
                 into[...] = along[:, : into.shape[1]]
             yield PAUSE
         return whole
-
-
-def _relaxed_steps(
-    bricks: Bricks, start: Start, sides: tuple[float, float, float], rounds: int, pool: Threads | None
-) -> Steps[None]:
-    """Smooth in place a field that begins with distances."""
-    return relax_steps(bricks, start.field, start.low, start.high, sides, rounds, pool, COARSE_INERTIA)
 
 
 def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArray[np.bool_], Inside, Inside]:
@@ -352,8 +345,8 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
 
 def _coarser(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Flags of bricks as those of bricks with every other sample along x and y, set where one of two is."""
-    rows = flags[:, ::COARSE]
-    if rows.shape[2] % COARSE:
+    rows = flags[:, ::2]
+    if rows.shape[2] % 2:
         rows = np.concatenate([rows, rows[:, :, -1:]], axis=2)
     return rows[:, :, ::2] | rows[:, :, 1::2]
 

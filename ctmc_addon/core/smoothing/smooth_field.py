@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.triangle_mesh import Surface
+from ..mesh.triangle_mesh import Surface
 from .bricks import Floats
 
 

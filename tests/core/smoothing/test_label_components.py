@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
+from ctmc_addon.core.smoothing.label_components import label_components_steps
 
 
 def flooded(mask: np.ndarray) -> list[set[tuple[int, int, int]]]:

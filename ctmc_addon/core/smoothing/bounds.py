@@ -9,11 +9,13 @@ so a tube does not tear and nothing is joined across a gap; where they differ it
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows
+from ..parallel import Threads
+from .bricks import WIDTH, Bricks, Floats, Places, over_rows
 
 NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
 
@@ -109,75 +111,84 @@ def halfway_mm(spacing_mm: tuple[float, float, float]) -> float:
     return ((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2
 
 
-def between_slices(
-    label: Bricks, values: Floats, refined: Bricks, start: Start, slice_steps: int, pool: Threads | None
+def carried(
+    before: Bricks, values: Floats, after: Bricks, start: Start, every: tuple[int, int], pool: Threads | None
 ) -> None:
-    """Carry values at the label's slices to the active bricks of the refined grid, and back into their bounds.
+    """Carry values of a grid to all bricks of a finer one, by cubics, and back into their bounds.
 
-    Between two slices stands the cubic through their values and those of the slices beyond.
+    Between two samples stands the cubic through their values and those of the samples beyond; linear steps would leave
+    folds that take the fine grid rounds to smooth.
+
+    Parameters
+    ----------
+    before, after : Bricks
+    values : (len(before), 8) float32
+    start : Start
+        Of the finer grid.
+    every : (xy, z) int
+        How many samples of the finer grid one of the other has along x and y, 1 or 2, and along z.
     """
+    if every[0] == 2:
+        values = _doubled_along_x(before, values, pool)
+
+    def row(z: Places, y: Places, x: Places) -> Floats:
+        number = before.at(z, y, x // every[0])
+        return values.take(every[0] * number + x % every[0], axis=0)
+
+    def along_y(z: Places, y: Places, x: Places) -> Floats:
+        below, step = np.divmod(y, every[0])
+        return _on_cubics(step, every[0], lambda own, beside: row(z[own], below[own] + beside, x[own]))
 
     def carry(part: slice) -> None:
-        z, y, x = refined.coordinates(part)
-        below, step = np.divmod(z, slice_steps)
-        t = (step / np.float32(slice_steps)).astype(np.float32)[:, None]
-        weights = (
-            -t * (1 - t) * (2 - t) / 6,
-            (1 + t) * (1 - t) * (2 - t) / 2,
-            (1 + t) * t * (2 - t) / 2,
-            -(1 + t) * t * (1 - t) / 6,
-        )
-        moved = np.zeros((len(z), WIDTH), np.float32)
-        for beside, weight in zip((-1, 0, 1, 2), weights, strict=True):
-            moved += weight * values.take(label.at(below + beside, y, x), axis=0)
+        z, y, x = after.coordinates(part)
+        below, step = np.divmod(z, every[1])
+        moved = _on_cubics(step, every[1], lambda own, beside: along_y(below[own] + beside, y[own], x[own]))
         np.maximum(moved, start.low[part], out=moved)
         np.minimum(moved, start.high[part], out=moved)
         start.field[part] = moved
 
-    over_rows(pool, carry, refined.active)
+    over_rows(pool, carry, len(after.place))
 
 
-def doubled(coarse: Bricks, values: Floats, fine: Bricks, start: Start, pool: Threads | None) -> None:
-    """Carry coarse values to the bricks of the fine grid, by cubics, and back into their bounds.
+def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) -> Floats:
+    """Rows that lie `step` of so many steps behind rows that are known, on the cubic through four of these.
 
-    Halfway between two samples stands 9/16 of both less 1/16 of those beyond; linear steps would leave folds that take
-    the fine grid rounds to smooth.
+    `at` gives the known rows for some of the rows, so many known rows farther.
     """
-    wide = np.empty((len(coarse), 2 * WIDTH), np.float32)  # along x first: for every coarse brick two fine ones
-    last = coarse.shape[2] - 1
+    if steps == 1:
+        return at(np.arange(len(step)), 0)
+    out = np.empty((len(step), WIDTH), np.float32)
+    known, between = np.flatnonzero(step == 0), np.flatnonzero(step)
+    out[known] = at(known, 0)
+    t = (step[between] / np.float32(steps)).astype(np.float32)[:, None]
+    weights = (
+        -t * (1 - t) * (2 - t) / 6,
+        (1 + t) * (1 - t) * (2 - t) / 2,
+        (1 + t) * t * (2 - t) / 2,
+        -(1 + t) * t * (1 - t) / 6,
+    )
+    moved = np.zeros((len(between), WIDTH), np.float32)
+    for beside, weight in zip((-1, 0, 1, 2), weights, strict=True):
+        moved += weight * at(between, beside)
+    out[between] = moved
+    return out
+
+
+def _doubled_along_x(bricks: Bricks, values: Floats, pool: Threads | None) -> Floats:
+    """Values with one between every two along x: for every brick two, (2 len(bricks), 8)."""
+    wide = np.empty((len(bricks), 2 * WIDTH), np.float32)
+    last = bricks.shape[2] - 1
 
     def along_row(part: slice) -> None:
-        z, y, x = coarse.coordinates(part)
+        z, y, x = bricks.coordinates(part)
         ext = np.empty((len(x), WIDTH + 3), np.float32)  # from the sample before to the second one after
         ext[:, 1:-2] = values[part]
-        ext[:, 0] = np.where(x > 0, values[coarse.at(z, y, x - 1), -1], ext[:, 1])
-        ext[:, -2:] = np.where((x < last)[:, None], values[coarse.at(z, y, x + 1), :2], ext[:, -3:-2])
+        ext[:, 0] = np.where(x > 0, values[bricks.at(z, y, x - 1), -1], ext[:, 1])
+        ext[:, -2:] = np.where((x < last)[:, None], values[bricks.at(z, y, x + 1), :2], ext[:, -3:-2])
         wide[part, ::2] = ext[:, 1:-2]
-        wide[part, 1::2] = _halfway(ext[:, :-3], ext[:, 1:-2], ext[:, 2:-1], ext[:, 3:])
+        outer, inner = ext[:, :-3] + ext[:, 3:], ext[:, 1:-2] + ext[:, 2:-1]
+        wide[part, 1::2] = inner * np.float32(9 / 16) - outer * np.float32(1 / 16)
 
-    over_rows(pool, along_row, len(coarse.place))
+    over_rows(pool, along_row, len(bricks.place))
     wide[-2:] = values[-2:, :1]
-    halves = wide.reshape(-1, WIDTH)
-
-    def carry(part: slice) -> None:
-        z, y, x = fine.coordinates(part)
-        # Rows between two coarse ones are in the list beside those on one, so each kind is taken by its numbers.
-        on, between = np.flatnonzero(y % 2 == 0), np.flatnonzero(y % 2)
-
-        def row(chosen: Places, beside: int) -> Floats:
-            along = x[chosen]
-            return halves.take(2 * coarse.at(z[chosen], y[chosen] // 2 + beside, along // 2) + along % 2, axis=0)
-
-        moved = np.empty((len(y), WIDTH), np.float32)
-        moved[on] = row(on, 0)
-        moved[between] = _halfway(*(row(between, beside) for beside in (-1, 0, 1, 2)))
-        np.maximum(moved, start.low[part], out=moved)
-        np.minimum(moved, start.high[part], out=moved)
-        start.field[part] = moved
-
-    over_rows(pool, carry, len(fine.place))
-
-
-def _halfway(before: Floats, left: Floats, right: Floats, after: Floats) -> Floats:
-    """Midway between left and right, on the cubic through four values."""
-    return (left + right) * np.float32(9 / 16) - (before + after) * np.float32(1 / 16)
+    return wide.reshape(-1, WIDTH)

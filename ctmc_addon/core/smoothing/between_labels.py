@@ -17,10 +17,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
-from ...progress import PAUSE, Steps
+from ..budget import Budget
+from ..parallel import Threads, parts_of, spread, threads_of
+from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import Floats, Places, Threads, pieces, spread, threads, widened
+from .bricks import Floats, Places, widened
 
 STIFFNESS = 600.0  # of second differences
 REACH = 1  # nodes beside those with samples of both labels
@@ -91,7 +92,7 @@ def between_labels_steps(
         pairs.append(_pairs(field, sign, sides, slice_steps))
         yield PAUSE
     least = np.float32(NEAREST_ZERO * min(spacing_mm))
-    with threads(budget.thread_count) as pool:
+    with threads_of(budget.thread_count) as pool:
         values, before = fields, [1, 1, 1]
         uneven = max(sides) > UNEVEN * min(sides)
         for longest, rounds in (*GRIDS, (1, ROUNDS)) if uneven else GRIDS:
@@ -303,7 +304,7 @@ def _relaxed_steps(
         here += now
         before[...] = now
 
-    parts = pieces(count, NODES_AT_ONCE)
+    parts = parts_of(count, NODES_AT_ONCE)
     inertia = 1.0
     for _ in range(rounds):
         following = (1.0 + math.sqrt(1.0 + 4.0 * inertia * inertia)) / 2.0

@@ -12,13 +12,13 @@ values; then two bricks that stand for all others, one deep inside the label and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from ..parallel import Threads, parts_of, spread
 
 Floats = NDArray[np.float32]
 Places = NDArray[np.intp]
@@ -154,53 +154,9 @@ def changes_along_x(code: NDArray[np.uint8], reach: int) -> NDArray[np.bool_]:
     return near
 
 
-def pieces(count: int, at_once: int = ROWS_AT_ONCE) -> list[slice]:
-    """Slices of at most so many rows each; where they are cut does not depend on the threads."""
-    return [slice(start, min(start + at_once, count)) for start in range(0, count, at_once)]
-
-
-class Threads(ThreadPoolExecutor):
-    """Threads that know how many they are."""
-
-    def __init__(self, count: int) -> None:
-        super().__init__(count)
-        self.count = count
-
-
-@contextmanager
-def threads(count: int) -> Iterator[Threads | None]:
-    """Give so many threads, None where one is enough; what waits for a thread at the end is not begun."""
-    if count < 2:
-        yield None
-        return
-    pool = Threads(count)
-    try:
-        yield pool
-    finally:
-        pool.shutdown(cancel_futures=True)
-
-
 def over_rows(pool: Threads | None, work: Callable[[slice], None], count: int) -> None:
     """Call `work` for pieces that make up so many rows."""
     at_once = ROWS_AT_ONCE
     if pool is not None:
         at_once = min(at_once, max(FEWEST_ROWS, -(-count // (2 * pool.count))))
-    spread(pool, work, pieces(count, at_once))
-
-
-def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
-    """Call `work` for all pieces, side by side, and wait until all are done.
-
-    Each thread gets two stretches of pieces: handing over every piece, of 0.2 ms, takes longer than half of it.
-    """
-    if pool is None or len(parts) < 2:
-        for part in parts:
-            work(part)
-        return
-    count = -(-len(parts) // (2 * pool.count))
-
-    def stretch(first: int) -> None:
-        for part in parts[first : first + count]:
-            work(part)
-
-    list(pool.map(stretch, range(0, len(parts), count)))
+    spread(pool, work, parts_of(count, at_once))

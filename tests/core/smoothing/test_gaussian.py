@@ -5,8 +5,9 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import Budget, finish
-from ctmc_addon.core.volume.field_values import GaussianValues, HeldValues
-from ctmc_addon.core.volume.smoothing.gaussian import weights
+from ctmc_addon.core.smoothing.gaussian import weights
+from ctmc_addon.core.smoothing.methods.gaussian import GaussianValues
+from ctmc_addon.core.volume.field_values import HeldValues
 
 
 def gaussian_smoothed(values, spacing, sigma_mm, threads=1):

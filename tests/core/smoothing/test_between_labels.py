@@ -6,7 +6,7 @@ import pytest
 
 from ctmc_addon.core import Budget
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing import between_labels_steps
+from ctmc_addon.core.smoothing.between_labels import between_labels_steps
 
 
 def bulge(slices=9, rows=40, columns=48, steps=1):

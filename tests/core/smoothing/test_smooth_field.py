@@ -4,7 +4,7 @@
 import numpy as np
 import pytest
 
-from ctmc_addon.core.volume.smoothing.smooth_field import refined_affine, with_closed_ends
+from ctmc_addon.core.smoothing.smooth_field import refined_affine, with_closed_ends
 
 
 def test_the_labels_own_slices_stay_where_they_are():

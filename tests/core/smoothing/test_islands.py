@@ -14,9 +14,9 @@ from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish
-from ctmc_addon.core.volume.smoothing.constrained import constrained_steps
-from ctmc_addon.core.volume.smoothing.label_components import label_components_steps
-from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField
+from ctmc_addon.core.smoothing.constrained import constrained_steps
+from ctmc_addon.core.smoothing.label_components import label_components_steps
+from ctmc_addon.core.smoothing.smooth_field import SmoothField
 
 CT = Path(__file__).resolve().parents[5] / "shared" / "data"
 EVEN, THICK = (1.0, 1.0, 1.0), (0.75, 0.75, 5.0)
@@ -120,7 +120,7 @@ def test_islands_without_a_body_keep_their_volume(spacing):
 
 @pytest.mark.parametrize("spacing", [EVEN, THICK])
 def test_one_constant_alone_loses_a_voxel_beside_a_body(spacing, monkeypatch):
-    from ctmc_addon.core.volume.smoothing import islands
+    from ctmc_addon.core.smoothing import islands
 
     mask = with_islands(ball((15, 40, 40), 11.0, spacing), [1, 1, 1], np.random.default_rng(4))
     kept = shares(mask, spacing, smooth(mask, spacing))[1][:3]
@@ -131,7 +131,7 @@ def test_one_constant_alone_loses_a_voxel_beside_a_body(spacing, monkeypatch):
 
 
 def test_the_body_beside_a_hundred_islands_no_longer_makes_up_for_them(monkeypatch):
-    from ctmc_addon.core.volume.smoothing import islands
+    from ctmc_addon.core.smoothing import islands
 
     random = np.random.default_rng(5)
     body = ball((40, 64, 64), 14.0, EVEN)

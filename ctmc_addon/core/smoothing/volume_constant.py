@@ -10,15 +10,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arithmetic import cube_root
-from ...budget import Budget
-from ...extraction.grid import Grid, make_axes, make_grid
-from ...extraction.marching_cubes import ENDS, extract_steps
-from ...mesh.triangle_mesh import Surface
-from ...progress import PAUSE, Step, Steps, equal_part
-from ..volume import Box
-from .bounds import NEAREST_ZERO, Inside, Start
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows, pieces, spread
+from ..arithmetic import cube_root
+from ..budget import Budget
+from ..extraction.grid import Grid, make_axes, make_grid
+from ..extraction.marching_cubes import ENDS, extract_steps
+from ..mesh.triangle_mesh import Surface
+from ..parallel import Threads, parts_of, spread
+from ..progress import PAUSE, Step, Steps, equal_part
+from ..volume.volume import Box
+from .bounds import NEAREST_ZERO
+from .bricks import ROWS_AT_ONCE, WIDTH, Floats, Places, over_rows
+from .refined_label import RefinedLabel
 from .smooth_field import SmoothField, with_closed_ends
 
 PLAIN = (1, 1, 1)  # stride
@@ -31,40 +33,26 @@ PARTS_AT_ONCE = 64
 
 
 def keep_volume_steps(
-    mask: NDArray[np.bool_],
-    spacing_mm: tuple[float, float, float],
-    slice_steps: int,
-    bricks: Bricks,
-    start: Start,
-    inside: Inside,
-    whole: Floats,
-    limit_mm: float,
-    close_border: bool,
-    budget: Budget,
-    pool: Threads | None,
-    window: Box | None = None,
+    label: RefinedLabel, whole: Floats, budget: Budget, pool: Threads | None, window: Box | None = None
 ) -> Steps[SmoothField]:
     """The whole grid's values, with the constant at which the surface encloses the label's volume.
 
     Parameters
     ----------
-    bricks, start
-        The smooth field near the surface and its bounds, on the refined grid.
     whole : (slices, rows, columns) float32
-        The field far from the surface, on that grid; filled in place.
-    limit_mm : float
-        Of the constant to either side; a label of one voxel needs more than a pixel.
+        The field far from the surface, on the refined grid; filled in place.
     window : Box, optional
         The part of the values whose surface is wanted, with both ends of alpha; the whole surface lies in it.
     """
+    mask, slice_steps, inside, bricks, start = label.mask, label.slice_steps, label.inside, label.bricks, label.start
     flat = whole.reshape(-1, WIDTH)
     (x0, x1), (y0, y1), (z0, z1) = inside.x, inside.y, inside.z
     values = whole[z0 * slice_steps : (z1 - 1) * slice_steps + 1, y0:y1, x0:x1]
-    sides = (spacing_mm[0], spacing_mm[1], spacing_mm[2] / slice_steps)
+    sides = label.sides
     voxel = sides[0] * sides[1] * sides[2]
     # A closed border lies half a refined slice outside the last one, unless slices are added.
     counts = [int(np.count_nonzero(layer)) for layer in mask]
-    ends = close_border and slice_steps > 1 and counts[0] + counts[-1] > 0
+    ends = label.adds_slices and counts[0] + counts[-1] > 0
     share_of_end = slice_steps if ends else (slice_steps + 1) / 2
     goal = voxel * (slice_steps * sum(counts[1:-1]) + share_of_end * (counts[0] + counts[-1]))
 
@@ -80,7 +68,7 @@ def keep_volume_steps(
 
     z = bricks.coordinates(slice(bricks.active))[0] % slice_steps
     between = [bricks.place[: bricks.active][z == step] for step in range(1, slice_steps)]
-    nearest = np.float32(NEAREST_ZERO * min(spacing_mm))
+    nearest = np.float32(NEAREST_ZERO * min(label.spacing_mm))
     constant = np.float32(0)
     tried: list[tuple[float, float]] = []
     for trial in range(MOST_TRIALS):
@@ -101,7 +89,7 @@ def keep_volume_steps(
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
             break
-        following = np.float32(np.clip(_next(tried, goal, area), -limit_mm, limit_mm))
+        following = np.float32(np.clip(_next(tried, goal, area), -label.limit_mm, label.limit_mm))
         if any(float(following) == earlier for earlier, _ in tried):
             break
         constant = following
@@ -122,7 +110,7 @@ def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.flo
     steps = len(between) + 1
     for direction in (1, -1):
         for step in range(1, steps)[::direction]:
-            for part in pieces(len(between[step - 1])):
+            for part in parts_of(len(between[step - 1]), ROWS_AT_ONCE):
                 place = between[step - 1][part]
                 here, before = flat.take(place, axis=0), flat.take(place - direction * layer, axis=0)
                 below = flat.take(place - step * layer, axis=0) >= 0
@@ -187,7 +175,7 @@ def _measured_steps(
         areas.append(int(np.rint(np.sqrt(x * x + y * y + z * z) / FINEST).astype(np.int64).sum()))
 
     yield PAUSE
-    parts = pieces(len(faces), FACES_AT_ONCE)
+    parts = parts_of(len(faces), FACES_AT_ONCE)
     for first in range(0, len(parts), PARTS_AT_ONCE):
         spread(pool, measure, parts[first : first + PARTS_AT_ONCE])
         yield Step((first + 1) / len(parts))

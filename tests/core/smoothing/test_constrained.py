@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -15,30 +16,35 @@ from ctmc_addon.core.extraction import scan
 from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
+from ctmc_addon.core.parallel import threads_of
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
-from ctmc_addon.core.surfaces.extract import reconstruct
-from ctmc_addon.core.volume.field import field_steps
-from ctmc_addon.core.volume.smoothing.bounds import Start, between_slices
-from ctmc_addon.core.volume.smoothing.bricks import (
+from ctmc_addon.core.smoothing.bounds import Start, carried
+from ctmc_addon.core.smoothing.bricks import (
     FEWEST_ROWS,
     ROWS_AT_ONCE,
     near_surface,
     number_bricks,
     over_rows,
     packed,
-    threads,
 )
-from ctmc_addon.core.volume.smoothing.constrained import (
+from ctmc_addon.core.smoothing.constrained import (
+    THICK as THICK_GRIDS,
+)
+from ctmc_addon.core.smoothing.constrained import (
+    THIN,
     _bits,
     _coarser,
     automatic_refinement,
     constrained_bytes,
     constrained_steps,
+    grids_of,
     outlined,
 )
-from ctmc_addon.core.volume.smoothing.signed_distance import signed_distance_steps
-from ctmc_addon.core.volume.smoothing.smooth_field import SmoothField, refined_affine
+from ctmc_addon.core.smoothing.prepare import field_steps
+from ctmc_addon.core.smoothing.signed_distance import signed_distance_steps
+from ctmc_addon.core.smoothing.smooth_field import SmoothField, refined_affine
+from ctmc_addon.core.surfaces.extract import reconstruct
 from ctmc_addon.core.volume.volume import Volume
 
 THICK = (0.75, 0.75, 5.0)
@@ -358,7 +364,7 @@ def test_threads_share_rows_that_each_go_by_once(count, thread_count):
         seen[part] += 1
         lengths.append(part.stop - part.start)
 
-    with threads(thread_count) as pool:
+    with threads_of(thread_count) as pool:
         over_rows(pool, work, count)
     assert (seen == 1).all()
     assert max(lengths, default=0) <= ROWS_AT_ONCE
@@ -366,21 +372,35 @@ def test_threads_share_rows_that_each_go_by_once(count, thread_count):
         assert thread_count == 1 or len(lengths) >= 2 * thread_count
 
 
-@pytest.mark.parametrize("steps", [3, 4, 8])
-def test_between_slices_stands_the_cubic_through_four_of_them_within_the_bounds(steps):
-    slices, rows, wide = 7, 3, 2
-    label = number_bricks(*np.ones((2, slices, rows, wide), bool))
-    refined = number_bricks(*np.ones((2, (slices - 1) * steps + 1, rows, wide), bool))
+@pytest.mark.parametrize("every", [(1, 3), (1, 8), (2, 1), (2, 4)])
+def test_from_grid_to_grid_a_field_is_carried_by_cubics_within_the_bounds(every):
+    shape = np.array([7, 9, 3])
+    finer = np.array([(shape[0] - 1) * every[1] + 1, (shape[1] - 1) * every[0] + 1, shape[2] * every[0]])
+    before, after = (number_bricks(*np.ones((2, *of), bool)) for of in (shape, finer))
 
-    def cubic(bricks: Any, spacing: float) -> np.ndarray:
+    def cubic(bricks: Any, along_xy: float, along_z: float) -> np.ndarray:
         z, y, x = (at[:, None].astype(float) for at in bricks.coordinates())
-        return 0.25 * (z * spacing - 3) ** 3 + y - x + np.arange(8) / 8
+        x = (8 * x + np.arange(8)) / along_xy
+        return 0.25 * (z / along_z - 3) ** 3 + 0.1 * (y / along_xy - 4) ** 3 - 0.01 * (x - 10) ** 3
 
-    values = np.append(cubic(label, 1.0), np.zeros((2, 8)), axis=0).astype(np.float32)
-    field, low, high = np.repeat(np.float32([[0], [-np.inf], [5]]), len(refined) * 8, axis=1).reshape(3, -1, 8)
-    between_slices(label, values, refined, Start(field, low, high), steps, None)
-    expected = np.minimum(cubic(refined, 1 / steps), 5)
-    z = refined.coordinates()[0]
-    inner = (z >= steps) & (z <= (slices - 2) * steps) | (z % steps == 0)  # beyond the border slices are repeated
-    np.testing.assert_allclose(field[:-2][inner], expected[inner], atol=1e-5)
+    values = np.append(cubic(before, 1, 1), np.zeros((2, 8)), axis=0).astype(np.float32)
+    field, low, high = np.repeat(np.float32([[0], [-np.inf], [5]]), len(after) * 8, axis=1).reshape(3, -1, 8)
+    carried(before, values, after, Start(field, low, high), every, None)
+    expected = np.minimum(cubic(after, *every), 5)
+    z, y, x = after.coordinates()
+    # Beyond the border samples are repeated, and what lies beside it is not on the cubic.
+    inner = (z >= every[1]) & (z <= (shape[0] - 2) * every[1]) | (z % every[1] == 0)
+    inner &= (y >= every[0]) & (y <= (shape[1] - 2) * every[0]) | (y % every[0] == 0)
+    inner &= (x > 0) & (x < finer[2] - 1)
+    np.testing.assert_allclose(field[:-2][inner], expected[inner], atol=1e-4)
+    assert inner.sum() > len(inner) / 5
     assert (field[:-2] <= 5).all()
+
+
+def test_every_grid_follows_from_the_one_before():
+    for grids in (THIN, THICK_GRIDS):
+        assert (grids[-1].every_xy, grids[-1].between) == (1, True)
+        for before, after in pairwise(grids):
+            assert before.every_xy in (after.every_xy, 2 * after.every_xy)
+            assert before.between <= after.between
+    assert [grids_of(steps) for steps in (1, 2, 3, 8)] == [THIN, THIN, THICK_GRIDS, THICK_GRIDS]

@@ -13,8 +13,9 @@ import math
 
 import numpy as np
 
-from ...progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, Threads, over_rows
+from ..parallel import Threads
+from ..progress import Step, Steps
+from .bricks import WIDTH, Bricks, Floats, Places, over_rows
 
 STEP = 1.25
 

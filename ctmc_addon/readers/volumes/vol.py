@@ -1,0 +1,173 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A text beside flat values: `.vgi` of Volume Graphics, `.vol.info` of PyHST, as micro-CT and synchrotrons write them.
+
+Either file opens the pair. `.vgi` has sections with lines `key = value`, sizes of voxels in the unit that it says;
+`.vol.info` has lines `NUM_X = 512`, and the side of a voxel in micrometers.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ...core import PAUSE, ReadError, Steps
+from ..length_units import in_mm
+from ..result import RawValues, ReadRequest, Series, VolumeSource
+from ..stored_slices import RawSlices
+from .nrrd import header_text, inner_path, open_data_file
+from .text_header import MOST_HEADER, numbers, volume_size, whole
+
+VGI, INFO = ".vgi", ".info"
+TYPES = {
+    **{("unsigned integer", bits): f"u{bits // 8}" for bits in (8, 16, 32)},
+    **{(word, bits): f"i{bits // 8}" for word in ("signed integer", "integer") for bits in (8, 16, 32)},
+    **{("float", bits): f"f{bits // 8}" for bits in (32, 64)},
+}
+PYHST_TYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
+PYHST_ORDERS = {"LOWBYTEFIRST": "<", "HIGHBYTEFIRST": ">"}
+
+
+class FlatValues(NamedTuple):
+    """What a text says of the values beside it.
+
+    Parameters
+    ----------
+    path : Path
+        Of the values.
+    size : (columns, rows, slices) int
+    dtype : dtype
+        With its byte order.
+    start : int
+        Byte of the first value.
+    spacing : (x, y, z) float or None
+        Millimeters.
+    notes : tuple of str
+    """
+
+    path: Path
+    size: tuple[int, int, int]
+    dtype: np.dtype[Any]
+    start: int
+    spacing: tuple[float, float, float] | None
+    notes: tuple[str, ...]
+
+
+class VolFile(VolumeSource):
+    """A text and the `.vol` beside it."""
+
+    format = "VOL"
+    has_geometry = True
+
+    def __init__(self, path: Path) -> None:
+        self.flat = flat = (volume_graphics if path.name.lower().endswith(VGI) else pyhst)(path)
+        open_data_file(flat.path, path).close()
+        columns, rows, slices = flat.size
+        series = Series(1, "", slices, (columns, rows), "", flat.dtype.newbyteorder("=").name)
+        super().__init__(path, (series,), [path, flat.path])
+
+    def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
+        """Read the values."""
+        del request
+        yield PAUSE
+        flat = self.flat
+        stored = RawSlices(flat.path, flat.start, flat.size[::-1], flat.dtype)
+        return RawValues(stored, None, flat.notes, spacing=flat.spacing)
+
+
+def open_steps(path: Path) -> Steps[VolFile]:
+    """Open a text, or the text beside values."""
+    if not path.name.lower().endswith((VGI, INFO)):
+        texts = (path.with_suffix(VGI), path.with_name(path.name + INFO))
+        path = next((text for text in texts if text.is_file()), path)
+    return VolFile(path)
+    yield  # a text is short
+
+
+def read_text(path: Path) -> str:
+    """Return a whole text."""
+    with path.open("rb") as stream:
+        content = stream.read(MOST_HEADER + 1)
+    if len(content) > MOST_HEADER:
+        raise ReadError(f"{path.name} has more than {MOST_HEADER} bytes, and it should be a short text; copy it again")
+    return header_text(content)
+
+
+def fields_of(text: str) -> dict[str, str]:
+    """Return the lines `key = value` by their key in small letters; of equal keys the first."""
+    fields: dict[str, str] = {}
+    for key, value in re.findall(r"^[ \t]*(\w+)[ \t]*=[ \t]*(.*?)[ \t\r]*$", text, re.MULTILINE):
+        fields.setdefault(key.lower(), value)
+    return fields
+
+
+def volume_graphics(path: Path) -> FlatValues:
+    """Return what a `.vgi` says.
+
+    Raises
+    ------
+    ReadError
+        If it has not one file of plain values.
+    """
+    sections = re.split(r"^[ \t]*\[(\w+)\][ \t\r]*$", read_text(path), flags=re.MULTILINE)
+    named = [(name.lower(), fields_of(text)) for name, text in zip(sections[1::2], sections[2::2], strict=True)]
+    files = [fields for name, fields in named if re.fullmatch(r"file\d+", name)]
+    if len(files) != 1:
+        raise ReadError(f"{path.name} has {len(files)} files of values, and one is read; export the volume as one file")
+    file = files[0]
+    if file.get("fileformat", "raw").lower() != "raw":
+        raise ReadError(f"{path.name} has values as '{file['fileformat'][:60]}'; export them as raw")
+    bits = whole(file.get("bitsperelement", ""), "BitsPerElement", path.name)
+    kind = file.get("datatype", "").lower()
+    if (kind, bits) not in TYPES:
+        raise ReadError(f"{path.name} has values of type '{kind[:60]}' of {bits} bits; export them as 16 bits or float")
+    start = whole(file.get("headersize", "0"), "HeaderSize", path.name)
+    if start < 0:
+        raise ReadError(f"{path.name} has a HeaderSize of {start}; export it again")
+    geometry: dict[str, str] = next((fields for name, fields in named if name == "geometry"), {})
+    sides = numbers(geometry, ("resolution",), 3, path.name)
+    (mm,), notes = in_mm([geometry.get("unit", "")])
+    return FlatValues(
+        path.parent / inner_path(file.get("name", ""), path.name),
+        volume_size([whole(word, "Size", path.name) for word in file.get("size", "").split()[:9]], path.name),
+        np.dtype("<" + TYPES[kind, bits]),
+        start,
+        None if sides is None else (sides[0] * mm, sides[1] * mm, sides[2] * mm),
+        notes,
+    )
+
+
+def pyhst(path: Path) -> FlatValues:
+    """Return what a `.vol.info` says.
+
+    Raises
+    ------
+    ReadError
+        If its size or type cannot be read.
+    """
+    fields, name = fields_of(read_text(path)), path.name
+    sides = [whole(fields.get(key.lower(), ""), key, name) for key in ("NUM_X", "NUM_Y", "NUM_Z")]
+    kind, order = fields.get("data_type", "float32").lower(), fields.get("byteorder", "LOWBYTEFIRST").upper()
+    if kind not in PYHST_TYPES or order not in PYHST_ORDERS:
+        raise ReadError(
+            f"{name} has values of type '{kind[:60]}' in the order '{order[:60]}'; save them as float32, LOWBYTEFIRST"
+        )
+    notes = []
+    if "data_type" not in fields:
+        notes.append("the file has no DATA_TYPE: its values are taken as float32, as PyHST writes them")
+    side = numbers(fields, ("voxelSize",), 1, name)
+    if side is not None:
+        notes.append(
+            f"the file's voxelSize {side[0]:g} is taken as micrometers, as PyHST writes it; give the spacing in mm for "
+            "another"
+        )
+    return FlatValues(
+        path.with_name(name[: -len(INFO)]),
+        volume_size(sides, name),
+        np.dtype(PYHST_ORDERS[order] + np.dtype(kind).str[1:]),
+        0,
+        None if side is None else (side[0] * 1e-3, side[0] * 1e-3, side[0] * 1e-3),
+        tuple(notes),
+    )
