@@ -16,6 +16,7 @@ import bpy
 
 from ...core import OutputError, Step, Steps
 from ...core.files.atomic_write import whole_file
+from ...core.files.temporary_names import remove_leftovers
 from .compose import compose_steps
 from .picture import Picture, pillow
 from .renderer import renderer_of, write_scene
@@ -59,6 +60,8 @@ def figure_steps(
     require_png(target)
     if blend is not None:
         require_own_blend(Path(blend))
+    for folder in {target.parent, Path(blend or target).parent}:
+        remove_leftovers(folder)
     yield Step(0.0, "Setting up the figure")
     figure = yield from compose_steps(cells, page, style, scene)
     try:

@@ -84,7 +84,8 @@ def turntable_steps(
         note = note_of(figure, page, style, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
-        remove_leftovers(folder)
+        for each in {folder, target.parent, Path(blend or target).parent}:
+            remove_leftovers(each)
         write_json(folder / NOTE, note)
         if blend is not None:
             with whole_file(Path(blend)) as temporary:

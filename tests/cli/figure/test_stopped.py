@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 from batches import whole
 
+from ctmc_addon.core.files.temporary_names import temporary_name
+
 ROOT = Path(__file__).resolve().parents[3]
 MOMENTS = [0.1, 0.3, 0.6, 1.0, 1.5, 2.0, 2.5, 3.0, 4.0]  # seconds; the tenth is the middle of a picture
 ENDLESS = ["--dpi", "600", "--width-mm", "300"]
@@ -87,6 +89,28 @@ def processes_that_know(path):
         except OSError:
             continue
     return found
+
+
+def test_the_next_figure_removes_what_a_killed_one_left(ctmc, phantom_folder, tmp_path):
+    out, temporary = tmp_path / "out", tmp_path / "temporary"
+    out.mkdir(), temporary.mkdir()
+    returned, _, _ = stopped(words_of("figure", phantom_folder, out), out, temporary, None, signal.SIGKILL)
+    assert returned == -signal.SIGKILL
+    left = next(out.glob(".ctmc-*.png"))
+    beside = tmp_path / "beside" / left.name
+    beside.parent.mkdir()
+    left.with_suffix("").mkdir(), beside.with_suffix(".blend").touch()
+    used = out / temporary_name()
+    used.touch()
+    small = [phantom_folder / "volume-4.nii.gz", "--label", 1, "--dpi", 72, "--width-mm", 30, "--style", "clinical"]
+    blend = ["--blend", beside.with_name("figure.blend")]
+    done = ctmc("figure", *small, "-o", out / "figure.png", *blend)
+    assert done.code == 0, done.errors[-3:]
+    assert set(tmp_path.rglob(".*")) == {used}, "its process runs"
+    left.touch(), beside.with_suffix(".blend").touch()
+    done = ctmc("figure", "turntable", *small, "--seconds", 1, "--fps", 3, "-o", out / "loop.mp4", *blend)
+    assert done.code == 0, done.errors[-3:]
+    assert set(tmp_path.rglob(".*")) == {used}
 
 
 @pytest.mark.parametrize("command", ["reconstruct", "figure", "sheet", "turntable", "batch"])
