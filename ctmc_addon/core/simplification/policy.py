@@ -72,8 +72,8 @@ class Policy:
         Batches leave so many times as many triangles as wanted to the last pass.
     batches, regions : int
         Into which a surface as large as may be simplified at once would be cut, of the first and of the last pass.
-    face_bytes, bounded_face_bytes, complex_face_bytes : int
-        Memory for each triangle at the start: without and with a maximum error, and of labels that touch.
+    face_bytes, bounded_face_bytes, complex_face_bytes, bounded_complex_face_bytes : int
+        Memory for each triangle at the start: without and with a maximum error, and both of labels that touch.
     held_face_bytes : int
         Of a triangle between the passes: 12, and half a vertex with its normal and number of 64 bits.
     merged : int
@@ -124,6 +124,7 @@ class Policy:
     face_bytes: int = 380
     bounded_face_bytes: int = 800
     complex_face_bytes: int = 320
+    bounded_complex_face_bytes: int = 1100
     held_face_bytes: int = 36
     merged: int = 2
     merge_face_bytes: int = 490

@@ -166,7 +166,8 @@ def _parts_steps(
     """Simplify each part; the largest comes last, and makes good what others could not remove."""
     touching = max((len(part.faces) for part in parts if not part.alone), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
-    bytes_each = goal.policy.complex_face_bytes if goal.max_error is None else goal.policy.bounded_face_bytes
+    policy = goal.policy
+    bytes_each = policy.complex_face_bytes if goal.max_error is None else policy.bounded_complex_face_bytes
     budget.require(bytes_each * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
