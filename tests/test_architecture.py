@@ -202,7 +202,7 @@ ALLOWED = {
     "readers/volumes/zarr_array.py": {"argsort"},
     # cubes of a power of two, which are exact
     "core/simplification/complexes/simplify.py": {"**"},
-    "core/simplification/in_batches.py": {"**"},
+    "core/simplification/reduced_batch.py": {"**"},
     "core/simplification/whole.py": {"**"},
 }
 

@@ -49,6 +49,8 @@ class Budget:
         Slabs in which triangles are counted, at most, to tell whether a surface fits before it is made. In 24 of 512
         slabs of a foam of 2 GiB, 1.7 % fewer were counted than there are, in 1.7 s of processor time with what is
         advised.
+    spool_share : float
+        Of the memory, that pieces which are looked at several times may take; the others wait in a file.
     small_label : int
         Voxels of work that each of several labels has besides those of its box.
 
@@ -66,6 +68,7 @@ class Budget:
     work_bytes: int = 128 << 20
     whole_faces: int = 1 << 20
     counted_slabs: int = 24
+    spool_share: float = 0.125
     small_label: int = 1 << 15
 
     @property
@@ -77,6 +80,12 @@ class Budget:
     def available(self) -> int | None:
         """Bytes that may be taken now; None where the system does not tell."""
         return available_bytes() if self.bytes is None else self.bytes
+
+    @property
+    def spool_bytes(self) -> int:
+        """Bytes of pieces that may stay in memory for another look."""
+        there = self.available
+        return self.work_bytes if there is None else int(self.spool_share * there)
 
     def require(self, needed_bytes: int, what: str, remedy: str | Callable[[int], str]) -> None:
         """Raise `MemoryLimitError` if `what` needs more memory than is available.

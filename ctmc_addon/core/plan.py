@@ -19,6 +19,7 @@ from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
+from .mesh.spool import FACE_BYTES as SPOOLED_FACE_BYTES
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
@@ -90,10 +91,19 @@ class Plan:
     def needed(self) -> int:
         """About the least memory, bytes, in which the surface can be made."""
         if self.simplifies:
-            simplifying = self._goal.memory_needed(self.counts.faces, self.left, self.budget)
-            return self.value_bytes + max(simplifying, self.left * (FACE_BYTES + self.written_bytes))
-        of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else 0
+            counts = self.counts
+            simplifying = self._goal.memory_needed(counts.faces, self.left, self.budget, counts.vertices, counts.layers)
+            after = self.left * (FACE_BYTES + self.written_bytes)
+            return self.value_bytes + max(self.spooled_bytes + simplifying, after)
+        of_surface = self.counts.faces * (FACE_BYTES + self.written_bytes) if self.sink.holds else self.spooled_bytes
         return self.budget.work_bytes + self.value_bytes + of_surface
+
+    @property
+    def spooled_bytes(self) -> int:
+        """Bytes of pieces that stay in memory because they are looked at several times; the others wait in a file."""
+        if not self.settings.looks_again:
+            return 0
+        return min(self.counts.faces * SPOOLED_FACE_BYTES, self.budget.spool_bytes)
 
     def fits(self, there: int) -> bool:
         """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""
@@ -175,6 +185,7 @@ def required_steps(
     planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=budget.counted_slabs)
     plan = yield from stages.run("Counting triangles", planning)
     least = replace(plan, value_bytes=0, budget=replace(budget, work_bytes=0))  # small works take less than these
+    there = min(there, budget.available or 0)  # without the memory that counting has taken for good
     if least.needed > there:
         proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, there))
         raise PlanRefusal(_unfitting(plan, there, proposals))
@@ -265,8 +276,8 @@ def advice_of(proposals: Sequence[str]) -> str:
 
     Examples
     --------
-    >>> advice_of(["stride 2 2 2", "target_faces 5000"])
-    'stride 2 2 2 or target_faces 5000 would fit'
+    >>> advice_of(["stride 2 2 2", "triangles 5000"])
+    'stride 2 2 2 or triangles 5000 would fit'
     """
     return f"{' or '.join(proposals)} would fit" if proposals else "choose a smaller region"
 
@@ -282,7 +293,7 @@ def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
     if most >= LEAST_PROPOSED and settings.simplifier != "decimate" and not settings.max_error_mm:
-        proposals.append(f"target_faces {most // LEAST_PROPOSED * LEAST_PROPOSED}")
+        proposals.append(f"triangles {most // LEAST_PROPOSED * LEAST_PROPOSED}")
     return proposals
 
 

@@ -298,6 +298,16 @@ class ReconstructionSettings(Described):
         return self.simplifies and self.simplifier == "builtin"
 
     @property
+    def drops_components(self) -> bool:
+        """Whether small components are to be removed."""
+        return bool(self.keep_parts or self.min_part_mm3)
+
+    @property
+    def looks_again(self) -> bool:
+        """Whether the full surface is looked at before it is taken, so that its pieces are kept."""
+        return self.drops_components or self.alpha == AUTO
+
+    @property
     def smoothing_method(self) -> str:
         """The smoothing that is done, by its name in `smoothing.choices`."""
         return done_smoothing(self.smoothing, self.smoothing_mm, self.label is not None)

@@ -56,8 +56,8 @@ def test_the_surface_has_the_bytes_of_the_number_given_by_hand(result):
     assert result.surface.linear.tobytes() == by_hand.surface.linear.tobytes()
     assert [stage.name for stage in result.stages][:3] == [
         "Preparing values",
-        "Choosing alpha",
         "Extracting the surface",
+        "Choosing alpha",
     ]
 
 

@@ -23,8 +23,8 @@ from ctmc_addon.core import (
     reconstruct_labels,
     share_walls,
 )
+from ctmc_addon.core.smoothing import prepare
 from ctmc_addon.core.surfaces import request as request_module
-from ctmc_addon.core.volume import field
 
 AFFINE = np.diag([1.0, 1.0, 2.0, 1.0])
 ONE = Budget(threads=1)
@@ -139,7 +139,7 @@ def test_a_threshold_without_a_surface_is_an_error_among_results():
 @pytest.mark.parametrize("interfaces", ["shared", "separate"])
 def test_the_region_of_several_labels_is_worked_out_once(monkeypatch, interfaces):
     seen, region_box = [], request_module.region_box
-    for module in (request_module, field):
+    for module in (request_module, prepare):
         monkeypatch.setattr(module, "region_box", lambda *args: seen.append(args) or region_box(*args))
     settings = ReconstructionSettings(interfaces=interfaces)
     made(labels(), [SurfaceRequest(replace(settings, label=label)) for label in (1, 2, 5)])

@@ -28,6 +28,9 @@ from ctmc_addon.core.extraction.field_pieces import WORK_BYTES
 from ctmc_addon.core.extraction.marching_cubes import Counts
 from ctmc_addon.core.phantom import foam
 from ctmc_addon.core.plan import FACE_BYTES, Plan, widest_slices
+from ctmc_addon.core.simplification import in_batches
+from ctmc_addon.core.simplification.batch_memory import held_batches, seam_vertices
+from ctmc_addon.core.simplification.policy import POLICY
 from ctmc_addon.core.surfaces import make
 
 SETTINGS = ReconstructionSettings(threshold=132.0)
@@ -213,7 +216,7 @@ def test_a_surface_that_does_not_fit_is_refused_before_work_with_settings_that_d
     budget = replace(budget, bytes=finish(plan_steps(file, settings, budget)).needed // share)
     sentence = refused_before_work(file, settings, budget, monkeypatch)
     advised = [replace(settings, stride=proposed_stride(sentence))]
-    if target := re.search(r"target_faces (\d+)", sentence):
+    if target := re.search(r"triangles (\d+) would", sentence):
         advised.append(replace(settings, reduction=None, target_faces=int(target[1])))
     for better in advised:
         assert finish(plan_steps(file, better, budget)).needed <= budget.bytes
@@ -231,6 +234,35 @@ def test_a_surface_in_batches_needs_what_its_largest_pass_does():
     assert needed(1000) == (100 << 20) + 36 * 1200 + batch  # the batches
     assert needed(2_000_000) == 2 * 36 * 2_400_000 + region  # the last pass, with all that is left twice
     assert needed(40_000_000) == 40_000_000 * FACE_BYTES  # what is measured at the end
+
+
+@pytest.mark.once
+def test_thin_batches_need_the_triangles_along_their_seams_too(monkeypatch):
+    z, y, x = np.ogrid[:64, :192, :192]
+    waves = np.cos(z * (np.pi / 12)) + np.cos(y * (np.pi / 12)) + np.cos(x * (np.pi / 12))
+    volume = Volume((127.5 + 42.5 * waves).astype(np.uint8), np.eye(4))
+    settings = ReconstructionSettings(threshold=150, reduction=0.95)
+    budget = Budget(threads=1, work_bytes=0, whole_faces=1 << 16)
+    held = []
+    last_pass_steps = in_batches._Passes.last_pass_steps
+
+    def noted(passes, batches, target):
+        held.append(sum(batch.face_count for batch in batches))
+        return last_pass_steps(passes, batches, target)
+
+    monkeypatch.setattr(in_batches._Passes, "last_pass_steps", noted)
+    counts = finish(plan_steps(volume, settings, budget)).counts
+    result = reconstruct(volume, settings, budget)
+    assert (result.full_faces, counts.layers) == (counts.faces, 63)
+    share, seam = POLICY.spare * 0.05, seam_vertices(counts.vertices, counts.layers)
+    predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, seam, 1 << 15)
+    assert held[0] > 2 * share * counts.faces  # what would be held without seams
+    assert 0.8 * held[0] < predicted.held < 2 * held[0]
+
+    with_seams = finish(plan_steps(volume, settings, budget)).needed
+    monkeypatch.undo()
+    sentence = refused_before_work(volume, settings, replace(budget, bytes=with_seams - 1), monkeypatch)
+    assert "triangles" in sentence.partition("; ")[2]
 
 
 def test_simplification_of_a_surface_with_room_for_it_is_not_refused(file):

@@ -157,7 +157,8 @@ class FieldSlabs:
             vertices += sum(slab.vertex_count for slab in slabs)
             faces += sum(slab.face_count for slab in slabs)
         active, vertices, faces = (round(counted / share) for counted in (active, vertices, faces))
-        return Counts(math.prod(axis.voxels for axis in self.axes), active, vertices, faces, share == 1.0)
+        voxels = math.prod(axis.voxels for axis in self.axes)
+        return Counts(voxels, active, vertices, faces, share == 1.0, self.axes[2].voxels)
 
     def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
         """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""

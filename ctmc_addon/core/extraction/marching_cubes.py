@@ -61,6 +61,8 @@ class Counts:
     voxels, active, vertices, faces : int
     exact : bool
         Whether all of the surface was counted, and not some slabs of it.
+    layers : int
+        Layers of voxels along z; 0 where that is not known.
     """
 
     voxels: int
@@ -68,6 +70,7 @@ class Counts:
     vertices: int
     faces: int
     exact: bool = True
+    layers: int = 0
 
 
 def marching_cubes(

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Keep the components of a surface that enclose enough, or the largest of them, where the surface comes in pieces.
 
-That takes the pieces several times: to see what hangs together across seams, for the middle of every component, for its
-volume, for what is around each cavity, and to give what stays. Between the passes a few numbers of every component are
-kept, and no pieces. Sums go on in the order of the triangles, so where the pieces are cut decides nothing.
+That takes the pieces several times: to see what is connected across seams, for the middle of every component, for its
+volume, for what is around each cavity, and to give what stays. Sums go on in the order of the triangles, so where the
+pieces are cut decides nothing.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from .cavities import crossings_steps, points_within, smallest_around, summed_pa
 from .completed_pieces import completed_pieces_steps
 from .measures import triple_products
 from .piece_links import PieceLinks
+from .spool import Spool
 from .topology import component_numbers_steps
 from .triangle_mesh import Pieces, Surface, TriangleMesh, at_alpha_steps, replayed_steps
 
@@ -28,6 +29,8 @@ TITLES = ("Joining components", "Measuring components", "Measuring components", 
 PASSES = len(TITLES)
 MOST_PAIRS = 1 << 20  # of a ray and a component, before they are summed up
 
+Decision = tuple[NDArray[np.bool_], NDArray[np.float64]]  # which components stay, and their signed volumes
+
 
 class KeptPieces:
     """The pieces of a surface without small components; the walls of a cavity belong to the component around it.
@@ -35,40 +38,40 @@ class KeptPieces:
     Parameters
     ----------
     one_pass : callable
-        Gives the pieces from the first to the last, as often as it is called; with normals if it is told so.
-    alpha : float
-        At which to measure, in mm.
+        Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
     largest : int
         Keep this many with their cavities; 0 keeps all. A component counts by what its outer wall encloses, equal ones
         in the order of their numbers.
     min_volume : float
         Drop components and fill cavities below it, mm3 of a surface in mm; applied together with `largest`. A cavity
         with no component around it, as may be where the surface is open, counts as a component.
-    replays : bool
-        Whether the pieces are in memory: the component of each triangle is then looked for once.
+    spool : Spool, optional
+        Keeps the component of each triangle; by default they stay in memory.
     """
 
     def __init__(
         self,
         one_pass: Callable[[bool], Pieces],
-        alpha: float,
         largest: int,
         min_volume: float,
-        replays: bool = False,
+        spool: Spool | None = None,
     ) -> None:
-        self.one_pass, self.alpha, self.largest, self.min_volume = one_pass, alpha, largest, min_volume
+        self.one_pass, self.largest, self.min_volume = one_pass, largest, min_volume
+        self.spool = spool or Spool()
+        self.alpha = 1.0  # at which components are measured
         self.first: list[int] = []  # of every piece's components among those of all pieces; the end
         self.component = np.empty(0, np.int32)  # of the surface, for a component of a piece
         self.removed = 0  # components of the surface that do not stay, cavities among them; known at the end
-        self._known: list[NDArray[np.int32]] | None = [] if replays else None
+        self._numbers: list[int] = []  # of the spool, for every piece
+        self._decided: dict[float, Decision] = {}  # at each alpha
 
     @property
     def count(self) -> int:
         """Number of components of the surface."""
         return int(self.component.max(initial=-1)) + 1
 
-    def pieces_steps(self, normals: bool) -> Pieces:
-        """Yield the pieces without the dropped components, and steps between them.
+    def pieces_steps(self, alpha: float, last: bool = True) -> Pieces:
+        """Yield the pieces without the components that are dropped at `alpha`, and steps between them.
 
         Raises
         ------
@@ -76,37 +79,43 @@ class KeptPieces:
             If nothing would be left.
         """
         if self.largest == 0 and self.min_volume <= 0:
-            return (yield from self.one_pass(normals))
-        keep, _ = yield from self.decision_steps()
+            return (yield from self.one_pass(last))
+        keep, _ = yield from self.decision_steps(alpha)
         self.removed = int(np.count_nonzero(~keep))
         if keep.all():
-            return (yield from self._pass_steps(KEEPING, normals))
-        return (yield from self._kept_steps(keep, normals))
+            return (yield from self._pass_steps(KEEPING, last))
+        return (yield from self._kept_steps(keep, last))
 
-    def decision_steps(self) -> Steps[tuple[NDArray[np.bool_], NDArray[np.float64]]]:
+    def decision_steps(self, alpha: float) -> Steps[Decision]:
         """Return which components stay, (components,), and their signed volumes where those were needed, else none."""
+        if alpha not in self._decided:
+            self._decided[alpha] = yield from self._decision_steps(alpha)
+        return self._decided[alpha]
+
+    def _decision_steps(self, alpha: float) -> Steps[Decision]:
         yield from self._link_steps()
         if not self.count or (self.min_volume <= 0 and self.count <= self.largest):
             return np.ones(self.count, bool), np.empty(0)
-        volumes, owner = yield from self._measured_steps()
+        volumes, owner = yield from self._measured_steps(alpha)
         return kept_components(volumes, owner, self.largest, self.min_volume), volumes
 
-    def bodies_steps(self) -> Steps[NDArray[np.intp]]:
+    def bodies_steps(self, alpha: float) -> Steps[NDArray[np.intp]]:
         """Return for every component the one that it is a cavity of, else itself, (components,)."""
         yield from self._link_steps()
-        return (yield from self._measured_steps())[1]
+        return (yield from self._measured_steps(alpha))[1]
 
-    def _measured_steps(self) -> Steps[tuple[NDArray[np.float64], NDArray[np.intp]]]:
+    def _measured_steps(self, alpha: float) -> Steps[tuple[NDArray[np.float64], NDArray[np.intp]]]:
         """Return the signed volume and the owner of every component, (components,) each."""
+        self.alpha = alpha
         points, middles = yield from self._middles_steps()
         volumes = yield from self._volumes_steps(middles)
         del middles
         return volumes, (yield from self._owners_steps(points, volumes))
 
-    def _pass_steps(self, number: int, normals: bool = False) -> Pieces:
+    def _pass_steps(self, number: int, last: bool = False) -> Pieces:
         """One pass over the pieces, as part `number` of the work."""
         low, high = number / PASSES, (number + 1) / PASSES
-        source, done = WithResult(self.one_pass(normals)), 0.0
+        source, done = WithResult(self.one_pass(last)), 0.0
         for item in source:
             if isinstance(item, Step):
                 done = max(done, item.fraction)  # a pause does not know how far it is
@@ -116,15 +125,16 @@ class KeptPieces:
         return source.result
 
     def _link_steps(self) -> Steps[None]:
-        """See which components of pieces are one across the seams."""
+        """See which components of pieces are one across the seams, once: that is the same at every alpha."""
+        if self.first:
+            return
         links = PieceLinks()
         for item in completed_pieces_steps(at_alpha_steps(self._pass_steps(LINKING), self.alpha)):
             if isinstance(item, Step):
                 yield item
                 continue
             numbers = finish(links.add_steps(item.mesh.faces, item.own))
-            if self._known is not None:
-                self._known.append(numbers)
+            self._numbers.append(self.spool.put(numbers))
         self.first = links.first
         joining = WithResult(links.joined_steps())
         for _ in joining:
@@ -139,13 +149,12 @@ class KeptPieces:
                 yield item
                 continue
             if len(item.mesh.faces):
-                yield item.mesh, self._components(item.mesh.faces, len(item.mesh.vertices), piece)
+                yield item.mesh, self._components(piece)
             piece += 1
 
-    def _components(self, faces: NDArray[np.int32], vertices: int, number: int) -> NDArray[np.int32]:
+    def _components(self, number: int) -> NDArray[np.int32]:
         """The component of the surface that every triangle of a piece is in, (f,)."""
-        known = self._known
-        within = finish(component_numbers_steps(faces, vertices)) if known is None else known[number]
+        (within,) = self.spool.get(self._numbers[number])
         return self.component[self.first[number] : self.first[number + 1]][within]
 
     def _middles_steps(self) -> Steps[tuple[NDArray[np.float64], NDArray[np.float64]]]:
@@ -217,18 +226,18 @@ class KeptPieces:
         ray, outer = np.divmod(np.concatenate(pairs), len(volumes))
         return smallest_around(cavities, volumes, ray, outer, np.concatenate(times))
 
-    def _kept_steps(self, keep: NDArray[np.bool_], normals: bool) -> Pieces:
+    def _kept_steps(self, keep: NDArray[np.bool_], last: bool) -> Pieces:
         """The pieces without the triangles of other components, and without the vertices that are then unused."""
         held: tuple[Surface, NDArray[np.int32], NDArray[np.bool_]] | None = None
         number = 0
-        source = WithResult(self._pass_steps(KEEPING, normals))
+        source = WithResult(self._pass_steps(KEEPING, last))
         for item in source:
             if isinstance(item, Step):
                 yield item
                 continue
             own = len(item.linear)
             vertices = max(own, int(item.faces.max(initial=-1)) + 1)
-            kept = item.faces[keep[self._components(item.faces, vertices, number)]]
+            kept = item.faces[keep[self._components(number)]]
             number += 1
             used = np.zeros(vertices, bool)
             used[kept] = True
@@ -251,8 +260,8 @@ def kept_and_removed_steps(
     surface: Surface, alpha: float, largest: int, min_volume: float
 ) -> Steps[tuple[Surface, int]]:
     """Return what `keep_components_steps` returns, and how many components were removed, cavities among them."""
-    kept = KeptPieces(lambda _: replayed_steps([surface]), alpha, largest, min_volume, replays=True)
-    for item in kept.pieces_steps(normals=True):
+    kept = KeptPieces(lambda _: replayed_steps([surface]), largest, min_volume)
+    for item in kept.pieces_steps(alpha):
         if isinstance(item, Step):
             yield item
         else:
@@ -267,14 +276,14 @@ def kept_faces_steps(
 
     Parameters and errors are those of `KeptPieces`; there are no volumes where nothing had to be measured.
     """
-    kept = KeptPieces(lambda _: replayed_steps([surface]), alpha, largest, min_volume, replays=True)
-    keep, volumes = yield from kept.decision_steps()
+    kept = KeptPieces(lambda _: replayed_steps([surface]), largest, min_volume)
+    keep, volumes = yield from kept.decision_steps(alpha)
     return (yield from component_numbers_steps(surface.faces, len(surface.linear))), keep, volumes
 
 
 def bodies_steps(surface: Surface, alpha: float) -> Steps[NDArray[np.intp]]:
     """Return the body that every triangle of a surface belongs to, (F,): a component with the walls of its cavities."""
-    owner = yield from KeptPieces(lambda _: replayed_steps([surface]), alpha, 0, 0.0, replays=True).bodies_steps()
+    owner = yield from KeptPieces(lambda _: replayed_steps([surface]), 0, 0.0).bodies_steps(alpha)
     return np.asarray(owner[(yield from component_numbers_steps(surface.faces, len(surface.linear)))])
 
 

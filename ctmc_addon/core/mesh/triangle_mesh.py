@@ -155,26 +155,11 @@ class Surface:
         return TriangleMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.normals)
 
 
-Held = tuple[list[Surface], "int | None"]  # pieces in memory, and what their maker returned
-
-
 def replayed_steps(pieces: Sequence[Surface], result: int | None = None) -> Pieces:
     """Yield pieces that are in memory, and return what their maker returned."""
     yield Step()
     yield from pieces
     return result
-
-
-def held_steps(pieces: Pieces) -> Generator[Step, None, Held]:
-    """Take all pieces into memory, for `replayed_steps`."""
-    held: list[Surface] = []
-    source = WithResult(pieces)
-    for item in source:
-        if isinstance(item, Step):
-            yield item
-        else:
-            held.append(item)
-    return held, source.result
 
 
 def at_alpha_steps(pieces: Pieces, alpha: float) -> SurfacePieces[int | None]:

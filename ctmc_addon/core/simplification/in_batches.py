@@ -12,7 +12,6 @@ surfaces add up at most. A closed component may go as a whole; one that is cut b
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass, replace
@@ -28,13 +27,10 @@ from ..mesh.intersections import self_intersections_steps
 from ..mesh.topology import Groups
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
-from .batches import NEW, Batch, Numbering, joined, near_others, regions, shared_count
-from .bounded import hold_bound_steps
-from .clustering import clustered_steps
-from .component_removal import CollapsedComponents, Staying
-from .edge_collapse import CollapsingMesh
-from .policy import POLICY, Policy
-from .whole import Goal, Simplification, collapse_steps, require_finite, whole_steps
+from .batches import Batch, Numbering, joined, near_others, regions, shared_count
+from .component_removal import CollapsedComponents
+from .reduced_batch import Reduced, reduce_batch_steps
+from .whole import Goal, Simplification, require_finite, whole_steps
 
 FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
 LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
@@ -42,34 +38,10 @@ BATCHES_SHARE = 0.8  # of the time
 # Times the memory of a batch that a further thread was seen to take, with batches that wait and what malloc keeps: a
 # foam's took 0.31 GiB on one thread and 0.69 GiB on two.
 THREAD_FACTOR = 4
-MERGED = 2  # Merge batches that hold more than `whole_faces` divided by this, where that halves their triangles.
 LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
 
 
 Numbers = NDArray[np.int64]
-
-
-@dataclass(frozen=True, eq=False)
-class Reduced:
-    """A simplified batch, and what went.
-
-    batch : Batch
-    face_count : int
-        Triangles that it had.
-    collapsed : CollapsedComponents
-    handles_cut : int
-    large : (n,) int64 or None
-        Numbers of the vertices whose components enclose more than those that may go.
-    crossing_count : int or None
-        Pairs of triangles that cross, if that was tested.
-    """
-
-    batch: Batch
-    face_count: int
-    collapsed: CollapsedComponents
-    handles_cut: int
-    large: Numbers | None = None
-    crossing_count: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -144,14 +116,16 @@ class _Passes:
         held: list[_Held] = []  # those after `left`, which may still be merged
         fraction = 0.0
         works = self._works_steps(batches, single)
-        for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes):
+        policy = self.goal.policy
+        most = self.budget.whole_faces // policy.merged
+        merging = 0 if self.goal.max_error is not None else most * policy.merge_face_bytes
+        for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes + merging):
             if isinstance(item, Step):
                 fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
                 yield Step(BATCHES_SHARE * fraction, item.message)
             else:
                 self._count(item)
                 held.append(_Held(item.batch, *self.planned.popleft()))
-                most = self.budget.whole_faces // MERGED
                 if self.goal.max_error is None and sum(each.batch.face_count for each in held) > most:
                     held = yield from self._merged_steps(held, BATCHES_SHARE * fraction)
                     if sum(each.batch.face_count for each in held) > most // 2:
@@ -170,7 +144,7 @@ class _Passes:
         border = 2 * (below + above)
         if 2 * (wanted + border) > faces:
             return held
-        self._require(faces)
+        self._require(faces, faces * self.goal.policy.merge_face_bytes)
         batch = joined([each.batch for each in held])
         held.clear()
         reducing = WithResult(self._again(batch, wanted, border)())
@@ -200,11 +174,10 @@ class _Passes:
         elif held is not None:
             yield self._work(held, seam, 0)
 
-    def _require(self, face_count: int) -> None:
-        """Raise if the memory to simplify so many triangles at once is not available."""
+    def _require(self, face_count: int, needed: int) -> None:
+        """Raise if `needed` bytes to simplify so many triangles at once are not available."""
         what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
-        needed = self.goal.bytes_at_once(face_count)
         if self.budget.bytes is None:
             require_or_killed(needed, what, remedy)
         else:
@@ -213,7 +186,7 @@ class _Passes:
     def _work(self, batch: Batch, below: int, above: int) -> Work:
         """Return the function that simplifies a batch, or raise if its memory is not available."""
         max_error = self.goal.max_error
-        self._require(batch.face_count)
+        self._require(batch.face_count, self.goal.bytes_at_once(batch.face_count))
         if max_error is not None:
             self.planned.append((0.0, below, above))
             return partial(
@@ -337,61 +310,6 @@ class _Passes:
             results = [results[group[0]] if len(group) == 1 else None for group in groups]
             wanted = [sum(wanted[number] for number in group) for group in groups]
             parts = [joined([parts[number] for number in group]) for group in groups]
-
-
-def reduce_batch_steps(
-    batch: Batch,
-    wanted: float,
-    at_border: int = 0,
-    max_error: float | None = None,
-    whole: bool = False,
-    largest_component: float = math.inf,
-    by_box: bool = False,
-    protected: Numbers | None = None,
-    policy: Policy = POLICY,
-) -> Steps[Reduced]:
-    """Simplify a batch whose border stays.
-
-    Parameters
-    ----------
-    batch : Batch
-    wanted : float
-        Triangles to leave, with a maximum error 0: of a batch `spare` times as many as shall be left in the end, of a
-        region of the last pass its share of that pass's goal.
-    at_border : int
-        Triangles to leave besides, because the border stays.
-    max_error : float, optional
-    whole : bool
-        Whether it is the whole surface: then components with a border may go, and any where no edge is left that can.
-    largest_component : float
-        Components that enclose more, in the cube of the mesh's unit, stay.
-    by_box : bool
-        Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
-    protected : (n,) int64, optional
-        Numbers of vertices whose components stay.
-    policy : Policy, optional
-    """
-    before = batch.face_count
-    target = round(wanted) + at_border
-    if target >= before:
-        return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes, left = None, wanted / policy.spare
-    if max_error is None and not whole and before - at_border > policy.clustered * left:
-        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * left) + at_border, policy)
-    collapsing = CollapsingMesh(batch.mesh, max_error, policy, batch=not whole)
-    if volumes is not None:
-        collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
-    vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
-    collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
-    yield from collapse_steps(collapsing, target, last=whole)
-    if max_error is not None:
-        yield from hold_bound_steps(collapsing)
-    mesh, used = collapsing.used_mesh()
-    original = collapsing.original_vertex[used]
-    made = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = made.numbers[collapsing.components.large[collapsing.component[used]] & (made.numbers != NEW)]
-    collapsed = collapsing.collapsed_components
-    return Reduced(made, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
 
 
 def _crossing_steps(batches: list[Batch]) -> Steps[Numbers]:

@@ -13,6 +13,7 @@ from ..budget import Budget
 from ..errors import MeshError, SettingsError
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
+from .batch_memory import held_batches, seam_vertices
 from .batches import Batch
 from .bounded import hold_bound_steps
 from .clustering import clustered_steps
@@ -76,7 +77,7 @@ class Goal:
         """Return up to how many triangles a surface is one mesh for: simplified as a whole, or left as it is."""
         return math.inf if self.reduction == 0 else max(budget.whole_faces, self.target_faces or 0)
 
-    def memory_needed(self, face_count: int, left: int, budget: Budget) -> int:
+    def memory_needed(self, face_count: int, left: int, budget: Budget, vertex_count: int = 0, layers: int = 0) -> int:
         """Return the bytes that simplifying so many triangles takes on one thread.
 
         Parameters
@@ -86,17 +87,23 @@ class Goal:
         left : int
             Triangles that stay.
         budget : Budget
+        vertex_count, layers : int
+            Vertices that come, and in how many layers of voxels: batches share those between two layers.
         """
         if face_count <= self.most_whole(budget):
             return budget.work_bytes + self.bytes_at_once(face_count)
-        spared = min(face_count, math.ceil(self.policy.spare * left))
-        held = spared * self.policy.held_face_bytes
+        policy = self.policy
+        share, seam = min(1.0, policy.spare * left / face_count), seam_vertices(vertex_count, layers)
         batch, _ = self.sizes(budget)
-        batches = budget.work_bytes + held + self.bytes_at_once(batch)
+        merges = self.max_error is None
+        batches = held_batches(face_count, share, batch, layers, seam, budget.whole_faces // policy.merged, merges)
+        held = batches.held * policy.held_face_bytes
+        simplifying = max(self.bytes_at_once(batch), batches.merged * policy.merge_face_bytes)
         most = self.most_at_once(budget)
-        region = most if self.max_error is not None else min(spared, most)
+        # The first regions are small, and the next ones come after half has gone.
+        region = most if self.max_error is not None else min(max(left, batches.held // 2), most)
         # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
-        return max(batches, 2 * held + self.bytes_at_once(region))
+        return max(budget.work_bytes + held + simplifying, 2 * held + self.bytes_at_once(region))
 
     def bytes_at_once(self, face_count: int) -> int:
         """Return the bytes that simplifying so many triangles at once takes."""

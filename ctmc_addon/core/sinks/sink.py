@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
+from pathlib import Path
 
 from ..mesh.measures import Measures
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
@@ -42,10 +43,13 @@ class Sink(ABC):
         Whether it shows the normals of vertices, so that they must be made.
     holds : bool
         Whether the full surface is in memory anyway, so that its pieces may be kept for another look.
+    folder : Path or None
+        Has room for what is written; None where nothing is.
     """
 
     normals = True
     holds = False
+    folder: Path | None = None
 
     @abstractmethod
     def full_steps(self, pieces: Pieces, alpha: float) -> Steps[Taken]:

@@ -36,6 +36,11 @@ class Write(Sink):
         """Whether the file shows the normals of vertices: STL has those of its facets alone."""
         return self.path.suffix.lower() == ".ply"
 
+    @property
+    def folder(self) -> Path:  # type: ignore[override]
+        """The folder of the file."""
+        return self.path.parent
+
     def full_steps(self, pieces: Pieces, alpha: float) -> Steps[Taken]:
         """Take the full surface as its pieces come."""
         written = yield from write_pieces_steps(self.path, at_alpha_steps(pieces, alpha), self.space)

@@ -7,9 +7,8 @@ Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small co
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,7 +20,8 @@ from ..extraction.field_pieces import surface_pieces_steps
 from ..memory import give_back
 from ..mesh.faces_shown import face_notes
 from ..mesh.kept_pieces import KeptPieces
-from ..mesh.triangle_mesh import Held, Pieces, Surface, at_alpha_steps, held_steps, replayed_steps
+from ..mesh.spool import Spool, SpooledPieces
+from ..mesh.triangle_mesh import Pieces, Surface, at_alpha_steps
 from ..plan import required_steps
 from ..progress import Steps, WithResult, finish
 from ..reconstruction import Reconstruction
@@ -40,7 +40,6 @@ from .finish import (
     WRITING,
     Finish,
     described,
-    drops_components,
     goals_of,
     timed,
 )
@@ -48,6 +47,8 @@ from .request import MadeSurface, Scope, scope_of
 
 if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
+
+T = TypeVar("T")
 
 MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
 
@@ -131,13 +132,13 @@ class _Timed:
         self.sample = np.empty((0, 3), np.float32)
         self._every, self._seen = 1, 0
 
-    def passed_steps(self, pieces: Pieces, sampled: bool) -> Pieces:
+    def passed_steps(self, pieces: Pieces) -> Pieces:
         """Yield the pieces."""
         source = WithResult(pieces)
         start = time.perf_counter()
         for item in source:
             self.seconds += time.perf_counter() - start
-            if sampled and isinstance(item, Surface):
+            if isinstance(item, Surface):
                 self._take(item.linear)
             yield item
             start = time.perf_counter()
@@ -168,8 +169,7 @@ class FieldSurface(Finish):
         super().__init__(settings, budget, sink, full)
         self.volume, self.scope = volume, scope or scope_of(volume, settings)
         self.choice: AlphaChoice | None = None
-        self._held: Held | None = None  # the pieces of the surface, until it is taken
-        self._held_seconds = 0.0
+        self._extracting = _Timed()
         self.removed_components = 0
         self.scope.require_stride()  # before any value is prepared
 
@@ -187,91 +187,90 @@ class FieldSurface(Finish):
         if not self.settings.simplifies_here:
             full = yield from self.full_steps()
             return (yield from self.finished_steps(full, None))
-        yield from self._choose_steps(holds=False)
-        pieces, extracting = self._pieces_steps(joined=False)
         from ..simplification.simplify import simplified_pieces_steps
         from ..simplification.whole import Goal
 
         goal = Goal(*goals_of(self.settings), LARGEST_COLLAPSED_MM3)
-        with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
-            reducing = simplified_pieces_steps(at_alpha_steps(pieces, self.settings.alpha_number), goal, self.budget)
-            start = time.perf_counter()
-            reduced = yield from self.stages.run(SIMPLIFYING, reducing)
-        self._count(SIMPLIFYING, time.perf_counter() - start, extracting)
-        mesh = reduced.simplification.mesh
-        full = self._described(Taken(mesh, wrong_side=reduced.info), reduced.full_faces, extracting[0].sample)
-        return (yield from self.finished_steps(full, reduced.simplification))
+        with self._spool(joined=False) as spool:
+            pieces = yield from self._pieces_steps(spool, joined=False)
+            with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
+                pieces_at_alpha = at_alpha_steps(pieces, self.settings.alpha_number)
+                reducing = simplified_pieces_steps(pieces_at_alpha, goal, self.budget)
+                reduced = yield from self._divided_steps(SIMPLIFYING, SIMPLIFYING, reducing)
+        taken = Taken(reduced.simplification.mesh, wrong_side=reduced.info)
+        return (yield from self.finished_steps(self._described(taken, reduced.full_faces), reduced.simplification))
 
     def full_steps(self) -> Steps[Reconstruction]:
         """The full surface, taken by the sink."""
-        yield from self._choose_steps(self.sink.holds)
-        pieces, extracting = self._pieces_steps(joined=self.sink.holds)
-        start = time.perf_counter()
-        taking = self.sink.full_steps(pieces, self.settings.alpha_number)
-        with self.budget.refusal("the surface", "use a larger stride or a region"):
-            taken = yield from self.stages.run(EXTRACTING, taking)
-        self._count("" if self.sink.holds else WRITING, time.perf_counter() - start, extracting)
-        faces = len(taken.mesh.faces) if taken.measured is None else taken.measured.faces
-        return self._described(taken, faces, extracting[0].sample)
-
-    def _choose_steps(self, holds: bool) -> Steps[None]:
-        """Choose alpha from the full surface where the settings ask for that.
-
-        The pieces are kept for what comes next where the surface is held, else one at a time is in memory.
-        """
-        if self.settings.alpha == AUTO:
+        holds = self.sink.holds
+        with self._spool(joined=holds) as spool:
+            pieces = yield from self._pieces_steps(spool, joined=holds)
+            taking = self.sink.full_steps(pieces, self.settings.alpha_number)
+            last = next((name for name in (KEEPING, CHOOSING) if name in self.stages.seconds), EXTRACTING)
+            name = last if holds else WRITING
             with self.budget.refusal("the surface", "use a larger stride or a region"):
-                self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(holds))
-            self.settings = replace(self.settings, alpha=self.choice.alpha)
-            self.seconds[CHOOSING] = self.stages.seconds[CHOOSING] - self._held_seconds
+                taken = yield from self._divided_steps(name, EXTRACTING if last == EXTRACTING else name, taking)
+        faces = len(taken.mesh.faces) if taken.measured is None else taken.measured.faces
+        return self._described(taken, faces)
 
-    def _choice_steps(self, holds: bool) -> Steps[AlphaChoice]:
+    def _divided_steps(self, name: str, shown: str, steps: Steps[T]) -> Steps[T]:
+        """Run the stage `name`, shown as another one, without the seconds of the pieces that it extracts."""
+        before = self._extracting.seconds
+        result = yield from self.stages.run(shown, steps)
+        extracting = self._extracting.seconds
+        self.seconds[name] = max(0.0, self.stages.seconds[shown] - (extracting - before))
+        self.seconds[EXTRACTING] = extracting
+        return result
+
+    def _spool(self, joined: bool) -> Spool:
+        """Return where the pieces are kept that are looked at several times: in memory if they are there anyway."""
+        return Spool() if joined else Spool(self.budget.spool_bytes, self.sink.folder)
+
+    def _pieces_steps(self, spool: Spool, joined: bool) -> Steps[Pieces]:
+        """Return the pieces of the surface without small components, and choose alpha if the settings ask for that.
+
+        They may be large where they are to be `joined`.
+        """
+        settings = self.settings
+        extracted = self._extracted_steps(joined)
+        if not settings.looks_again:
+            return extracted
+        pieces = SpooledPieces(spool)
+        kept = KeptPieces(pieces.pieces_steps, settings.keep_parts, settings.min_part_mm3, spool)
+        with self.budget.refusal("the surface", "use a larger stride or a region"):
+            yield from self._divided_steps(EXTRACTING, EXTRACTING, pieces.take_steps(extracted))
+            if settings.alpha == AUTO:
+                self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(pieces, kept))
+                self.settings = replace(settings, alpha=self.choice.alpha)
+                self.seconds[CHOOSING] = self.stages.seconds[CHOOSING]
+            if not settings.drops_components:
+                return pieces.pieces_steps(last=True)
+            yield from self.stages.run(KEEPING, kept.decision_steps(self.settings.alpha_number))
+            self.seconds[KEEPING] = self.stages.seconds[KEEPING]
+        return self._kept_steps(kept)
+
+    def _choice_steps(self, pieces: SpooledPieces, kept: KeptPieces) -> Steps[AlphaChoice]:
         from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
 
-        if holds:
-            extracting = _Timed()
-            pieces = self._extracted_steps(self._shows_normals, joined=True)
-            self._held = yield from held_steps(extracting.passed_steps(pieces, sampled=False))
-            self._held_seconds = extracting.seconds
-
-        def one_pass(normals: bool) -> Pieces:
-            return self._extracted_steps(normals, joined=False) if self._held is None else replayed_steps(*self._held)
-
-        def kept_pass(alpha: float) -> Pieces:
-            return self._kept_steps(one_pass, False, holds, replace(self.settings, alpha=alpha))
-
         angle = self.settings.min_angle_deg
-        if drops_components(self.settings):
-            return (yield from kept_alpha_steps(kept_pass, angle))
-        return (yield from chosen_alpha_steps(lambda: one_pass(False), angle))
+        if self.settings.drops_components:
+            return (yield from kept_alpha_steps(lambda alpha: kept.pieces_steps(alpha, last=False), angle))
+        return (yield from chosen_alpha_steps(pieces.pieces_steps, angle))
+
+    def _kept_steps(self, kept: KeptPieces) -> Pieces:
+        wrong_side = yield from kept.pieces_steps(self.settings.alpha_number)
+        self.removed_components = kept.removed
+        return wrong_side
 
     @property
     def _shows_normals(self) -> bool:
         return self.settings.normals == "gradient" and self.sink.normals
 
-    def _pieces_steps(self, joined: bool) -> tuple[Pieces, tuple[_Timed, _Timed]]:
-        """The pieces of the surface without small components, and who counts their seconds, without and with these.
-
-        They may be large where they are to be `joined`.
-        """
-        extracting, keeping = _Timed(), _Timed()
-
-        def one_pass(normals: bool) -> Pieces:
-            pieces = self._extracted_steps(normals, joined)
-            return extracting.passed_steps(pieces, sampled=not extracting.sample.size)
-
-        if not drops_components(self.settings):
-            return one_pass(self._shows_normals), (extracting, extracting)
-        kept = self._kept_steps(one_pass, self._shows_normals, joined, self.settings)
-        return keeping.passed_steps(kept, sampled=False), (extracting, keeping)
-
-    def _extracted_steps(self, normals: bool, joined: bool) -> Pieces:
-        """All pieces of the surface; those that are held go."""
-        held, self._held = self._held, None
-        if held is not None:
-            return replayed_steps(*held)
-        pieces = surface_pieces_steps(self.field, self.budget, normals, joined)
-        return self._fitting_steps(pieces) if joined else pieces
+    def _extracted_steps(self, joined: bool) -> Pieces:
+        """All pieces of the surface, timed."""
+        self._extracting = _Timed()
+        pieces = surface_pieces_steps(self.field, self.budget, self._shows_normals, joined)
+        return self._extracting.passed_steps(self._fitting_steps(pieces) if joined else pieces)
 
     def _fitting_steps(self, pieces: Pieces) -> Pieces:
         """The pieces, as long as all of them fit together."""
@@ -287,28 +286,7 @@ class FieldSurface(Finish):
             yield item
         return source.result
 
-    def _kept_steps(
-        self, one_pass: Callable[[bool], Pieces], normals: bool, holds: bool, settings: ReconstructionSettings
-    ) -> Pieces:
-        """The pieces without small components: extracted again for each look, or held where the sink `holds`."""
-        if holds:
-            held = yield from held_steps(one_pass(normals))
-            one_pass = lambda _: replayed_steps(*held)  # noqa: E731
-        kept = KeptPieces(one_pass, settings.alpha_number, settings.keep_parts, settings.min_part_mm3, holds)
-        wrong_side = yield from kept.pieces_steps(normals)
-        self.removed_components = kept.removed
-        return wrong_side
-
-    def _count(self, name: str, seconds: float, pieces: tuple[_Timed, _Timed]) -> None:
-        """Divide the seconds of a stage between it and the stages that made its pieces."""
-        extracting, keeping = pieces
-        self.seconds[EXTRACTING] = self._held_seconds + extracting.seconds
-        if keeping is not extracting:
-            self.seconds[KEEPING] = keeping.seconds - extracting.seconds
-        if name:
-            self.seconds[name] = max(0.0, seconds - keeping.seconds)
-
-    def _described(self, taken: Taken, full_faces: int, sample: NDArray[np.float32]) -> Reconstruction:
+    def _described(self, taken: Taken, full_faces: int) -> Reconstruction:
         """Return the reconstruction of a mesh, with its settings, counts and notes."""
         volume, field = self.volume, self.field
         return described(
@@ -316,12 +294,12 @@ class FieldSurface(Finish):
             self.scope,
             self.settings,
             taken,
-            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, sample),
+            notes=volume.notes + field.notes + face_notes(volume.kind, field.threshold, self._extracting.sample),
             slice_steps=field.slice_steps,
             choice=self.choice,
             threshold=field.threshold,
             full_faces=full_faces,
-            stages=timed((PREPARING, CHOOSING, EXTRACTING, KEEPING), self.seconds),
+            stages=timed((PREPARING, EXTRACTING, CHOOSING, KEEPING), self.seconds),
             removed_components=self.removed_components,
             self_intersections=0,
         )

@@ -76,11 +76,6 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
-def drops_components(settings: ReconstructionSettings) -> bool:
-    """Return whether small components are to be removed."""
-    return bool(settings.keep_parts or settings.min_part_mm3)
-
-
 def goals_of(settings: ReconstructionSettings) -> tuple[float | None, int | None, float | None]:
     """Return the reduction, the number of triangles and the maximum error that are asked for."""
     return settings.reduction, settings.target_faces, settings.max_error_mm
@@ -93,9 +88,9 @@ def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict
     """
     weights = {
         PREPARING: 20,
-        CHOOSING: 50 * (settings.alpha == AUTO),
         EXTRACTING: 42,
-        KEEPING: 3 * drops_components(settings),
+        CHOOSING: 20 * (settings.alpha == AUTO),
+        KEEPING: 15 * settings.drops_components,
         SIMPLIFYING: 33 * (settings.simplifies_here and not full),
         AVERAGING: 2 * (settings.normals == "mesh" and not full),
         WRITING: 0 if sink.holds else 10,

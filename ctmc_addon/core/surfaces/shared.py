@@ -34,7 +34,6 @@ from .finish import (
     LOOKING,
     SIMPLIFYING,
     described,
-    drops_components,
     goals_of,
     simplification_notes,
     timed,
@@ -78,7 +77,7 @@ class TouchingLabels:
             self.choice = yield from stages.run(CHOOSING, choosing)
             settings = self.settings = replace(settings, alpha=self.choice.alpha)
         alpha = settings.alpha_number
-        if drops_components(settings):
+        if settings.drops_components:
             limits = (alpha, settings.keep_parts, settings.min_part_mm3)
             keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
             surface, dropped = yield from stages.run(KEEPING, keeping)

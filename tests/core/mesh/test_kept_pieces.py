@@ -137,12 +137,12 @@ def test_boxes_that_are_cut_in_the_middle_stay_and_go_as_a_whole(ends, limits):
     surface = boxes(((0, 0, 0), 10), ((1, 1, 1), -2), ((5, 5, 5), -3), ((20, 0, 0), 6))
     surface = replace(surface, faces=surface.faces[np.argsort(surface.faces.min(axis=1), kind="stable")])
 
-    def one_pass(_normals):
+    def one_pass(_last):
         yield Step()
         yield from cut(surface, ends)
         return 7
 
-    pieces, result = items_of(KeptPieces(one_pass, 1.0, *limits).pieces_steps(normals=False))
+    pieces, result = items_of(KeptPieces(one_pass, *limits).pieces_steps(1.0))
     expected = keep_components(surface, *limits)
     assert result == 7
     found = concatenated(pieces)[:3]
@@ -301,13 +301,13 @@ def test_steps_go_forward_and_the_values_can_be_let_go_at_any_time(monkeypatch):
     field = finish(field_steps(in_file(Volume(values, AFFINE)), ReconstructionSettings(threshold=50.0), budget))
 
     def kept():
-        return KeptPieces(lambda normals: surface_pieces_steps(field, budget, normals), 1.0, 2, 0.0)
+        return KeptPieces(lambda _: surface_pieces_steps(field, budget, True), 2, 0.0)
 
-    items = list(kept().pieces_steps(normals=True))
+    items = list(kept().pieces_steps(1.0))
     fractions = [item.fraction for item in items if isinstance(item, Step) and item.fraction]
     assert fractions == sorted(fractions)
     for count in range(0, len(items), len(items) // 9):
-        steps = kept().pieces_steps(normals=True)
+        steps = kept().pieces_steps(1.0)
         for _ in range(count):
             next(steps)
         steps.close()

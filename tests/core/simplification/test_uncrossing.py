@@ -8,6 +8,7 @@ from meshes import assert_sound, icosphere, joined
 from ctmc_addon.core import Budget, TriangleMesh, finish, marching_cubes, simplify
 from ctmc_addon.core.mesh import self_intersections
 from ctmc_addon.core.simplification import in_batches, whole
+from ctmc_addon.core.simplification.clustering import clustered_steps
 from ctmc_addon.core.simplification.collapse_log import CollapseLog
 from ctmc_addon.core.simplification.collapses import Collapses
 from ctmc_addon.core.simplification.crossing_check import crosses_steps
@@ -131,7 +132,7 @@ def test_batches_and_clusters_do_not_cross_and_threads_change_nothing():
 
 def test_clusters_alone_make_no_crossing(full):
     batch = in_batches.Batch(full, np.arange(len(full.vertices)))
-    clustered = finish(in_batches.clustered_steps(batch, 2000))[0].mesh
+    clustered = finish(clustered_steps(batch, 2000))[0].mesh
     assert len(clustered.faces) < 0.6 * len(full.faces)
     assert crossings(clustered) == 0
 

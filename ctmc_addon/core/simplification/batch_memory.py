@@ -1,0 +1,79 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Predict how many triangles batches hold between the passes, before there is a batch.
+
+A batch keeps its seams. A wide volume has thin batches, and most triangles that they hold lie along seams: of 928,000
+triangles in 64 layers 115,000 were held where 56,000 are left without seams, and 114,600 are predicted.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+SEAM_VERTICES = 2 / 3  # Share of the vertices that lie in the planes of samples across z: those on edges along x and y.
+SEAM_FACES = 4  # triangles that stay for each vertex of a batch's two seams
+
+
+@dataclass(frozen=True)
+class HeldBatches:
+    """The triangles of all batches.
+
+    held : int
+        Between the passes.
+    merged : int
+        Simplified as one when batches are merged, at most.
+    """
+
+    held: int
+    merged: int
+
+
+def seam_vertices(vertex_count: int, layers: int) -> int:
+    """Return about how many vertices of a surface two batches share, if it has so many layers of voxels."""
+    return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
+
+
+def held_batches(
+    face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
+) -> HeldBatches:
+    """Follow batches that are all alike until one group of them is complete.
+
+    Parameters
+    ----------
+    face_count : int
+        Triangles of the surface.
+    share : float
+        Of its triangles that a batch may keep beside those along its seams.
+    batch : int
+        Triangles that a batch has at least.
+    layers : int
+        Layers of voxels that have the surface; 0 where batches end anywhere.
+    seam : int
+        Vertices that two batches share.
+    most : int
+        Triangles that batches hold before they are merged.
+    merges : bool
+        Whether batches are merged.
+
+    Examples
+    --------
+    >>> held_batches(60_000, 0.05, 1000, 0, 0, 2000)
+    HeldBatches(held=3000, merged=2050)
+    >>> held_batches(60_000, 0.05, 1000, 0, 100, 2000)
+    HeldBatches(held=4600, merged=2450)
+    >>> held_batches(60_000, 0.05, 1000, 0, 300, 2000)
+    HeldBatches(held=60000, merged=3000)
+    """
+    layer = face_count / layers if layers else 1.0
+    group = max(layer, math.ceil(batch / layer) * layer)
+    border = SEAM_FACES * seam
+    came = held = merged = 0.0
+    while came < face_count:
+        came += group
+        held += min(group, share * group + border)
+        if merges and held > most:
+            merged = max(merged, held)
+            held = after if 2 * (after := share * came + border) <= held else held
+            if held > most // 2:
+                break
+    return HeldBatches(min(face_count, round(held * face_count / came)), math.ceil(merged))
