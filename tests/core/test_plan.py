@@ -255,7 +255,7 @@ def test_thin_batches_need_the_triangles_along_their_seams_too(monkeypatch):
     result = reconstruct(volume, settings, budget)
     assert (result.full_faces, counts.layers) == (counts.faces, 63)
     share, seam = POLICY.spare * 0.05, seam_vertices(counts.vertices, counts.layers)
-    predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, seam, 1 << 16)
+    predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, seam, 1 << 15)
     assert held[0] > 2 * share * counts.faces  # what would be held without seams
     assert 0.8 * held[0] < predicted.held < 2 * held[0]
 

@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-MERGED = 2  # Merge batches that hold more than `whole_faces` divided by this, where that halves their triangles.
 SEAM_VERTICES = 2 / 3  # Share of the vertices that lie in the planes of samples across z: those on edges along x and y.
 SEAM_FACES = 4  # triangles that stay for each vertex of a batch's two seams
 
@@ -35,7 +34,7 @@ def seam_vertices(vertex_count: int, layers: int) -> int:
 
 
 def held_batches(
-    face_count: int, share: float, batch: int, layers: int, seam: int, whole_faces: int, merges: bool = True
+    face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
 ) -> HeldBatches:
     """Follow batches that are all alike until one group of them is complete.
 
@@ -51,23 +50,23 @@ def held_batches(
         Layers of voxels that have the surface; 0 where batches end anywhere.
     seam : int
         Vertices that two batches share.
-    whole_faces : int
-        As of `Budget`.
+    most : int
+        Triangles that batches hold before they are merged.
     merges : bool
         Whether batches are merged.
 
     Examples
     --------
-    >>> held_batches(60_000, 0.05, 1000, 0, 0, 4000)
+    >>> held_batches(60_000, 0.05, 1000, 0, 0, 2000)
     HeldBatches(held=3000, merged=2050)
-    >>> held_batches(60_000, 0.05, 1000, 0, 100, 4000)
+    >>> held_batches(60_000, 0.05, 1000, 0, 100, 2000)
     HeldBatches(held=4600, merged=2450)
-    >>> held_batches(60_000, 0.05, 1000, 0, 300, 4000)
+    >>> held_batches(60_000, 0.05, 1000, 0, 300, 2000)
     HeldBatches(held=60000, merged=3000)
     """
     layer = face_count / layers if layers else 1.0
     group = max(layer, math.ceil(batch / layer) * layer)
-    most, border = whole_faces // MERGED, SEAM_FACES * seam
+    border = SEAM_FACES * seam
     came = held = merged = 0.0
     while came < face_count:
         came += group

@@ -27,7 +27,6 @@ from ..mesh.intersections import self_intersections_steps
 from ..mesh.topology import Groups
 from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
-from .batch_memory import MERGED
 from .batches import Batch, Numbering, joined, near_others, regions, shared_count
 from .component_removal import CollapsedComponents
 from .reduced_batch import Reduced, reduce_batch_steps
@@ -117,11 +116,9 @@ class _Passes:
         held: list[_Held] = []  # those after `left`, which may still be merged
         fraction = 0.0
         works = self._works_steps(batches, single)
-        merging = (
-            0
-            if self.goal.max_error is not None
-            else self.budget.whole_faces // MERGED * self.goal.policy.merge_face_bytes
-        )
+        policy = self.goal.policy
+        most = self.budget.whole_faces // policy.merged
+        merging = 0 if self.goal.max_error is not None else most * policy.merge_face_bytes
         for item in self._in_order_steps(works, self.batch_faces, self.budget.work_bytes + merging):
             if isinstance(item, Step):
                 fraction = max(fraction, item.fraction, self.reduced_faces / face_count if face_count else 0.0)
@@ -129,7 +126,6 @@ class _Passes:
             else:
                 self._count(item)
                 held.append(_Held(item.batch, *self.planned.popleft()))
-                most = self.budget.whole_faces // MERGED
                 if self.goal.max_error is None and sum(each.batch.face_count for each in held) > most:
                     held = yield from self._merged_steps(held, BATCHES_SHARE * fraction)
                     if sum(each.batch.face_count for each in held) > most // 2:

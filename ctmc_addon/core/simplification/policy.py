@@ -74,10 +74,14 @@ class Policy:
         Into which a surface as large as may be simplified at once would be cut, of the first and of the last pass.
     face_bytes, bounded_face_bytes, complex_face_bytes : int
         Memory for each triangle at the start: without and with a maximum error, and of labels that touch.
-    merge_face_bytes : int
-        Of a merge of batches, resident: 463 and 487 were seen where a quarter and three quarters stayed.
     held_face_bytes : int
         Of a triangle between the passes: 12, and half a vertex with its normal and number of 64 bits.
+    merged : int
+        Merge batches that hold more than the triangles that are simplified as a whole divided by this, where that
+        halves them.
+    merge_face_bytes : int
+        Resident memory for each triangle of a merge, at most: 463 and 487 were seen where a quarter and three quarters
+        stayed.
     line_share : float
         Of its cost an edge of a line is ordered by: with it three triangles go, and each interface then needs fewer
         along it.
@@ -120,8 +124,9 @@ class Policy:
     face_bytes: int = 380
     bounded_face_bytes: int = 800
     complex_face_bytes: int = 320
-    merge_face_bytes: int = 490
     held_face_bytes: int = 36
+    merged: int = 2
+    merge_face_bytes: int = 490
     line_share: float = 0.4
     retry: int = 10
     proportional: float = 6.0

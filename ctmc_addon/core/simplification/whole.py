@@ -92,10 +92,11 @@ class Goal:
         """
         if face_count <= self.most_whole(budget):
             return budget.work_bytes + self.bytes_at_once(face_count)
-        policy, merges = self.policy, self.max_error is None
+        policy = self.policy
         share, seam = min(1.0, policy.spare * left / face_count), seam_vertices(vertex_count, layers)
         batch, _ = self.sizes(budget)
-        batches = held_batches(face_count, share, batch, layers, seam, budget.whole_faces, merges)
+        merges = self.max_error is None
+        batches = held_batches(face_count, share, batch, layers, seam, budget.whole_faces // policy.merged, merges)
         held = batches.held * policy.held_face_bytes
         simplifying = max(self.bytes_at_once(batch), batches.merged * policy.merge_face_bytes)
         most = self.most_at_once(budget)

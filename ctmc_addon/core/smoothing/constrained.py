@@ -65,12 +65,12 @@ class Grid(NamedTuple):
 
 
 BEYOND = 1.5  # The distance that is given where the other side is farther is so many bands at least.
-FAR, NEAR = (5.0, 1.6), (2.0, 0.0)
-# Farther than two pixels from the surface the field of every other pixel is smooth enough. Distances are smooth but for
+FAR, NEAR = (5.0, 1.6), (2.5, 0.0)
+# Farther than that from the surface the field of every other pixel is smooth enough. Distances are smooth but for
 # steps, hence the momentum. Of three steps a slice and more, what is to go are folds from slice to slice, which takes
 # many rounds where steps are short: so these are smoothed at the slices alone first.
-THIN = (Grid(2, True, FAR, 25, 4.5), Grid(1, True, NEAR, 18, 8.0))
-THICK = (Grid(2, False, FAR, 40, 4.5), Grid(2, True, FAR, 12, 4.5), Grid(1, True, NEAR, 18, 8.0))
+THIN = (Grid(2, True, FAR, 26, 4.5), Grid(1, True, NEAR, 18, 8.0))
+THICK = (Grid(2, False, FAR, 41, 4.5), Grid(2, True, FAR, 12, 4.5), Grid(1, True, NEAR, 18, 8.0))
 
 
 def grids_of(slice_steps: int) -> tuple[Grid, ...]:
@@ -288,8 +288,8 @@ class _Smoother:
         x, y, z = self.spacing_mm
         sides = (grid.every_xy * x, grid.every_xy * y, z / level.slice_steps)
         near = np.zeros(bricks.shape, bool)
-        nearest = np.abs(start.field[: bricks.active]).min(axis=1)
-        near.ravel()[bricks.place[: bricks.active]] = nearest <= grid.band_mm(self.spacing_mm)
+        within = np.abs(start.field[: bricks.active]) <= np.float32(grid.band_mm(self.spacing_mm))
+        near.ravel()[bricks.place[: bricks.active]] = within.view(np.uint64)[:, 0] != 0  # any of a brick's 8
         narrow = number_bricks(near, near)  # every neighbor is one of the bricks
         own = bricks.number.ravel().take(narrow.place)
         field = start.field.take(np.append(own, [len(bricks) - 2, len(bricks) - 1]), axis=0)
