@@ -61,7 +61,7 @@ def held_batches(
     HeldBatches(held=3000, merged=2050)
     >>> held_batches(60_000, 0.05, 1000, 0, 100, 2000)
     HeldBatches(held=4600, merged=2450)
-    >>> held_batches(60_000, 0.05, 1000, 0, 300, 2000)
+    >>> held_batches(60_000, 0.05, 1000, 0, 400, 2000)
     HeldBatches(held=60000, merged=3000)
     """
     layer = face_count / layers if layers else 1.0
