@@ -6,6 +6,7 @@ A row has a command that is refused and, for each flag of the sentence, the word
 
 from __future__ import annotations
 
+import importlib.util
 import re
 from typing import NamedTuple
 
@@ -18,7 +19,8 @@ VALUES = np.random.default_rng(0).integers(0, 500, (8, 7, 6)).astype(np.int16)
 BALL = np.where(sum((axis - 6) ** 2 for axis in np.indices((13, 13, 13))) <= 16, 200, 0).astype(np.int16)
 VERBS = r"\b(?:set|give|choose|lower|use|leave)\b"
 OPTIONS = {"spacing": "--spacing", "minimum volume": "--min-part", "series": "--series", "threshold": "--threshold"}
-OPTIONS |= {"level": "--level", "larger stride": "--stride"}
+OPTIONS |= {"level": "--level", "larger stride": "--stride", "one time": "--time", "transparency": "--transparent"}
+OPTIONS |= {"width": "--width-mm", "columns": "--columns", "height": "--height-mm"}
 
 
 def named_flags(sentence):
@@ -170,6 +172,58 @@ def earlier_batch(folder):
     return npy(folder)
 
 
+def two_labels(folder):
+    values = (BALL > 0).astype(np.uint8)
+    values[6:] *= 2
+    return nifti_of(folder, values).rename(folder / "segmentation-1.nii")
+
+
+def four_times(folder):
+    nibabel = pytest.importorskip("nibabel")
+    nibabel.save(nibabel.Nifti1Image(np.stack([BALL.T, BALL.T], axis=-1), np.eye(4)), folder / "ct.nii")
+    return folder / "ct.nii"
+
+
+def figures():
+    pytest.importorskip("bpy", reason="the Python package bpy is not installed")
+    pytest.importorskip("PIL.Image")
+
+
+def rendered(folder):
+    figures()
+    return npy(folder)
+
+
+def rendered_labels(folder):
+    figures()
+    return two_labels(folder)
+
+
+def mesh_file(folder):
+    from ctmc_addon.cli import main
+
+    assert main(["reconstruct", str(rendered(folder)), "-o", str(folder / "a.stl"), "--threshold", "100"]) == 0
+    return folder / "a.stl"
+
+
+def earlier_video(folder):
+    (folder.parent / "out" / "t.mp4").write_bytes(b"a video")
+    return rendered(folder)
+
+
+def earlier_frames(folder):
+    from ctmc_addon.cli import main
+
+    path = rendered(folder)
+    assert main(put_in(TURNTABLE.split(), folder.parent, path)) == 0
+    return path
+
+
+def earlier_experiment(folder):
+    (folder.parent / "out" / "alpha.csv").write_text("")
+    return rendered(folder)
+
+
 def segmented(folder):
     from ctmc_addon.cli import main
 
@@ -188,6 +242,16 @@ class Row(NamedTuple):
 INFO, SURFACE = "info INPUT", "reconstruct INPUT -o OUT/x.stl --quiet"
 SEGMENT = "segment INPUT -o OUT/l.seg.nrrd --quiet --method connected"
 SEED, DRAWN = ["ball", "-6", "-6", "6"], "IN/drawn.seg.nrrd"
+FIGURE = "INPUT -o OUT/a.png --no-blend --dpi 40 --style clinical"
+SHEET = f"figure sheet {FIGURE} --threshold 100 --strides 1 2 3"
+COLORED = f"figure {FIGURE} --threshold 100 --deviation"
+TURNTABLE = "figure turntable INPUT --threshold 100 --no-blend --dpi 40 --style clinical --seconds 1 --fps 3 -o OUT/t"
+ALPHA = "experiment alpha INPUT -o OUT --no-pictures --alphas 0 1"
+TURNING = "experiment rotation INPUT -o OUT --step 180 --resolution 16 16"
+DECIMATE = "--simplify 0.5 --simplifier decimate"
+TIMES, STLS = "reconstruct INPUT -o OUT/a/ --time all --quiet", "reconstruct INPUT -o OUT/t/ --quiet"
+INSTEAD = ["-o", "OUT/a.stl", "without -o"]  # of the picture
+ADDRESS = "tcp://127.0.0.1:1"
 SPACING = {"--spacing": ["1", "1", "2"]}
 ROWS = [
     *(
@@ -216,6 +280,45 @@ ROWS = [
     Row(npy, f"{SEGMENT} --seed ball -6 -6 6", {"--range": ["100", "300"]}),
     Row(npy, f"{SEGMENT} --seed -6 -6 6 --range 100 300", {"--seed": SEED}),
     Row(earlier_batch, "batch INPUT -o OUT --threshold 100 --quiet", {"--resume": [], "--overwrite": []}),
+    Row(two_labels, "batch INPUT -o OUT --label 9 --strict --overwrite --quiet", {"--strict": None}),
+    Row(four_times, f"{TIMES} --threshold 100 --figure OUT/a.png", {"--figure": None}),
+    Row(four_times, f"{TIMES} --threshold 100 --scheduler {ADDRESS}", {"--scheduler": None}),
+    Row(four_times, f"{TIMES} --label all", {"--time": ["1", "--threshold", "100", "without --label"]}),
+    Row(two_labels, f"{STLS} --label 1 2 --scheduler {ADDRESS}", {"--scheduler": None}),
+    Row(rendered, "reconstruct INPUT --threshold 100 --quiet -o OUT/a.png", {"--figure": ["OUT/a.png", *INSTEAD]}),
+    Row(rendered_labels, f"{SURFACE} --label 1 --opacity 1=0.5", {"--figure": ["OUT/a.png"]}),
+    Row(rendered, f"figure {FIGURE} --threshold 100 --dpi 5", {"--dpi": ["40"]}),
+    Row(rendered, f"{COLORED} --limit-mm 0", {"--limit-mm": ["2"]}),
+    Row(rendered, f"{COLORED} {DECIMATE}", {"--simplifier": None}),
+    Row(rendered, f"{SHEET} {DECIMATE}", {"--simplifier": None}),
+    Row(rendered, f"{SHEET} --columns 3 --width-mm 25", {"--width-mm": ["67"], "--columns": ["1"]}),
+    Row(rendered, f"{SHEET} --height-mm 20", {"--height-mm": ["40"]}),
+    Row(
+        rendered_labels,
+        f"figure sheet {FIGURE} --label 1 --smoothing none --alphas 0 1",
+        {"--threshold": ["0.5", "without --label"], "--smoothing": None},
+    ),
+    Row(rendered, f"{TURNTABLE}.mp4 --transparent", {"--transparent": None}),
+    Row(earlier_video, f"{TURNTABLE}.mp4", {"--overwrite": []}),
+    Row(earlier_frames, TURNTABLE, {"--resume": [], "--overwrite": []}),
+    Row(earlier_frames, f"{TURNTABLE} --seconds 2 --resume", {"--overwrite": ["without --resume"]}),
+    Row(rendered, f"{ALPHA} --threshold 100 {DECIMATE}", {"--simplifier": None}),
+    Row(
+        rendered_labels,
+        f"{ALPHA} --overwrite",
+        {
+            "--threshold": ["0.5"],
+            "--label": ["1", "--smoothing", "constrained"],
+            "--smoothing": ["constrained", "--label", "1"],
+        },
+    ),
+    Row(
+        rendered_labels,
+        f"{ALPHA} --overwrite --label 1",
+        {"--threshold": ["0.5", "without --label"], "--smoothing": ["constrained"]},
+    ),
+    Row(earlier_experiment, f"{ALPHA} --threshold 100", {"--overwrite": []}),
+    Row(mesh_file, f"{TURNING} --threshold 100", {"--threshold": None}),
 ]
 
 
@@ -229,6 +332,13 @@ def put_in(words, folder, path=""):
 
 def row_name(row):
     return f"{row.make.__name__}, {row.words.partition(' ')[0]}"
+
+
+@pytest.fixture(autouse=True)
+def few_samples(monkeypatch):
+    """Pictures beside reconstructions are large, and how they look is not the matter."""
+    if importlib.util.find_spec("bpy"):
+        monkeypatch.setattr("ctmc_addon.blender.figure.samples.DENOISED", 1)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=row_name)

@@ -127,11 +127,17 @@ def make_layout(
         total = page.height_mm
         height = (total - below - MARGIN_MM - (rows - 1) * ROW_GAP_MM) / rows - captions
     widest = max((board.width_of(line) for text in texts for line in text), default=0.0)
-    if min(width, height) < SMALLEST_MM or widest > width + GAP_MM:
-        need = max(SMALLEST_MM, widest) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
+    remedies = []
+    if width < SMALLEST_MM or widest > width + GAP_MM:
+        need = (max(SMALLEST_MM, widest) + 2 * aside) * columns + (columns - 1) * GAP_MM + 2 * MARGIN_MM
+        remedies.append(f"a width of {math.ceil(need)} mm or more" + (", or fewer columns" if columns > 1 else ""))
+    if height < SMALLEST_MM and (page.height_mm is not None or not remedies):  # A free height follows the width.
+        need = total + rows * (SMALLEST_MM - height)
+        remedies.append(f"a height of {math.ceil(need)} mm or more")
+    if remedies:
         raise SettingsError(
             f"{columns} x {rows} cells with their captions do not fit {page.printed_width_mm:g} x {total:.0f} mm; "
-            f"choose a width of {math.ceil(need)} mm or more, fewer columns, smaller letters or a larger height"
+            f"choose {' and '.join(remedies)}"
         )
     pictures = []
     for which in range(len(cells)):

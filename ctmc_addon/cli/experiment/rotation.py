@@ -121,8 +121,8 @@ def surface_of(
     if path.suffix.lower() in MESH_SUFFIXES:
         given = sorted(given_settings(args))
         if given:
-            flag = flag_of(given[0], SETTINGS[given[0]])
-            raise UsageError(f"{path.name} is a mesh already; leave {flag} out")
+            flags = " and ".join(flag_of(name, SETTINGS[name]) for name in given)
+            raise UsageError(f"{path.name} is a mesh already; leave {flags} out")
         with blender_at_work():
             mesh = read_mesh(path)
         return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")]

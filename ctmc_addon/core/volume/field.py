@@ -180,4 +180,4 @@ def held_steps(field: Field) -> Steps[Field]:
     if isinstance(field.values, HeldValues):
         return field
     values = yield from all_values_steps(field.values)
-    return replace(field, values=HeldValues(values, field.values.wrong_side))
+    return replace(field, values=HeldValues(values, field.values.wrong_side, field.values.mixes_samples))

@@ -156,13 +156,13 @@ class HeldValues:
     ----------
     values : (slices, rows, columns)
     wrong_side : int
+    mixes_samples : bool
     """
 
     held = skips_slices = True
-    mixes_samples = False
 
-    def __init__(self, values: NDArray[Any], wrong_side: int = 0) -> None:
-        self.values, self.wrong_side = values, wrong_side
+    def __init__(self, values: NDArray[Any], wrong_side: int = 0, mixes_samples: bool = False) -> None:
+        self.values, self.wrong_side, self.mixes_samples = values, wrong_side, mixes_samples
         slices, rows, columns = values.shape
         self.shape, self.dtype, self.own_bytes = (slices, rows, columns), values.dtype, values.nbytes
 
