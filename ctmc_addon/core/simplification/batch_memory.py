@@ -33,6 +33,11 @@ def seam_vertices(vertex_count: int, layers: int) -> int:
     return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
 
 
+def are_thin(batch: int, seam: int) -> bool:
+    """Return whether seams keep more than half of a batch, so that memory hardly follows what is left."""
+    return 2 * SEAM_FACES * seam > batch
+
+
 def held_batches(
     face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
 ) -> HeldBatches:
