@@ -121,6 +121,15 @@ class Plan:
         return int(ROUNDED * targets[fitting - 1]) if fitting else 0
 
     @property
+    def has_thin_batches(self) -> bool:
+        """Whether seams decide what simplification holds, so that fewer triangles in the end were seen not to help."""
+        from .simplification.batch_memory import are_thin, seam_vertices
+
+        counts, budget = self.counts, self.budget
+        in_batches = self.simplifies and counts.faces > self._goal.most_whole(budget)
+        return in_batches and are_thin(self._goal.sizes(budget)[0], seam_vertices(counts.vertices, counts.layers))
+
+    @property
     def _goal(self) -> Goal:
         from .simplification.whole import Goal
 
@@ -292,7 +301,8 @@ def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
     wider = yield from _stride_steps(volume, plan, room)
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
-    if most >= LEAST_PROPOSED and settings.simplifier != "decimate" and not settings.max_error_mm:
+    decides = settings.simplifier != "decimate" and not settings.max_error_mm and not plan.has_thin_batches
+    if most >= LEAST_PROPOSED and decides:
         proposals.append(f"triangles {most // LEAST_PROPOSED * LEAST_PROPOSED}")
     return proposals
 

@@ -33,6 +33,11 @@ def seam_vertices(vertex_count: int, layers: int) -> int:
     return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
 
 
+def are_thin(batch: int, seam: int) -> bool:
+    """Return whether seams keep more than half of a batch, so that memory hardly follows what is left."""
+    return 2 * SEAM_FACES * seam > batch
+
+
 def held_batches(
     face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
 ) -> HeldBatches:
@@ -61,7 +66,7 @@ def held_batches(
     HeldBatches(held=3000, merged=2050)
     >>> held_batches(60_000, 0.05, 1000, 0, 100, 2000)
     HeldBatches(held=4600, merged=2450)
-    >>> held_batches(60_000, 0.05, 1000, 0, 300, 2000)
+    >>> held_batches(60_000, 0.05, 1000, 0, 400, 2000)
     HeldBatches(held=60000, merged=3000)
     """
     layer = face_count / layers if layers else 1.0
