@@ -331,9 +331,10 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
         filled = np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {axis})))
         size = mask.shape[axis]
         before, after = int(filled[0]), size - 1 - int(filled[-1])
-        low = margin if before == 0 else max(0, reach[2 - axis] + 1 - before)
+        reached = reach[2 - axis] + 1 + 2 * WIDTH * (axis == 2)  # or a brick of the band is repeated
+        low = margin if before == 0 else max(0, reached - before)
         low += -(before + low) % unit
-        high = margin if after == 0 else max(0, reach[2 - axis] + 1 - after)
+        high = margin if after == 0 else max(0, reached - after)
         high += (int(axis == 1) - (low + size + high)) % unit  # whole pairs of bricks, an odd number of rows
         pads.append((low, high))
         own.append((low, low + size))

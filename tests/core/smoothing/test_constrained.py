@@ -404,3 +404,26 @@ def test_every_grid_follows_from_the_one_before():
             assert before.every_xy in (after.every_xy, 2 * after.every_xy)
             assert before.between <= after.between
     assert [grids_of(steps) for steps in (1, 2, 3, 8)] == [THIN, THIN, THICK_GRIDS, THICK_GRIDS]
+
+
+def test_a_region_that_is_clear_of_a_label_does_not_change_its_surface():
+    random, budget = np.random.default_rng(5), Budget(threads=1)
+    for _ in range(30):
+        shape = tuple(random.integers(10, 30, 3))
+        grid, mask = np.indices(shape).astype(float), np.zeros(shape, bool)
+        for _ in range(random.integers(1, 4)):
+            center = [random.uniform(3, size - 4) for size in shape]
+            radius, scale = random.uniform(2, 8), random.uniform(0.5, 2, 3)
+            mask |= sum(((grid[at] - center[at]) * scale[at]) ** 2 for at in range(3)) < radius * radius
+        pixel, gap = float(random.choice([0.5, 0.75, 0.9])), float(random.choice([0.5, 0.8, 1.6, 2.5, 5]))
+        mask[[0, -1]] = mask[:, [0, -1]] = mask[:, :, [0, -1]] = False
+        if not mask.any():
+            continue
+        label = np.pad(mask, 12).astype(np.uint8)
+        volume = Volume(label, np.diag([pixel, pixel, gap, 1.0]), kind="label")
+        region = (4, 4, 4, *(size - 5 for size in label.shape[::-1]))
+        whole, inside = (
+            reconstruct(volume, ReconstructionSettings(label=1, region=box), budget).mesh for box in (None, region)
+        )
+        np.testing.assert_array_equal(inside.faces, whole.faces)
+        np.testing.assert_allclose(inside.vertices, whole.vertices, atol=1e-4 * pixel)
