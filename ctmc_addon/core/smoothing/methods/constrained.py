@@ -81,16 +81,6 @@ class Constrained(Smoothing):
             return 1
         return settings.slice_steps or automatic_refinement(spacing_mm)
 
-    def caption(self, settings: ReconstructionSettings) -> str:
-        """Return what a figure's caption says of it."""
-        del settings
-        return f"{self.name} smoothing"
-
-    def notes(self, settings: ReconstructionSettings) -> tuple[str, ...]:
-        """Return the notes that a report has of this smoothing: none before the volume is known."""
-        del settings
-        return ()
-
     def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
         """Return the notes on a field of a label that shares walls: it does not enclose what it would alone."""
         return tuple(_smoothed_note(slice_steps) if note.startswith(SMOOTHED) else note for note in notes)
