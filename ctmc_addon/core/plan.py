@@ -19,7 +19,7 @@ from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
 from .memory import NO_THREAD, amount, give_back
-from .mesh.spool import FACE_BYTES as SPOOLED_FACE_BYTES
+from .mesh import spool
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink
@@ -103,7 +103,9 @@ class Plan:
         """Bytes of pieces that stay in memory because they are looked at several times; the others wait in a file."""
         if not self.settings.looks_again:
             return 0
-        return min(self.counts.faces * SPOOLED_FACE_BYTES, self.budget.spool_bytes)
+        counts = self.counts
+        spooled = counts.vertices * spool.VERTEX_BYTES + counts.faces * spool.FACE_BYTES
+        return min(spooled, self.budget.spool_bytes)
 
     def fits(self, there: int) -> bool:
         """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""

@@ -15,7 +15,16 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import label_class
-from .file_formats import files_below, format_of, natural_key, segmentation_names, segmentation_sibling, stem, suffix
+from .file_formats import (
+    files_below,
+    format_of,
+    natural_key,
+    segmentation_names,
+    segmentation_sibling,
+    stem,
+    suffix,
+    suffixes_of_text,
+)
 from .labels.beside import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
@@ -237,6 +246,9 @@ def format_at(path: Path) -> str:
 
     if may_be_dicom(path):
         return "DICOM"
+    if text := suffixes_of_text(path):
+        names = " or ".join(f"{path.stem}{end}" for end in text)
+        raise ReadError(f"{path.name} holds values only; put {names}, which describes them, beside it")
     reason = f"has the unknown suffix '{suffix(path)}'" if suffix(path) else "has no suffix and no known content"
     raise ReadError(f"{path.name} {reason}; choose a folder, or a file that ends in {', '.join(KNOWN_SUFFIXES)}")
 

@@ -64,10 +64,8 @@ def format_of(path: Path) -> str:
     name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
     if name:
         return name
-    if end in BY_VALUES:  # a text beside them tells them; some scanners write DICOM under the suffix .img
-        texts = FORMATS[BY_VALUES[end]].suffixes
-        if any(path.with_name(path.name[: -len(end)] + text).is_file() for text in texts):
-            return BY_VALUES[end]
+    if text_beside(path) is not None:  # some scanners write DICOM under the suffix .img
+        return BY_VALUES[end]
     with path.open("rb") as file:
         head = file.read(HEAD)
     if head[:2] == b"\x1f\x8b" and end == ".gz":
@@ -79,6 +77,19 @@ def format_of(path: Path) -> str:
         packed = BY_SUFFIX[".nii.gz"]
         return packed if marked(head) == packed else ""
     return marked(head)
+
+
+def text_beside(path: Path) -> Path | None:
+    """Return the text that describes a file of flat values, whatever the case of its name; None of other files."""
+    names = {path.stem.lower() + end for end in suffixes_of_text(path)}
+    files = sorted(path.parent.iterdir()) if names else []
+    return next((file for file in files if file.name.lower() in names and file.is_file()), None)
+
+
+def suffixes_of_text(path: Path) -> tuple[str, ...]:
+    """Return the suffixes of the texts that describe files of flat values; none for other files."""
+    name = BY_VALUES.get(suffix(path))
+    return () if name is None else FORMATS[name].suffixes
 
 
 def files_below(folder: Path) -> Iterator[Path]:

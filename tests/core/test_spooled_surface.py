@@ -19,7 +19,7 @@ from ctmc_addon.core import (
     reconstruct_steps,
 )
 from ctmc_addon.core.mesh import spool as spool_module
-from ctmc_addon.core.mesh.spool import FACE_BYTES
+from ctmc_addon.core.mesh.spool import FACE_BYTES, VERTEX_BYTES
 
 EXTRACT = sys.modules[reconstruct.__module__]
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)
@@ -104,7 +104,8 @@ def test_the_plan_counts_the_pieces_that_stay_in_memory(tmp_path):
     def needed(share, **looks):
         return finish(plan_steps(VOLUME, replace(SETTINGS, **looks), replace(budget, spool_share=share), sink)).needed
 
-    faces = finish(plan_steps(VOLUME, SETTINGS)).counts.faces
+    counts = finish(plan_steps(VOLUME, SETTINGS)).counts
+    spooled = counts.vertices * VERTEX_BYTES + counts.faces * FACE_BYTES
     once = needed(0.25)
-    assert needed(0.25, keep_parts=1) == needed(0.25, alpha="auto") == once + faces * FACE_BYTES
+    assert needed(0.25, keep_parts=1) == needed(0.25, alpha="auto") == once + spooled
     assert needed(2.0**-20, keep_parts=1) == once + 1024

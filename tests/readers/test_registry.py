@@ -38,12 +38,13 @@ def test_a_suffix_a_name_and_a_mark_tell_one_format_each():
     assert max(marks.values()) == 1
 
 
-def test_the_lists_of_suffixes_hold_what_they_always_held():
+def test_the_lists_of_suffixes_hold_every_suffix():
     images = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".jp2", ".j2k", ".jpx", ".j2c")
     volumes = (".nii", ".nii.gz", ".nrrd", ".nhdr", ".npy", ".mha", ".mhd", ".mgh", ".mgz", ".hdr")
+    volumes += (".vff", ".vgi", ".vol.info")
     assert images == registry.IMAGE_SUFFIXES
     assert set(registry.VOLUME_SUFFIXES) == set(volumes)
-    assert set(registry.MASK_SUFFIXES) == set(volumes) - {".npy", ".hdr"}
+    assert set(registry.MASK_SUFFIXES) == set(volumes) - {".npy", ".hdr", ".vff", ".vgi", ".vol.info"}
     assert set(registry.KNOWN_SUFFIXES) - set(registry.FOLDER_SUFFIXES) == {*images, *volumes, ".dcm", ".dicom", ".ima"}
 
 

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import math
+import os
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,9 @@ from ..errors import OutputError
 from ..progress import Step, Steps, WithResult
 from .triangle_mesh import Pieces, Surface
 
-# Bytes of a triangle: 12, half a vertex at both ends of alpha with its normal, and the number of its component.
-FACE_BYTES = 34
+VERTEX_BYTES = 36  # its two ends of alpha and its normal
+FACE_BYTES = 16  # a triangle's vertices, and the number of its component
+VAR_TMP = Path("/var/tmp")  # on disk where /tmp is memory
 
 
 @dataclass(frozen=True)
@@ -35,9 +37,9 @@ class Spool:
     Parameters
     ----------
     most_bytes : float
-        Bytes that stay in memory; arrays that come later go to the file. By default all stay.
+        Bytes that may stay in memory; an array that does not fit goes to the file. By default all stay.
     folder : Path, optional
-        Where the file lies; by default where the system keeps temporary files.
+        Where the file lies; by default where the system keeps temporary files on disk.
     """
 
     def __init__(self, most_bytes: float = math.inf, folder: Path | None = None) -> None:
@@ -53,7 +55,7 @@ class Spool:
         self.close()
 
     def close(self) -> None:
-        """Let go of all arrays and of the file."""
+        """Release all arrays and the file."""
         self._entries.clear()
         if self._file is not None:
             self._file.close()
@@ -81,9 +83,9 @@ class Spool:
         return len(self._entries) - 1
 
     def get(self, number: int, last: bool = False) -> list[NDArray[Any]]:
-        """Return the arrays of a number; the `last` time they are let go."""
+        """Return the arrays of a number; `last` releases them."""
         entry = self._entries[number]
-        assert entry is not None, "they were let go"
+        assert entry is not None, "they were released"
         if last:
             self._entries[number] = None
         if isinstance(entry, list):
@@ -98,8 +100,9 @@ class Spool:
         """Write an array to the file, or read it; the system may do less than it is asked for at once."""
         if not array.size:
             return
-        folder = self.folder or Path(tempfile.gettempdir())
+        folder = self.folder or Path()
         try:
+            folder = self.folder or temporary_folder()
             if self._file is None:
                 # Without a buffer: closing one writes again what a full disk has refused.
                 self._file = tempfile.TemporaryFile(dir=folder, buffering=0)  # noqa: SIM115
@@ -114,9 +117,15 @@ class Spool:
         except OSError as error:
             reason = error.strerror or str(error)
             raise OutputError(
-                f"the pieces of the surface cannot be kept in {folder} beyond {start / 2**20:.3g} MiB ({reason}); "
-                "free space there, simplify less of it with a larger stride, or choose a region"
+                f"no room in {folder} for the pieces of the surface after {start / 2**20:.3g} MiB ({reason}); "
+                "free space there, use a larger stride or choose a region"
             ) from error
+
+
+def temporary_folder() -> Path:
+    """Return where temporary files lie on disk: what TMPDIR says, else not in a /tmp that may be memory."""
+    on_disk = "TMPDIR" not in os.environ and os.name == "posix" and os.access(VAR_TMP, os.W_OK)
+    return VAR_TMP if on_disk else Path(tempfile.gettempdir())
 
 
 class SpooledPieces:
@@ -144,7 +153,7 @@ class SpooledPieces:
         self._result = source.result
 
     def pieces_steps(self, last: bool = False) -> Pieces:
-        """Yield the pieces, and return what their maker returned; the `last` time they are let go."""
+        """Yield the pieces, and return what their maker returned; `last` releases them."""
         for number, entry in enumerate(self._numbers):
             yield Step(number / len(self._numbers))
             yield Surface(*self.spool.get(entry, last))

@@ -217,9 +217,12 @@ class FieldSurface(Finish):
         """Run the stage `name`, shown as another one, without the seconds of the pieces that it extracts."""
         before = self._extracting.seconds
         result = yield from self.stages.run(shown, steps)
-        extracting = self._extracting.seconds
-        self.seconds[name] = max(0.0, self.stages.seconds[shown] - (extracting - before))
-        self.seconds[EXTRACTING] = extracting
+        own = max(0.0, self.stages.seconds[shown] - (self._extracting.seconds - before))
+        if name == EXTRACTING:
+            self._extracting.seconds += own
+        else:
+            self.seconds[name] = own
+        self.seconds[EXTRACTING] = self._extracting.seconds
         return result
 
     def _spool(self, joined: bool) -> Spool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers of a header that is text: a field has so many of them, or is refused by name."""
+"""Read numbers from a text header; a field with another count is refused by name."""
 
 from __future__ import annotations
 

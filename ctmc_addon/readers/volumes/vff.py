@@ -20,6 +20,7 @@ from ..value_kind import scaled_steps
 from .nrrd import header_text
 from .text_header import MOST_HEADER, numbers, volume_size, whole
 
+LARGEST = 1e30  # of a value, far below the largest float32
 TYPES = {8: ">u1", 16: ">i2", 32: ">f4"}  # by the bits of a value
 
 
@@ -30,7 +31,7 @@ class VffFile(VolumeSource):
     has_geometry = True
 
     def __init__(self, path: Path) -> None:
-        self.fields, self.start = read_header(path)
+        self.fields, header_end = read_header(path)
         name = path.name
         sides = [whole(word, "size", name) for word in self.fields.get("size", "").split()[:9]]
         columns, rows, slices = self.size = volume_size(sides, name)
@@ -40,6 +41,7 @@ class VffFile(VolumeSource):
         if bits not in TYPES:
             raise ReadError(f"{name} has values of {bits} bits, and 8, 16 and 32 are read; export it as 16 bits")
         self.dtype: np.dtype[Any] = np.dtype(TYPES[bits])
+        self.start = values_start(path, header_end, columns * rows * slices * self.dtype.itemsize)
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name)
         super().__init__(path, (series,), [path])
 
@@ -49,6 +51,8 @@ class VffFile(VolumeSource):
         (slope,) = numbers(self.fields, ("data_scale",), 1, name) or [1.0]
         (intercept,) = numbers(self.fields, ("data_offset",), 1, name) or [0.0]
         slope = slope or 1.0
+        if abs(slope) * np.iinfo(np.int32).max > LARGEST or abs(intercept) > LARGEST:
+            raise ReadError(f"{name} has a data_scale of {slope:g} and a data_offset of {intercept:g}; export it again")
         notes = ("values of 32 bits are taken as floating point",) if self.dtype.itemsize == 4 else ()
         if (slope, intercept) != (1.0, 0.0):
             notes = (*notes, f"the file's data_scale {slope:g} and data_offset {intercept:g} are applied")
@@ -64,13 +68,27 @@ def open_steps(path: Path) -> Steps[VffFile]:
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int]:
-    """Return the fields by name in small letters, and the byte at which the values begin."""
+    """Return the fields by name in small letters, and the byte behind the form feed."""
     with path.open("rb") as stream:
-        text, end, rest = stream.read(MOST_HEADER).partition(b"\f")
+        text, end, _ = stream.read(MOST_HEADER).partition(b"\f")
     if not text.startswith(b"ncaa") or not end:
         raise ReadError(f"{path.name} is not a readable VFF: its header has no end; export or copy it again")
-    fields = re.findall(r"(\w+)\s*=\s*([^;\n]*)", header_text(text))
-    return {key.lower(): value.strip() for key, value in fields}, len(text) + 1 + rest.startswith(b"\n")
+    fields = re.findall(r"(\w+)[ \t]*=[ \t]*([^;\r\n]*)", header_text(text))
+    return {key.lower(): value.strip() for key, value in fields}, len(text) + 1
+
+
+def values_start(path: Path, header_end: int, needed: int) -> int:
+    """Return the byte at which the values begin: the last ones of a file that ends with them, else behind the line.
+
+    The line of the form feed ends at once, with a line feed, or with a carriage return too.
+    """
+    last = path.stat().st_size - needed
+    if header_end <= last <= header_end + 2:
+        return last
+    with path.open("rb") as stream:
+        stream.seek(header_end)
+        behind = stream.read(2)
+    return header_end + (2 if behind == b"\r\n" else behind.startswith(b"\n"))
 
 
 def spacing_of_fields(fields: Mapping[str, str], name: str) -> tuple[float, float, float] | None:

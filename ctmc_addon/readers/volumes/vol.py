@@ -14,6 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core import PAUSE, ReadError, Steps
+from ..file_formats import text_beside
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices
@@ -26,6 +27,7 @@ TYPES = {
     **{(word, bits): f"i{bits // 8}" for word in ("signed integer", "integer") for bits in (8, 16, 32)},
     **{("float", bits): f"f{bits // 8}" for bits in (32, 64)},
 }
+NO_UNIT = "the file has no unit: its resolution is taken as mm; if it is another unit, give the spacing in mm"
 PYHST_TYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32", "float64")
 PYHST_ORDERS = {"LOWBYTEFIRST": "<", "HIGHBYTEFIRST": ">"}
 
@@ -79,10 +81,7 @@ class VolFile(VolumeSource):
 
 def open_steps(path: Path) -> Steps[VolFile]:
     """Open a text, or the text beside values."""
-    if not path.name.lower().endswith((VGI, INFO)):
-        texts = (path.with_suffix(VGI), path.with_name(path.name + INFO))
-        path = next((text for text in texts if text.is_file()), path)
-    return VolFile(path)
+    return VolFile(text_beside(path) or path)
     yield  # a text is short
 
 
@@ -123,20 +122,40 @@ def volume_graphics(path: Path) -> FlatValues:
     kind = file.get("datatype", "").lower()
     if (kind, bits) not in TYPES:
         raise ReadError(f"{path.name} has values of type '{kind[:60]}' of {bits} bits; export them as 16 bits or float")
-    start = whole(file.get("headersize", "0"), "HeaderSize", path.name)
+    start = whole(file.get("skipheader", "0"), "SkipHeader", path.name)
     if start < 0:
-        raise ReadError(f"{path.name} has a HeaderSize of {start}; export it again")
+        raise ReadError(f"{path.name} has a SkipHeader of {start}; export it again")
+    whole_volume: dict[str, str] = next((fields for name, fields in named if name == "representation"), {})
+    mirrors = [fields["mirror"] for fields in (file, whole_volume) if set(fields.get("mirror", "0")) - set("0 ")]
+    if mirrors:
+        raise ReadError(
+            f"{path.name} has mirrored values ('{mirrors[0][:60]}' as Mirror); export them without mirroring"
+        )
     geometry: dict[str, str] = next((fields for name, fields in named if name == "geometry"), {})
     sides = numbers(geometry, ("resolution",), 3, path.name)
     (mm,), notes = in_mm([geometry.get("unit", "")])
+    if sides is not None and not geometry.get("unit"):
+        notes = (
+            *notes,
+            "the file has no unit: its resolution is taken as mm; if it is another unit, give the spacing in mm",
+        )
     return FlatValues(
-        path.parent / inner_path(file.get("name", ""), path.name),
+        _values_path(path, file.get("name", "").strip("\"'")),
         volume_size([whole(word, "Size", path.name) for word in file.get("size", "").split()[:9]], path.name),
         np.dtype("<" + TYPES[kind, bits]),
         start,
         None if sides is None else (sides[0] * mm, sides[1] * mm, sides[2] * mm),
         notes,
     )
+
+
+def _values_path(path: Path, name: str) -> Path:
+    """Return where the values of a `.vgi` lie: beside it, whatever folder of another machine it names."""
+    last = re.split(r"[/\\]", name)[-1]
+    if last.lower().endswith(VGI) or not last:
+        raise ReadError(f"{path.name} has '{name[:60]}' as Name, not a file of values; export it again")
+    beside = path.parent / last
+    return beside if beside.is_file() else path.parent / inner_path(name, path.name)
 
 
 def pyhst(path: Path) -> FlatValues:
@@ -160,8 +179,8 @@ def pyhst(path: Path) -> FlatValues:
     side = numbers(fields, ("voxelSize",), 1, name)
     if side is not None:
         notes.append(
-            f"the file's voxelSize {side[0]:g} is taken as micrometers, as PyHST writes it; give the spacing in mm for "
-            "another"
+            f"the file's voxelSize {side[0]:g} is taken as micrometers, as PyHST writes it; if it is another "
+            "unit, give the spacing in mm"
         )
     return FlatValues(
         path.with_name(name[: -len(INFO)]),

@@ -100,8 +100,11 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
     parked = next((scan for scan in scene.ctmc_scans if scan.volume_fingerprint == before), None)
     if parked is None:
         return 0
+    earlier = volumes.known(before)
     for item in items:
         item.fingerprint = scene.ctmc.volume_fingerprint
+        if earlier is not None:
+            earlier.drawn.pop((scene.session_uid, item.key), None)
         line = connect(scene, item)
         at = next((at for at, old in enumerate(parked.labels) if old.source == item.key), None)
         if at is None:

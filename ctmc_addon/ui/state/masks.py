@@ -19,14 +19,14 @@ from ...core import Volume
 from ...core.segmentation import Mask, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind
 from . import change_events, volumes
-from .volumes import Drawn
+from .drawn import Drawn
 
 _revisions = count(1)
 _strokes: list[Any] = []  # the operator whose stroke is being drawn
 
 
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
-    """Return what was drawn of a structure, for the list; None of another source, or without the CT."""
+    """Return a drawn structure as labels; None if nothing was drawn under this key or its CT is not loaded."""
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
         return None
     fingerprint = scene.ctmc.volume_fingerprint
@@ -75,7 +75,7 @@ def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
 
 
 def is_stored(drawn: Drawn) -> None:
-    """Note that a mask is what the file has, after a change."""
+    """Mark a mask as equal to the slices of the file."""
     drawn.labels, drawn.revision, drawn.hash = dataclasses.replace(drawn.labels), next(_revisions), ""
 
 

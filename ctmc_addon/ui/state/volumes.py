@@ -16,37 +16,9 @@ import bpy
 
 from ...blender.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
-from ...core.segmentation import Change, Mask
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
-
-
-@dataclass
-class Drawn:
-    """A drawn structure in memory.
-
-    Parameters
-    ----------
-    labels : Volume
-        The mask as labels of the list of structures. After every change of the file they are another volume, as what
-        is known of a volume, such as where its labels lie, is kept with it.
-    unpacked : dict of int to bytes
-        The slices of the file that the mask was made of.
-    revision : int
-        Another number after every change of the mask; what shows it asks whether it has shown this one.
-    hash : str
-        Of the slices of the file; empty until it is asked for.
-    grown : tuple or None
-        The clicks and settings of the last Grow, and what came of them, which the next click changes.
-    """
-
-    mask: Mask
-    labels: Volume
-    unpacked: dict[int, bytes] = field(default_factory=dict)
-    revision: int = 0
-    hash: str = ""
-    grown: tuple[Any, Change] | None = None
-
+from .drawn import Drawn
 
 OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
 """Reading options that move samples or change values; each sample stays the same one."""

@@ -2,14 +2,16 @@
 """A spool gives back the arrays that it was given, from memory or from its file, which goes with it."""
 
 import errno
+import os
 import tempfile
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from ctmc_addon.core import OutputError, finish
 from ctmc_addon.core.mesh import spool as spool_module
-from ctmc_addon.core.mesh.spool import Spool, SpooledPieces
+from ctmc_addon.core.mesh.spool import Spool, SpooledPieces, temporary_folder
 from ctmc_addon.core.mesh.triangle_mesh import Surface, replayed_steps
 
 
@@ -79,7 +81,9 @@ def test_a_full_disk_is_one_sentence_and_the_file_goes(monkeypatch, tmp_path):
     disk = FullDisk(50)
     monkeypatch.setattr(spool_module.tempfile, "TemporaryFile", lambda **_: disk)
     with (
-        pytest.raises(OutputError, match=r"pieces of the surface cannot be kept in .* \(No space left.*\); free space"),
+        pytest.raises(
+            OutputError, match=r"no room in .* for the pieces of the surface .* \(No space left.*\); free space"
+        ),
         Spool(0, tmp_path) as spool,
     ):
         spool.put(*arrays(3))
@@ -112,3 +116,20 @@ def test_pieces_come_back_with_what_their_maker_returned(most_bytes, normals, tm
                 assert (surface.normals is None) == (not normals)
                 names = ("midpoints", "linear", "faces", *(["normals"] if normals else []))
                 assert_equal([getattr(surface, name) for name in names], [getattr(expected, name) for name in names])
+
+
+def test_the_system_s_folder_on_disk_is_chosen_unless_another_is_named(monkeypatch, tmp_path):
+    monkeypatch.delenv("TMPDIR", raising=False)
+    monkeypatch.setattr("ctmc_addon.core.mesh.spool.VAR_TMP", tmp_path)
+    assert temporary_folder() == (tmp_path if os.name == "posix" else Path(tempfile.gettempdir()))
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    assert temporary_folder() == Path(tempfile.gettempdir())
+
+
+def test_no_folder_for_temporary_files_is_a_sentence(monkeypatch):
+    def none():
+        raise FileNotFoundError(2, "No usable temporary directory")
+
+    monkeypatch.setattr("ctmc_addon.core.mesh.spool.temporary_folder", none)
+    with Spool(0) as spool, pytest.raises(OutputError, match="No usable temporary directory"):
+        spool.put(np.zeros(3))

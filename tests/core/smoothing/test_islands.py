@@ -18,7 +18,7 @@ from ctmc_addon.core.smoothing.constrained import constrained_steps
 from ctmc_addon.core.smoothing.label_components import label_components_steps
 from ctmc_addon.core.smoothing.smooth_field import SmoothField
 
-CT = Path(__file__).resolve().parents[5] / "shared" / "data"
+CT = Path(__file__).resolve().parents[4] / "shared" / "data"
 EVEN, THICK = (1.0, 1.0, 1.0), (0.75, 0.75, 5.0)
 SPACINGS = [EVEN, (0.75, 0.75, 1.6), THICK]
 

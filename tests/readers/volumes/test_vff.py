@@ -32,6 +32,20 @@ def test_values_and_spacing(tmp_path, bits, dtype, end):
     assert any("floating point" in note for note in volume.notes) == (bits == 32)
 
 
+@pytest.mark.parametrize("end", [b"\f", b"\f\n", b"\f\r\n"])
+@pytest.mark.parametrize("first", [10, 13, 0x0A0D, 0x0D0A])
+def test_values_begin_behind_the_line_of_the_form_feed(tmp_path, end, first):
+    values = VALUES.copy()
+    values[0, 0, 0] = first
+    path = saved(tmp_path / "ct.vff", values, end=end)
+    np.testing.assert_array_equal(read_volume(path).values, values)
+
+
+def test_a_field_without_a_value_ends_with_its_line(tmp_path):
+    header = HEADER.replace("bits=16", "title=\nbits=16")
+    np.testing.assert_array_equal(read_volume(saved(tmp_path / "ct.vff", header=header)).values, VALUES)
+
+
 def test_the_first_bytes_tell_the_format(tmp_path):
     assert open_volume(saved(tmp_path / "bone")).format == "VFF"
 
@@ -58,6 +72,7 @@ def test_a_file_without_the_size_of_its_elements_has_no_spacing(tmp_path):
         ("size=6 5 4", "size=6 5", "sizes \\(6, 5\\)"),
         ("size=6 5 4", "size=6 5 1", "one slice only"),
         ("size=6 5 4", "size=6 5 400", "truncated"),
+        ("bands=1", "bands=1;\ndata_scale=1e300", "data_scale of 1e\\+300"),
         ("elementsize=0.045", "elementsize=zero", "'zero' as elementsize, not a number"),
         ("elementsize=0.045", "elementsize=0", "spacing of 0 x 0 x 0 mm"),
     ],

@@ -83,7 +83,7 @@ def test_types_of_volume_graphics(tmp_path, kind, bits, dtype):
 
 
 def test_other_units_and_a_header_before_the_values(tmp_path):
-    text = VGI.replace("unit = mm", "unit = \u00b5m").replace("Name = ct.vol", "Name = ct.vol\nHeaderSize = 8")
+    text = VGI.replace("unit = mm", "unit = \u00b5m").replace("Name = ct.vol", "Name = ct.vol\nSkipHeader = 8")
     (tmp_path / "ct.vgi").write_text(text, encoding="utf-8")
     (tmp_path / "ct.vol").write_bytes(bytes(8) + VALUES.tobytes())
     volume = read_volume(tmp_path / "ct.vgi")
@@ -106,9 +106,13 @@ def test_a_folder_offers_the_text_alone(tmp_path):
         ("BitsPerElement = 16", "BitsPerElement = 12", "'unsigned integer' of 12 bits"),
         ("\nSize = 6 5 4", "\nSize = 6 5", "sizes \\(6, 5\\)"),
         ("\nSize = 6 5 4", "\nSize = 6 5 1", "one slice only"),
-        ("Name = ct.vol", "Name = ../ct.vol", "own folder"),
+        ("Name = ct.vol", "Name = ../other.vol", "own folder"),
         ("Name = ct.vol", "Name = other.vol", "other.vol, which is missing"),
-        ("Name = ct.vol", "Name = ct.vol\nHeaderSize = -1", "HeaderSize of -1"),
+        ("Name = ct.vol", "Name = ct.vol\nSkipHeader = -1", "SkipHeader of -1"),
+        ("Name = ct.vol", "Name = ct.vol\nMirror = 0 0 1", "mirrored"),
+        ("bitsperelement = 16", "bitsperelement = 16\nmirror = 1 0 0 0", "mirrored"),
+        ("Name = ct.vol", "Name = ct.vgi", "not a file of values"),
+        ("Name = ct.vol", "Name =", "not a file of values"),
         ("resolution = 0.05 0.05 0.1", "resolution = 0.05", "'0.05' as resolution, not 3 numbers"),
     ],
 )
@@ -134,9 +138,27 @@ def test_a_wrong_info_is_refused_by_name(tmp_path, old, new, sentence):
         read_volume(tmp_path / "ct.vol")
 
 
-def test_values_without_a_text_are_no_known_file(tmp_path):
+@pytest.mark.parametrize("name", ["C:/CT_Data/scans/ct.vol", "D:\\scans\\ct.vol", '"ct.vol"', "sub/ct.vol"])
+def test_values_are_found_beside_their_text_whatever_folder_it_names(tmp_path, name):
+    pair(tmp_path, VGI.replace("Name = ct.vol", f"Name = {name}"), "ct.vgi")
+    np.testing.assert_array_equal(read_volume(tmp_path / "ct.vgi").values, VALUES)
+
+
+def test_a_text_without_a_unit_is_taken_as_mm_with_a_note(tmp_path):
+    pair(tmp_path, VGI.replace("unit = mm\n", "").replace("mirror", "mirror = 0 0 0 0"), "ct.vgi")
+    volume = read_volume(tmp_path / "ct.vgi")
+    np.testing.assert_allclose(volume.spacing, (0.05, 0.05, 0.1))
+    assert any("no unit" in note for note in volume.notes)
+
+
+def test_the_case_of_names_does_not_matter(tmp_path):
+    pair(tmp_path, VGI, "CT.VGI")
+    np.testing.assert_array_equal(read_volume(tmp_path / "ct.vol").values, VALUES)
+
+
+def test_values_without_a_text_ask_for_it(tmp_path):
     (tmp_path / "ct.vol").write_bytes(bytes(100))
-    with pytest.raises(CtmcError, match="unknown suffix"):
+    with pytest.raises(CtmcError, match=r"values only; put ct\.vgi or ct\.vol\.info, which describes them, beside it"):
         read_volume(tmp_path / "ct.vol")
 
 

@@ -62,3 +62,13 @@ def test_masks_are_counted_with_their_ct_and_go_with_it(drawing, other_file, mon
     monkeypatch.setattr(volumes, "available_bytes", lambda: room + before.nbytes - 1)
     bpy.ops.ctmc.load(filepath=str(other_file), spacing=(1, 1, 2))
     assert volumes.known(fingerprint) is None
+
+
+def test_a_mask_goes_along_when_its_ct_is_read_another_way(drawing):
+    scene = bpy.context.scene
+    stroke(middle())
+    for spacing in (2.5, 3, 3.5):
+        scene.ctmc.spacing = (1, 1, spacing)
+        bpy.ops.ctmc.load(again=True)
+        assert mask().any()
+    assert [len(ct.drawn) for ct in volumes.all_known()][-1] == sum(len(ct.drawn) for ct in volumes.all_known()) == 1

@@ -19,13 +19,13 @@ from ctmc_addon.ui.properties.preferences import Machine
 
 
 def test_between_slices_uses_the_threads_of_the_preferences(drawing, monkeypatch):
-    used, own_threads = [], between_slices.threads
+    used, own_threads = [], between_slices.threads_of
 
     def threads(count):
         used.append(count)
         return own_threads(count)
 
-    monkeypatch.setattr(between_slices, "threads", threads)
+    monkeypatch.setattr(between_slices, "threads_of", threads)
     monkeypatch.setattr(operators.draw.edits, "machine", lambda: Machine(Budget(3)))
     x, y, z = middle()
     for shift in (-6, 6):
