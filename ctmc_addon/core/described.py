@@ -55,7 +55,7 @@ class Setting:
     kept : bool
         Whether manifests, settings files and reports hold it; what is not kept is given anew each time.
     stage : str
-        Of a reconstruction: the first stage that it acts on.
+        Stage of a reconstruction that it belongs to.
     check : callable, optional
         Returns the value in its type or raises a `SettingsError`, in place of the general check.
     """

@@ -19,7 +19,7 @@ from .budget import Budget
 from .errors import CtmcError, LabelError
 from .mesh.triangle_mesh import Surface
 from .progress import Steps, finish, timed_steps
-from .settings import SIMPLIFICATION, ReconstructionSettings, settings_of_stage
+from .settings import ALPHA, SIMPLIFICATION, ReconstructionSettings, settings_of_stage
 from .smoothing.methods import refinement_of, smoothing_of
 from .surfaces.extract import full_steps
 from .volume.region import region_box
@@ -30,7 +30,7 @@ REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at 
 GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
 SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
 FEWEST_SAMPLES = 8  # samples along an axis
-LEAVE_IT = {"alpha", "min_angle_deg", *settings_of_stage(SIMPLIFICATION)}
+LEAVE_IT = {*settings_of_stage(ALPHA), *settings_of_stage(SIMPLIFICATION)}
 """Settings that leave a preview as it is: it is the full surface, with both ends of alpha."""
 Stride = tuple[int, int, int]
 

@@ -26,14 +26,15 @@ GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
 """Groups of settings of which one at most may be given."""
 DEFAULT_SMOOTHING_MM = 1.0
-FIELD, EXTRACTION, COMPONENTS, SIMPLIFICATION, LOOK = STAGES = (
+FIELD, EXTRACTION, ALPHA, COMPONENTS, SIMPLIFICATION = STAGES = (
     "field",
     "extraction",
+    "alpha",
     "components",
     "simplification",
-    "look",
 )
-"""The stages of a reconstruction, in their order; every setting names the first one that it acts on."""
+"""The stages of a reconstruction, in their order. Every setting belongs to one. A label's field depends on settings of
+later stages too: on the stride, and on those in `Smoothing.reads`."""
 RENAMED = {"soften_mm": "smoothing_mm"}
 """Settings of older files: 0 mm was no smoothing, of a label too, and is so still."""
 INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
@@ -100,7 +101,7 @@ class ReconstructionSettings(Described):
         "alpha: 0 = edge midpoints, evenly shaped triangles; 1 = linear interpolation, most accurate. "
         "Has no effect on a label that is not smoothed, where every crossing is the midpoint",
         label="Alpha (Shape)",
-        stage=EXTRACTION,
+        stage=ALPHA,
         low=0.0,
         high=1.0,
         words=(AUTO,),
@@ -111,7 +112,7 @@ class ReconstructionSettings(Described):
         "Alpha is chosen so that no triangle of the full surface has an angle below this. "
         "Larger = more even triangles, for simulation and print, and a less accurate surface",
         label="Minimum Angle",
-        stage=EXTRACTION,
+        stage=ALPHA,
         unit="degrees",
         low=0.0,
         high=60.0,
@@ -212,7 +213,7 @@ class ReconstructionSettings(Described):
         "gradient",
         "Where normals come from: the gradient of the gray values (smooth shading) or the mesh itself",
         label="Normals",
-        stage=LOOK,
+        stage=EXTRACTION,
         choices=("gradient", "mesh"),
         type=str,
     )
@@ -304,7 +305,7 @@ class ReconstructionSettings(Described):
 
     @property
     def looks_again(self) -> bool:
-        """Whether the full surface is looked at before it is taken, so that its pieces are kept."""
+        """Whether the pieces of the full surface are read more than once."""
         return self.drops_components or self.alpha == AUTO
 
     @property
@@ -364,7 +365,7 @@ SETTINGS = descriptions(ReconstructionSettings)
 
 
 def settings_of_stage(stage: str) -> tuple[str, ...]:
-    """Return the names of the settings that act first on a stage.
+    """Return the names of the settings that belong to a stage.
 
     Examples
     --------

@@ -2,6 +2,7 @@
 """Settings check themselves against the limits that stand beside them."""
 
 import pickle
+from dataclasses import replace
 from itertools import product
 
 import numpy as np
@@ -10,9 +11,10 @@ import pytest
 from ctmc_addon.core import LEAVE_IT, ReconstructionSettings
 from ctmc_addon.core.errors import SettingsError
 from ctmc_addon.core.settings import (
+    ALPHA,
     COMPONENTS,
+    EXTRACTION,
     FIELD,
-    LOOK,
     SETTINGS,
     SIMPLIFICATION,
     STAGES,
@@ -119,7 +121,7 @@ def test_smoothings_that_cannot_be_are_refused(values):
         ReconstructionSettings(**values)
 
 
-def test_every_setting_names_the_stage_that_it_acts_on_first():
+def test_every_setting_belongs_to_one_stage():
     assert [name for name, about in SETTINGS.items() if about.stage not in STAGES] == []
     assert sorted(SETTINGS) == sorted(name for stage in STAGES for name in settings_of_stage(stage))
 
@@ -127,9 +129,10 @@ def test_every_setting_names_the_stage_that_it_acts_on_first():
 def test_settings_without_a_stage_have_its_defaults_and_keep_all_others():
     given = ReconstructionSettings(label=2, alpha=0.5, keep_parts=2, simplifier="decimate", reduction=0.5)
     assert given.without(SIMPLIFICATION) == ReconstructionSettings(label=2, alpha=0.5, keep_parts=2)
-    assert given.without(LOOK) == given
+    assert given.without(ALPHA) == replace(given, alpha=1.0)
+    assert given.without(EXTRACTION) == given
 
 
 def test_what_leaves_a_preview_as_it_is_follows_from_the_stages():
-    assert {*settings_of_stage(SIMPLIFICATION)} < LEAVE_IT
-    assert LEAVE_IT.isdisjoint([*settings_of_stage(FIELD), *settings_of_stage(COMPONENTS), *settings_of_stage(LOOK)])
+    assert {"alpha", "min_angle_deg", *settings_of_stage(SIMPLIFICATION)} == LEAVE_IT
+    assert LEAVE_IT.isdisjoint(name for stage in (FIELD, EXTRACTION, COMPONENTS) for name in settings_of_stage(stage))

@@ -151,9 +151,10 @@ def carried(
 
 
 def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) -> Floats:
-    """Rows that lie `step` of so many steps behind rows that are known, on the cubic through four of these.
+    """Interpolate between known rows by the cubic through four of them.
 
-    `at` gives the known rows for some of the rows, so many known rows farther.
+    Row i lies `step[i]` of `steps` steps after a known row. `at(own, n)` returns, for each of the rows `own`, the n-th
+    known row after that one.
     """
     if steps == 1:
         return at(np.arange(len(step)), 0)

@@ -27,7 +27,7 @@ class SmoothingChoice(NamedTuple):
 
 
 NONE, WIDE, OF_LABEL = "none", "gaussian", "constrained"
-"""What auto does: with a threshold, with a width, and with a label."""
+"""Chosen by auto: for a threshold, with a width, for a label."""
 CHOICES: dict[str, SmoothingChoice] = {
     NONE: SmoothingChoice(graded=False),
     WIDE: SmoothingChoice(has_width=True),

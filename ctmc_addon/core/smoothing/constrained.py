@@ -43,11 +43,11 @@ class Grid(NamedTuple):
     Parameters
     ----------
     every_xy : int
-        It has every so many pixels along x and y.
+        Keeps every n-th pixel along x and y.
     between : bool
         Whether it has the steps between slices; else the slices alone.
     band : (pixels, gaps)
-        The field is smoothed up to the larger of so many pixels and so many slice gaps from zero.
+        The field is smoothed up to the larger of both distances from zero.
     rounds : int
     inertia : float
         Of the momentum at the beginning: more where the field is nearly smooth already.
@@ -64,11 +64,11 @@ class Grid(NamedTuple):
         return max(self.band[0] * max(spacing_mm[:2]), self.band[1] * spacing_mm[2])
 
 
-BEYOND = 1.5  # The distance that is given where the other side is farther is so many bands at least.
+BEYOND = 1.5  # Distances are capped at this many bands or more.
 FAR, NEAR = (5.0, 1.6), (2.5, 0.0)
 # Farther than that from the surface the field of every other pixel is smooth enough. Distances are smooth but for
-# steps, hence the momentum. Of three steps a slice and more, what is to go are folds from slice to slice, which takes
-# many rounds where steps are short: so these are smoothed at the slices alone first.
+# steps, hence the momentum. With three or more steps a slice, folds between slices need many rounds. So such fields
+# are smoothed at the slices alone first.
 THIN = (Grid(2, True, FAR, 26, 4.5), Grid(1, True, NEAR, 18, 8.0))
 THICK = (Grid(2, False, FAR, 41, 4.5), Grid(2, True, FAR, 12, 4.5), Grid(1, True, NEAR, 18, 8.0))
 
@@ -192,7 +192,7 @@ def outlined(
 
 
 class _Level(NamedTuple):
-    """A field and its bounds over the bricks of a grid, whose label's slices are every so many."""
+    """The field and its bounds on one grid; every `slice_steps`-th slice is the label's."""
 
     grid: Grid
     slice_steps: int
@@ -201,7 +201,7 @@ class _Level(NamedTuple):
 
 
 class _Measured(NamedTuple):
-    """Distances over the label's own slices, of every so many pixels, and the bricks that a field has there."""
+    """Distances on the label's slices at every `every_xy`-th pixel, and the bricks that the field needs."""
 
     label: Bricks
     distance: Floats
@@ -248,7 +248,7 @@ class _Smoother:
             yield from equal_part(self._relaxed_steps(level), 2 * number + 1, parts)
 
     def _measured_steps(self, grid: Grid) -> Steps[_Measured]:
-        """Measure the distances as far as the field of a grid may come into its band."""
+        """Measure distances up to where a sample may still enter the grid's band."""
         spacing, every = self.spacing_mm, grid.every_xy
         # A sample that is farther from the other side cannot come as near to the surface as is smoothed.
         band = grid.band_mm(spacing)

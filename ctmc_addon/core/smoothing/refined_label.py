@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A label with its smooth field: what the works share that keep volumes."""
+"""A label and its smooth field, shared by the steps that keep volumes."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ class RefinedLabel:
     inside : Inside
         Where the mask lies in the label's grid with its margins.
     limit_mm : float
-        Of a constant to either side; the field's values are hardly farther from zero, and a label of one voxel needs
-        more than a pixel.
+        Largest constant that may be added or subtracted. The field's values are hardly farther from zero, and a label
+        of one voxel needs more than a pixel.
     """
 
     mask: NDArray[np.bool_]

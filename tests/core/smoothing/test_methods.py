@@ -29,6 +29,7 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.smoothing.choices import CHOICES, is_for_gray
 from ctmc_addon.core.smoothing.methods import SMOOTHINGS
+from ctmc_addon.core.smoothing.prepare import field_steps
 from ctmc_addon.reporting.captions import figure_caption, smoothing_phrase
 
 PACKAGE = Path(ctmc_addon.__file__).parent
@@ -182,6 +183,22 @@ def test_the_cost_counts_the_triangles_and_keeps_the_field_until_it_depends_on_a
         smoothing = SMOOTHINGS[name]
         own = {*smoothing.settings, *smoothing.reads, "region", "label"}
         assert (len(made) > before) == (next(iter(change)) in own), change
+
+
+def test_beside_others_only_the_note_of_smoothing_itself_leaves_out_what_a_label_encloses():
+    own = finish(field_steps(two_labels(), of("constrained"))).notes
+    (note,) = own
+    assert "; the surface encloses " in note
+    of_file = note.split(";")[0] + " by the program that saved it."
+    smoothing = SMOOTHINGS["constrained"]
+    assert smoothing.shared_notes((of_file, note), 2) == (of_file, note.split(";")[0] + ".")
+
+
+@every_smoothing
+def test_only_a_label_that_is_not_smoothed_has_a_note_before_its_values_are_read(name):
+    smoothing = SMOOTHINGS[name]
+    assert bool(smoothing.notes(of(name))) == (not smoothing.smooths)
+    assert smoothing.notes(ReconstructionSettings(threshold=200)) == ()
 
 
 def iter_of(value):

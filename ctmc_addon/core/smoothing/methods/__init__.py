@@ -11,12 +11,12 @@ from ...settings import SETTINGS, ReconstructionSettings
 from ..choices import NONE, OF_LABEL, WIDE
 from .constrained import Constrained
 from .gaussian import Gaussian
-from .smoothing import Smoothing, Spacing
+from .smoothing import Smoothing, Spacing, Unsmoothed
 
 __all__ = ["SMOOTHINGS", "Smoothing", "refinement_of", "smoothing_of", "used_settings"]
 
 SMOOTHINGS: dict[str, Smoothing] = {
-    NONE: Smoothing(NONE),
+    NONE: Unsmoothed(NONE),
     WIDE: Gaussian(WIDE),
     OF_LABEL: Constrained(OF_LABEL),
 }

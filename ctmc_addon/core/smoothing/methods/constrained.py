@@ -22,7 +22,11 @@ from ..constrained import REMEDY, automatic_refinement, constrained_steps, reach
 from ..smooth_field import SmoothField
 from .smoothing import Smoothing, Spacing
 
-SMOOTHED = "The label is smoothed with every sample on its own side"
+
+class _SmoothedNote(str):
+    """The note on a smoothed label, told from other notes by its class, whatever they say."""
+
+    __slots__ = ()
 
 
 class Constrained(Smoothing):
@@ -81,28 +85,18 @@ class Constrained(Smoothing):
             return 1
         return settings.slice_steps or automatic_refinement(spacing_mm)
 
-    def caption(self, settings: ReconstructionSettings) -> str:
-        """Return what a figure's caption says of it."""
-        del settings
-        return f"{self.name} smoothing"
-
-    def notes(self, settings: ReconstructionSettings) -> tuple[str, ...]:
-        """Return the notes that a report has of this smoothing: none before the volume is known."""
-        del settings
-        return ()
-
     def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
         """Return the notes on a field of a label that shares walls: it does not enclose what it would alone."""
-        return tuple(_smoothed_note(slice_steps) if note.startswith(SMOOTHED) else note for note in notes)
+        return tuple(_smoothed_note(slice_steps) if isinstance(note, _SmoothedNote) else note for note in notes)
 
 
-def _smoothed_note(slice_steps: int, volumes: str = "") -> str:
-    """Return the note on a label that was smoothed in so many steps a slice.
+def _smoothed_note(slice_steps: int, volumes: str = "") -> _SmoothedNote:
+    """Return the note on a label that was smoothed in `slice_steps` steps a slice.
 
     `volumes` says after a semicolon what it encloses.
     """
     steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
-    return f"{SMOOTHED}{steps}{volumes}."
+    return _SmoothedNote(f"The label is smoothed with every sample on its own side{steps}{volumes}.")
 
 
 def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:

@@ -53,11 +53,6 @@ class Gaussian(Smoothing):
         """Return what a figure's caption says of it."""
         return f"Gaussian of {settings.smoothing_width_mm:g} mm"
 
-    def notes(self, settings: ReconstructionSettings) -> tuple[str, ...]:
-        """Return the notes that a report has of this smoothing."""
-        del settings
-        return ()
-
 
 class GaussianValues:
     """Other values, smoothed by a Gaussian, the border repeated; the sums are those of the whole box.

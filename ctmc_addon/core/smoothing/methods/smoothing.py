@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a smoothing tells everybody else, and the one that does nothing."""
+"""The base class of the smoothings, and the one that does nothing."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Spacing = tuple[float, float, float]
 
 
 class Smoothing:
-    """No smoothing; what the others differ from.
+    """Base class of the smoothings; smooths nothing.
 
     Parameters
     ----------
@@ -86,9 +86,31 @@ class Smoothing:
         return 1
 
     def bytes(self, spacing_mm: Spacing, settings: ReconstructionSettings, item: int) -> tuple[int, int]:
-        """Return the bytes of a value, of which the volume's have `item`, and those kept for each place of a slice."""
+        """Return the bytes of a smoothed value, and the bytes kept for each pixel of a slice.
+
+        `item` is the size of the volume's values in bytes.
+        """
         reach = self.reach(spacing_mm, settings)[2]
         return (4, 4 * (2 * reach + 1)) if reach else (item, 0)
+
+    def caption(self, settings: ReconstructionSettings) -> str:
+        """Return what a figure's caption says of it."""
+        del settings
+        return f"{self.name} smoothing"
+
+    def notes(self, settings: ReconstructionSettings) -> tuple[str, ...]:
+        """Return the notes that a report has of this smoothing before the volume is known."""
+        del settings
+        return ()
+
+    def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
+        """Return the notes on a field of a label that shares walls, from those on it alone."""
+        del slice_steps
+        return notes
+
+
+class Unsmoothed(Smoothing):
+    """The values as they are."""
 
     def caption(self, settings: ReconstructionSettings) -> str:
         """Return what a figure's caption says of it."""
@@ -96,12 +118,7 @@ class Smoothing:
         return "not smoothed"
 
     def notes(self, settings: ReconstructionSettings) -> tuple[str, ...]:
-        """Return the notes that a report has of this smoothing."""
+        """Return the note that alpha moves no vertex of a label."""
         if settings.label is None:
             return ()
         return ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
-
-    def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
-        """Return the notes on a field of a label that shares walls, from those on it alone."""
-        del slice_steps
-        return notes
