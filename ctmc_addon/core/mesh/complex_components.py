@@ -15,13 +15,14 @@ from numpy.typing import NDArray
 
 from ..errors import MeshError
 from ..progress import Steps
+from .component_limits import ComponentLimits
 from .kept_pieces import kept_faces_steps
 from .label_complex import ComplexSurface, borders_of
 from .topology import compacted
 
 
 def keep_complex_components_steps(
-    surface: ComplexSurface, labels: Sequence[int], alpha: float, largest: int, min_volume: float
+    surface: ComplexSurface, labels: Sequence[int], alpha: float, limits: ComponentLimits
 ) -> Steps[tuple[ComplexSurface, dict[int, MeshError]]]:
     """Return the complex without small components, and why a label has none left.
 
@@ -32,8 +33,7 @@ def keep_complex_components_steps(
         Those whose components are looked at, each for itself.
     alpha : float
         At which to measure.
-    largest, min_volume : int and float
-        As of `KeptPieces`.
+    limits : ComponentLimits
 
     Returns
     -------
@@ -48,7 +48,7 @@ def keep_complex_components_steps(
         own = np.flatnonzero((surface.sides == label).any(axis=1))
         alone, beyond = surface.within(borders[label])
         try:
-            component, keep, volumes = yield from kept_faces_steps(alone, alpha, largest, min_volume)
+            component, keep, volumes = yield from kept_faces_steps(alone, alpha, limits)
         except MeshError as error:
             errors[label] = error
             sides[sides == label] = 0

@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..errors import MeshError
 from ..progress import PAUSE, Step, Steps, WithResult, finish
 from .cavities import crossings_steps, points_within, smallest_around, summed_pairs
 from .completed_pieces import completed_pieces_steps
+from .component_limits import ComponentLimits
 from .measures import triple_products
 from .piece_links import PieceLinks
 from .spool import Spool
@@ -39,12 +39,8 @@ class KeptPieces:
     ----------
     one_pass : callable
         Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
-    largest : int
-        Keep this many with their cavities; 0 keeps all. A component counts by what its outer wall encloses, equal ones
-        in the order of their numbers.
-    min_volume : float
-        Drop components and fill cavities below it, mm3 of a surface in mm; applied together with `largest`. A cavity
-        with no component around it, as may be where the surface is open, counts as a component.
+    limits : ComponentLimits
+        Which components stay.
     spool : Spool, optional
         Keeps the component of each triangle; by default they stay in memory.
     """
@@ -52,12 +48,10 @@ class KeptPieces:
     def __init__(
         self,
         one_pass: Callable[[bool], Pieces],
-        largest: int,
-        min_volume: float,
+        limits: ComponentLimits,
         spool: Spool | None = None,
     ) -> None:
-        self.one_pass, self.largest, self.min_volume = one_pass, largest, min_volume
-        self.spool = spool or Spool()
+        self.one_pass, self.limits, self.spool = one_pass, limits, spool or Spool()
         self.alpha = 1.0  # at which components are measured
         self.first: list[int] = []  # of every piece's components among those of all pieces; the end
         self.component = np.empty(0, np.int32)  # of the surface, for a component of a piece
@@ -78,7 +72,7 @@ class KeptPieces:
         MeshError
             If nothing would be left.
         """
-        if self.largest == 0 and self.min_volume <= 0:
+        if self.limits.keep_all:
             return (yield from self.one_pass(last))
         keep, _ = yield from self.decision_steps(alpha)
         self.removed = int(np.count_nonzero(~keep))
@@ -94,10 +88,10 @@ class KeptPieces:
 
     def _decision_steps(self, alpha: float) -> Steps[Decision]:
         yield from self._link_steps()
-        if not self.count or (self.min_volume <= 0 and self.count <= self.largest):
+        if not self.count or self.limits.need_no_volumes(self.count):
             return np.ones(self.count, bool), np.empty(0)
         volumes, owner = yield from self._measured_steps(alpha)
-        return kept_components(volumes, owner, self.largest, self.min_volume), volumes
+        return self.limits.kept(volumes, owner), volumes
 
     def bodies_steps(self, alpha: float) -> Steps[NDArray[np.intp]]:
         """Return for every component the one that it is a cavity of, else itself, (components,)."""
@@ -251,16 +245,14 @@ class KeptPieces:
         return source.result
 
 
-def keep_components_steps(surface: Surface, alpha: float, largest: int, min_volume: float) -> Steps[Surface]:
+def keep_components_steps(surface: Surface, alpha: float, limits: ComponentLimits) -> Steps[Surface]:
     """Return a surface that is held without small components; parameters and errors are those of `KeptPieces`."""
-    return (yield from kept_and_removed_steps(surface, alpha, largest, min_volume))[0]
+    return (yield from kept_and_removed_steps(surface, alpha, limits))[0]
 
 
-def kept_and_removed_steps(
-    surface: Surface, alpha: float, largest: int, min_volume: float
-) -> Steps[tuple[Surface, int]]:
+def kept_and_removed_steps(surface: Surface, alpha: float, limits: ComponentLimits) -> Steps[tuple[Surface, int]]:
     """Return what `keep_components_steps` returns, and how many components were removed, cavities among them."""
-    kept = KeptPieces(lambda _: replayed_steps([surface]), largest, min_volume)
+    kept = KeptPieces(lambda _: replayed_steps([surface]), limits)
     for item in kept.pieces_steps(alpha):
         if isinstance(item, Step):
             yield item
@@ -270,20 +262,20 @@ def kept_and_removed_steps(
 
 
 def kept_faces_steps(
-    surface: Surface, alpha: float, largest: int, min_volume: float
+    surface: Surface, alpha: float, limits: ComponentLimits
 ) -> Steps[tuple[NDArray[np.int32], NDArray[np.bool_], NDArray[np.float64]]]:
     """Return the component of every triangle, (F,), which components stay, and their signed volumes in mm3.
 
     Parameters and errors are those of `KeptPieces`; there are no volumes where nothing had to be measured.
     """
-    kept = KeptPieces(lambda _: replayed_steps([surface]), largest, min_volume)
+    kept = KeptPieces(lambda _: replayed_steps([surface]), limits)
     keep, volumes = yield from kept.decision_steps(alpha)
     return (yield from component_numbers_steps(surface.faces, len(surface.linear))), keep, volumes
 
 
 def bodies_steps(surface: Surface, alpha: float) -> Steps[NDArray[np.intp]]:
     """Return the body that every triangle of a surface belongs to, (F,): a component with the walls of its cavities."""
-    owner = yield from KeptPieces(lambda _: replayed_steps([surface]), 0, 0.0).bodies_steps(alpha)
+    owner = yield from KeptPieces(lambda _: replayed_steps([surface]), ComponentLimits()).bodies_steps(alpha)
     return np.asarray(owner[(yield from component_numbers_steps(surface.faces, len(surface.linear)))])
 
 
@@ -293,28 +285,6 @@ def with_faces(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
     used = np.zeros(len(surface.linear), bool)
     used[faces] = True
     return _without_unused(surface, faces, used, np.empty(0, bool))
-
-
-def kept_components(
-    volumes: NDArray[np.float64], owner: NDArray[np.intp], largest: int, min_volume: float
-) -> NDArray[np.bool_]:
-    """Return which components stay, (components,), from their signed volumes and owners.
-
-    Raises
-    ------
-    MeshError
-        If nothing would be left.
-    """
-    sizes, bodies = np.abs(volumes), owner == np.arange(len(owner))
-    keep = sizes >= min_volume
-    if not keep[bodies].any():
-        raise MeshError(
-            f"no component has a volume of {min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
-            f"{sizes.max():.4g} mm3; lower the minimum volume"
-        )
-    if largest:
-        keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[largest:]]] = False
-    return np.asarray(keep & keep[owner])
 
 
 def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any]) -> NDArray[np.float64]:

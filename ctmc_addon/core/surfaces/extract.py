@@ -41,6 +41,7 @@ from .finish import (
     Finish,
     described,
     goals_of,
+    limits_of,
     timed,
 )
 from .request import MadeSurface, Scope, scope_of
@@ -239,7 +240,7 @@ class FieldSurface(Finish):
         if not settings.looks_again:
             return extracted
         pieces = SpooledPieces(spool)
-        kept = KeptPieces(pieces.pieces_steps, settings.keep_parts, settings.min_part_mm3, spool)
+        kept = KeptPieces(pieces.pieces_steps, limits_of(settings), spool)
         with self.budget.refusal("the surface", "use a larger stride or a region"):
             yield from self._divided_steps(EXTRACTING, EXTRACTING, pieces.take_steps(extracted))
             if settings.alpha == AUTO:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from ..budget import Budget
 from ..described import AUTO
+from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Surface
@@ -55,7 +56,7 @@ def without_small_steps(
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
-    surface, removed = yield from kept_and_removed_steps(surface, alpha, settings.keep_parts, min_part_mm3)
+    surface, removed = yield from kept_and_removed_steps(surface, alpha, limits_of(settings))
     mesh = surface.at(alpha)
     return replace(
         full,
@@ -71,7 +72,7 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     """Return the surface that the settings ask for, of a full one of other settings, and the full one of these."""
     if full.surface is not None and full.settings.alpha != settings.alpha:  # the slider has moved since
         full = replace(full, mesh=full.surface.at(settings.alpha_number), settings=settings)
-    if full.settings.min_part_mm3 < settings.min_part_mm3 or (settings.keep_parts and not full.settings.keep_parts):
+    if limits_of(settings).ask_more_than(limits_of(full.settings)):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
@@ -79,6 +80,11 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
 def goals_of(settings: ReconstructionSettings) -> tuple[float | None, int | None, float | None]:
     """Return the reduction, the number of triangles and the maximum error that are asked for."""
     return settings.reduction, settings.target_faces, settings.max_error_mm
+
+
+def limits_of(settings: ReconstructionSettings) -> ComponentLimits:
+    """Return which components are to stay."""
+    return ComponentLimits(settings.keep_parts, settings.min_part_mm3)
 
 
 def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict[str, int]:

@@ -35,6 +35,7 @@ from .finish import (
     SIMPLIFYING,
     described,
     goals_of,
+    limits_of,
     simplification_notes,
     timed,
 )
@@ -78,8 +79,7 @@ class TouchingLabels:
             settings = self.settings = replace(settings, alpha=self.choice.alpha)
         alpha = settings.alpha_number
         if settings.drops_components:
-            limits = (alpha, settings.keep_parts, settings.min_part_mm3)
-            keeping = keep_complex_components_steps(surface, self.extracted.labels, *limits)
+            keeping = keep_complex_components_steps(surface, self.extracted.labels, alpha, limits_of(settings))
             surface, dropped = yield from stages.run(KEEPING, keeping)
             errors |= dropped
             if dropped and self.all_needed:

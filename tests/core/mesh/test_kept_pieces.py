@@ -14,7 +14,8 @@ from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.extraction import grid, scan
 from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.mesh import kept_pieces
-from ctmc_addon.core.mesh.kept_pieces import KeptPieces, keep_components_steps, kept_components
+from ctmc_addon.core.mesh.component_limits import ComponentLimits
+from ctmc_addon.core.mesh.kept_pieces import KeptPieces, keep_components_steps
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.triangle_mesh import Surface
 from ctmc_addon.core.progress import Step
@@ -52,7 +53,7 @@ def component_volumes(mesh):
 
 
 def keep_components(surface, largest=0, min_volume=0.0):
-    return finish(keep_components_steps(surface, 1.0, largest, min_volume))
+    return finish(keep_components_steps(surface, 1.0, ComponentLimits(largest, min_volume)))
 
 
 def kept_volumes(surface, **limits):
@@ -142,7 +143,7 @@ def test_boxes_that_are_cut_in_the_middle_stay_and_go_as_a_whole(ends, limits):
         yield from cut(surface, ends)
         return 7
 
-    pieces, result = items_of(KeptPieces(one_pass, *limits).pieces_steps(1.0))
+    pieces, result = items_of(KeptPieces(one_pass, ComponentLimits(*limits)).pieces_steps(1.0))
     expected = keep_components(surface, *limits)
     assert result == 7
     found = concatenated(pieces)[:3]
@@ -165,7 +166,7 @@ def kept_at_once(surface, alpha, largest, min_volume):
     owner = cavity_owners(mesh, component, volumes)
     if not min_volume and largest >= len(volumes):
         return surface
-    faces = surface.faces[kept_components(volumes, owner, largest, min_volume)[component]]
+    faces = surface.faces[ComponentLimits(largest, min_volume).kept(volumes, owner)[component]]
     used = np.unique(faces)
     arrays = (None if each is None else each[used] for each in (surface.midpoints, surface.linear, surface.normals))
     midpoints, linear, normals = arrays
@@ -301,7 +302,7 @@ def test_steps_go_forward_and_the_values_can_be_let_go_at_any_time(monkeypatch):
     field = finish(field_steps(in_file(Volume(values, AFFINE)), ReconstructionSettings(threshold=50.0), budget))
 
     def kept():
-        return KeptPieces(lambda _: surface_pieces_steps(field, budget, True), 2, 0.0)
+        return KeptPieces(lambda _: surface_pieces_steps(field, budget, True), ComponentLimits(2))
 
     items = list(kept().pieces_steps(1.0))
     fractions = [item.fraction for item in items if isinstance(item, Step) and item.fraction]
