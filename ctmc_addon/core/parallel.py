@@ -60,7 +60,7 @@ def map_steps(
 
 
 class Threads(ThreadPoolExecutor):
-    """Threads that know how many they are; where there is no memory for their stacks, the caller's does their work.
+    """A thread pool that falls back to the calling thread when no thread can be started.
 
     Attributes
     ----------
@@ -91,24 +91,10 @@ class Threads(ThreadPoolExecutor):
         self.shutdown(cancel_futures=True)  # waits for what threads have begun, which is not done again
         return (done[number] if number in done else work(item) for number, item in enumerate(items))
 
-    def spread(self, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
-        """Call `work` for all parts, and wait until all are done; each thread gets two stretches of parts.
-
-        Handing over every part, of 0.2 ms, takes longer than half of it.
-        """
-        count = -(-len(parts) // (2 * self.count))
-
-        def stretch(first: int) -> None:
-            for part in parts[first : first + count]:
-                work(part)
-
-        for _ in self.mapped(stretch, range(0, len(parts), count)):
-            pass
-
 
 @contextmanager
 def threads_of(count: int) -> Iterator[Threads | None]:
-    """Give so many threads, None where one is enough; what waits for a thread at the end is not begun."""
+    """Open a pool of `count` threads, or give None for one. Leaving cancels queued work."""
     if count < 2:
         yield None
         return
@@ -125,12 +111,22 @@ def parts_of(count: int, at_once: int) -> list[slice]:
 
 
 def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[slice]) -> None:
-    """Call `work` for all parts, on threads where there are some, and wait until all are done."""
-    if pool is not None and len(parts) > 1:
-        pool.spread(work, parts)
+    """Call `work` for all parts, on threads where there are some, and wait until all are done.
+
+    Each thread gets two stretches of parts: a part takes 0.2 ms, and handing it over alone more than half of that.
+    """
+    if pool is None or len(parts) < 2:
+        for part in parts:
+            work(part)
         return
-    for part in parts:
-        work(part)
+    count = -(-len(parts) // (2 * pool.count))
+
+    def stretch(first: int) -> None:
+        for part in parts[first : first + count]:
+            work(part)
+
+    for _ in pool.mapped(stretch, range(0, len(parts), count)):
+        pass
 
 
 def side_by_side_steps(

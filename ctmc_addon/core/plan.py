@@ -124,7 +124,7 @@ class Plan:
 
     @property
     def has_thin_batches(self) -> bool:
-        """Whether seams decide what simplification holds, so that fewer triangles in the end were seen not to help."""
+        """Whether seams dominate the memory, so that a lower target would not help."""
         from .simplification.batch_memory import are_thin, seam_vertices
 
         counts, budget = self.counts, self.budget
@@ -196,7 +196,9 @@ def required_steps(
     planning = plan_steps(volume, settings, budget, sink, field=field, most_slabs=budget.counted_slabs)
     plan = yield from stages.run("Counting triangles", planning)
     least = replace(plan, value_bytes=0, budget=replace(budget, work_bytes=0))  # small works take less than these
-    there = min(there, budget.available or 0)  # without the memory that counting has taken for good
+    give_back()
+    left = budget.available  # counting may have left less memory
+    there = there if left is None else min(there, left)
     if least.needed > there:
         proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, there))
         raise PlanRefusal(_unfitting(plan, there, proposals))

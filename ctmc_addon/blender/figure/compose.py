@@ -89,12 +89,13 @@ class FigureScene:
         return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
 
     def trim_outlines(self) -> None:
-        """Keep of every outline what this camera sees: from the other side it is clear, and costs time."""
+        """Drop the triangles of outlines that face away from the camera: they are invisible and slow to render."""
         backward = np.array(self.scene.camera.matrix_world)[:3, 2]
         for shell in [shell for outlines in self.outlines for shell in outlines]:
             positions, faces = world_positions(shell), meshes.read_triangles(shell.data)
             a, b, c = positions[faces].transpose(1, 0, 2)  # (F, 3) each
-            towards = (np.cross(b - a, c - a) * backward).sum(axis=1) > 0.0
+            sign = 1.0 if shell.matrix_world.determinant() > 0 else -1.0  # a mirrored object turns its triangles round
+            towards = sign * (np.cross(b - a, c - a) * backward).sum(axis=1) > 0.0
             material, whole = shell.data.materials[0], shell.data
             shell.data = meshes.new_mesh(SHELL, meshes.read_positions(whole), faces[towards])
             shell.data.materials.append(material)

@@ -89,7 +89,7 @@ class Picture(NamedTuple):
 
 
 def tiles_of(size: tuple[int, int], written: int = 0) -> list[tuple[int, int]]:
-    """Return the first row and the row after the last of every tile, from the bottom up; none is partly written.
+    """Return the first row and the row after the last of every tile, from the bottom up; none mixes picture and text.
 
     Examples
     --------

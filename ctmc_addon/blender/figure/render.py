@@ -60,8 +60,8 @@ def figure_steps(
     require_png(target)
     if blend is not None:
         require_own_blend(Path(blend))
-    for folder in {target.parent, Path(blend or target).parent}:
-        remove_leftovers(folder)
+    for file in (target, Path(blend or target)):
+        remove_leftovers(file.resolve().parent)
     yield Step(0.0, "Setting up the figure")
     figure = yield from compose_steps(cells, page, style, scene)
     try:

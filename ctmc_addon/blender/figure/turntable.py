@@ -84,7 +84,7 @@ def turntable_steps(
         note = note_of(figure, page, style, turn)
         made_folder(folder)
         require_same(folder, note, overwrite)
-        for each in {folder, target.parent, Path(blend or target).parent}:
+        for each in {folder, *(file.resolve().parent for file in (target, Path(blend or target)))}:
             remove_leftovers(each)
         write_json(folder / NOTE, note)
         if blend is not None:

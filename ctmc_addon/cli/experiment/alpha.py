@@ -86,7 +86,7 @@ def require_alpha(settings: ReconstructionSettings) -> None:
     if settings.threshold is None and (settings.label is None or not settings.alpha_matters):
         raise UsageError(
             "alpha moves vertices between gray values, and a bare label has none: "
-            "give --threshold T, or --label N with --smoothing auto"
+            "give --threshold T, or --label N with --smoothing constrained"
         )
 
 

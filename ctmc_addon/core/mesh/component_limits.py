@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which components of a surface stay: the one place that a further rule goes into."""
+"""Rules for which components of a surface stay. A new one goes here."""
 
 from __future__ import annotations
 
@@ -33,12 +33,13 @@ class ComponentLimits(NamedTuple):
         return self.largest == 0 and self.min_volume <= 0
 
     def need_no_volumes(self, count: int) -> bool:
-        """Return whether so many components all stay, whatever they enclose."""
+        """Return whether `count` components all stay without measuring them."""
         return self.min_volume <= 0 and count <= self.largest
 
     def ask_more_than(self, others: ComponentLimits) -> bool:
         """Return whether a surface that was kept by `others` may lose components by these."""
-        return others.min_volume < self.min_volume or bool(self.largest and not others.largest)
+        fewer = bool(self.largest) and not 0 < others.largest <= self.largest
+        return others.min_volume < self.min_volume or fewer
 
     def kept(self, volumes: NDArray[np.float64], owner: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which components stay.
@@ -60,7 +61,7 @@ class ComponentLimits(NamedTuple):
         if not keep[bodies].any():
             raise MeshError(
                 f"no component has a volume of {self.min_volume:g} mm3 or more: the largest of {bodies.sum()} has "
-                f"{sizes.max():.4g} mm3; lower the minimum volume"
+                f"{sizes[bodies].max():.4g} mm3; lower the minimum volume"
             )
         if self.largest:
             keep[np.flatnonzero(bodies)[np.argsort(-sizes[bodies], kind="stable")[self.largest :]]] = False

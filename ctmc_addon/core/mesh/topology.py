@@ -151,7 +151,7 @@ def compacted(faces: Ints, vertex_count: int) -> tuple[NDArray[np.bool_], Ints]:
 
 
 class Groups:
-    """Numbers from 0 on in groups that are joined one after the other; the lowest number stands for its group.
+    """Union-find over 0..count-1; a group is named by its lowest number.
 
     Where all links are known at first, `component_roots_steps` finds the same faster.
 

@@ -41,14 +41,14 @@ def are_thin(batch: int, seam: int) -> bool:
 def held_batches(
     face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
 ) -> HeldBatches:
-    """Follow batches that are all alike until one group of them is complete.
+    """Simulate equal batches until the first group is merged.
 
     Parameters
     ----------
     face_count : int
         Triangles of the surface.
     share : float
-        Of its triangles that a batch may keep beside those along its seams.
+        Share of a batch's triangles that is kept, seams not counted.
     batch : int
         Triangles that a batch has at least.
     layers : int

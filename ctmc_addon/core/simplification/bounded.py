@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The end of simplification within a maximum error: undo what exceeds it or crosses, as `uncrossing` does."""
+"""Enforce the maximum error: undo collapses that exceed it or make triangles cross."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
     if len(surfaces) == 1:
         checked = [_Checked(check, surfaces[0][0])]
     else:
-        checked = []  # labels have edges where they meet, beside which a distance may grow as fast as can be
+        checked = []  # labels meet in creases, where a distance may grow at slope 1
         for surface in surfaces:
-            checked.append(_Checked(ErrorCheck(check.limit, strict=True), surface[0]))
+            checked.append(_Checked(ErrorCheck(check.limit, steepest=1.0), surface[0]))
             yield from checked[-1].check.prepare_steps(*_columns(check.original, check.original_faces, surface))
     mesh.crossing_count = yield from _undo_steps(mesh, log, checked)
     if len(surfaces) > 1:
@@ -115,7 +115,7 @@ def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked])
         if whole and not (found >= 0).any():
             crossing = yield from self_intersections_steps(mesh.positions.T, mesh.faces.T)
             found = log.last_changes(log.face_number[crossing.ravel()])
-        found = np.unique(found[found >= 0])  # a face that no change has touched is away by the check's rounding alone
+        found = np.unique(found[found >= 0])  # untouched faces fail only by rounding
         compare = bool(len(found))
         if len(found):
             to_check, moved = restored(mesh, log, log.undo(found), moved)

@@ -217,7 +217,7 @@ class ErrorBound:
 
 
 def _meeting(faces: Ints, interface: Ints, face_at_vertex: Indices) -> tuple[Indices, Indices]:
-    """Vertices with faces of further interfaces than that of `face_at_vertex`, (V,), and a face in each of these."""
+    """Vertices (n,) on several interfaces, and a face (n,) in each further one."""
     at = [np.flatnonzero(interface != np.take(interface, np.take(face_at_vertex, corner))) for corner in faces]
     face = np.concatenate(at)
     vertex = np.concatenate([corner[number] for corner, number in zip(faces, at, strict=True)]).astype(np.int64)

@@ -28,7 +28,7 @@ Pieces = list[Floats]  # three corners, (3, n) each
 
 BLOCK, ASKED = 4096, 1024  # pieces looked at, and points the tree is asked for, together: they stay in the cache
 STEEP = 0.5  # how fast a distance grows along a piece: the sine of 30 degrees
-CUTS, STRICT_CUTS = 5, 8  # quarterings of a face
+CUTS = 5  # quarterings of a face
 STEPS = 2  # from triangle to triangle in search of a nearer one, at each quartering
 
 
@@ -85,13 +85,13 @@ class ErrorCheck:
     Parameters
     ----------
     limit : float
-    strict : bool
-        Whether a face exceeds the limit unless it is proved to be within, however steep surfaces stand. Else distances
-        are taken to grow no faster than `STEEP`, and the smallest pieces are measured at their middles.
+    steepest : float
+        Distances are taken to grow no faster than this along a piece; 1 is right however surfaces stand. The smallest
+        pieces are measured at their middles.
     """
 
-    def __init__(self, limit: float, strict: bool = False) -> None:
-        self.limit, self.strict, self.steepest = limit, strict, 1.0 if strict else STEEP
+    def __init__(self, limit: float, steepest: float = STEEP) -> None:
+        self.limit, self.steepest = limit, steepest
 
     def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in the original: positions (3, V) and faces (3, F)."""
@@ -112,7 +112,7 @@ class ErrorCheck:
         pieces = _pieces(self.positions, self.faces[:, numbers])
         middle = _middle(pieces)
         _, near = yield from self.to_original.nearest_steps(middle, self._squared_limits(middle))
-        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit, self.strict)
+        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit)
         return numbers[away]
 
     def original_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
@@ -129,9 +129,7 @@ class ErrorCheck:
         rest = np.concatenate(open_) if open_ else numbers
         pieces = _pieces(self.original, self.original_faces[:, rest])
         near = self.near[self.original_faces[0, rest]]
-        away = yield from _exceeding_steps(
-            self.to_simplified, pieces, near, self.steep_original[rest], self.limit, self.strict
-        )
+        away = yield from _exceeding_steps(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
         return np.concatenate([numbers[far], rest[away]])
 
     def _squared_limits(self, points: Floats) -> Doubles:
@@ -165,11 +163,9 @@ def _pieces(positions: Floats, faces: Ints) -> Pieces:
     return [np.take(positions, corner, axis=1) for corner in faces]
 
 
-def _exceeding_steps(
-    target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float, strict: bool
-) -> Steps[Flags]:
+def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float) -> Steps[Flags]:
     """Which faces are somewhere farther than the limit from the target; `near` is a triangle not far from each."""
-    away, cuts = np.zeros(len(near), bool), STRICT_CUTS if strict else CUTS
+    away = np.zeros(len(near), bool)
     stack = [(faces, near, np.arange(len(near)), 0)]
     while stack:
         pieces, near, face, level = stack.pop()
@@ -191,15 +187,13 @@ def _exceeding_steps(
             closer = other < squared[open_]
             squared[open_[closer]], near[open_[closer]] = other[closer], across[closer]
         # The nearest triangle of all is worth finding only where it can decide.
-        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == cuts)]
+        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
         other, nearer = yield from target.nearest_steps(middle[:, ask], np.minimum(squared[ask], limit * limit))
         closer = other < squared[ask]
         squared[ask[closer]], near[ask[closer]] = other[closer], nearer[closer]
         away[face[ask[squared[ask] > limit * limit]]] = True
         open_ = open_[(np.sqrt(squared[open_]) + growth[open_] > limit) & ~away[face[open_]]]
-        if level == cuts and strict:
-            away[face[open_]] = True
-        elif level < cuts and len(open_):
+        if level < CUTS and len(open_):
             smaller = _quartered([corner[:, open_] for corner in pieces])
             stack.append((smaller, np.tile(near[open_], 4), np.tile(face[open_], 4), level + 1))
     return away

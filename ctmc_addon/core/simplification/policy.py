@@ -24,7 +24,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Policy:
-    """How simplification goes about; it keeps what it promises with any of these.
+    """Measured settings of simplification. None of them affects its guarantees.
 
     share, complex_share : float
         Of the edges are looked at in a round: fewer come closer to one heap, and take more rounds. In a complex fewer
@@ -32,7 +32,7 @@ class Policy:
     poor_round : float
         A round is poor if fewer than this share of the edges tried could collapse.
     poor_rounds : int
-        In a row: give up, or give refused edges another chance.
+        After so many poor rounds in a row, retry refused edges or stop.
     compact_below : float
         Leave out faces that are gone once fewer than this share remain.
     consider_again, cut_again, cut_in_batch : float
@@ -71,7 +71,7 @@ class Policy:
     spare : float
         Batches leave so many times as many triangles as wanted to the last pass.
     batches, regions : int
-        Into which a surface as large as may be simplified at once would be cut, of the first and of the last pass.
+        Parts for each `whole_faces` triangles, in the first and in the last pass.
     face_bytes, bounded_face_bytes, complex_face_bytes, bounded_complex_face_bytes : int
         Memory for each triangle at the start: without and with a maximum error, and both of labels that touch.
     held_face_bytes : int

@@ -146,8 +146,12 @@ def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     assert went_on.mean() > 0.1
 
 
-def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_path):
-    thing = ShownSurface(add_reconstruction(ball(), scene), name="", color=(0.8, 0.8, 0.8))
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_path, mirrored):
+    obj = add_reconstruction(ball(), scene)
+    obj.scale.x *= -1 if mirrored else 1
+    bpy.context.view_layer.update()
+    thing = ShownSurface(obj, name="", color=(0.8, 0.8, 0.8))
     style = FigureStyle("illustration", scale_bar=False, orientation=False)
     figure = finish(compose_steps([Cell((thing,))], Page(30.0, 400.0), style))
     figure.scene.cycles.use_denoising = figure.scene.cycles.use_adaptive_sampling = False

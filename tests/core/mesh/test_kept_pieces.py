@@ -322,3 +322,22 @@ def test_bone_of_a_patient(monkeypatch):
     volume = read_volume(path)
     settings = ReconstructionSettings(threshold=200.0, keep_parts=3, min_part_mm3=10.0)
     assert assert_same(monkeypatch, volume, settings, 16) > 100_000
+
+
+@pytest.mark.parametrize(
+    ("asked", "before", "more"),
+    [
+        ((1, 0), (0, 0), True),
+        ((1, 0), (5, 0), True),
+        ((5, 0), (1, 0), False),
+        ((0, 2), (0, 1), True),
+        ((0, 1), (3, 2), False),
+    ],
+)
+def test_limits_tell_whether_a_surface_may_lose_more(asked, before, more):
+    assert ComponentLimits(*asked).ask_more_than(ComponentLimits(*before)) is more
+
+
+def test_the_largest_component_that_a_refusal_names_is_no_cavity():
+    with pytest.raises(MeshError, match="the largest of 2 has 10 mm3"):
+        ComponentLimits(0, 50.0).kept(np.array([10.0, -40.0, 5.0]), np.array([0, 0, 2]))

@@ -402,3 +402,29 @@ def test_threads_change_no_byte_within_a_maximum_error():
     results = [simplify_complex(cells(), max_error=0.4, budget=Budget(threads=threads)) for threads in (1, 2)]
     one, two = (mesh.vertices.tobytes() + mesh.faces.tobytes() + mesh.sides.tobytes() for mesh in results)
     assert one == two
+
+
+@pytest.mark.parametrize("bound", [0.3, 0.003])
+def test_touching_boxes_become_their_twelve_triangles_within_any_maximum_error(bound):
+    labels = np.zeros((6, 6, 10), np.uint8)
+    labels[1:5, 1:5, 1:5], labels[1:5, 1:5, 5:9] = 1, 2
+    small = simplify_complex(walls_of(labels), max_error=bound)
+    assert [len(small.of_label(label).faces) for label in (1, 2)] == [12, 12]
+
+
+def walls_of(labels):
+    """The walls between samples, two triangles a side."""
+    numbers, faces, sides = {}, [], []
+    for axis in range(3):
+        lower = [slice(None)] * 3
+        lower[axis] = slice(None, -1)
+        upper = [slice(None)] * 3
+        upper[axis] = slice(1, None)
+        first, last = labels[tuple(lower)], labels[tuple(upper)]
+        for index in np.argwhere(first != last):
+            corner = index + np.eye(3, dtype=int)[axis]
+            u, v = np.eye(3, dtype=int)[(axis + 1) % 3], np.eye(3, dtype=int)[(axis + 2) % 3]
+            square = [numbers.setdefault(tuple(corner + d), len(numbers)) for d in (0 * u, u, u + v, v)]
+            faces += [[square[0], square[1], square[2]], [square[0], square[2], square[3]]]
+            sides += [(int(first[tuple(index)]), int(last[tuple(index)]))] * 2
+    return ComplexMesh(np.array(list(numbers), np.float32), np.array(faces, np.int32), np.array(sides, np.int32))
