@@ -156,19 +156,29 @@ def test_works_that_come_one_by_one_give_their_results_in_order(threads):
 
 
 def test_no_more_works_come_than_can_be_at_work():
-    begun = []
+    lock, begun, ended, waiting = threading.Lock(), [], [], []
+
+    def work(number):
+        def work_steps():
+            for _ in range(3):
+                time.sleep(0.005)
+                yield Step(0.5)
+            with lock:
+                ended.append(number)
+            return number
+
+        return work_steps
 
     def works():
         for number in range(6):
-            begun.append(number)
-            yield doubled(number, slow=range(6)) if number != 5 else doubled(7)
+            with lock:
+                begun.append(number)
+                waiting.append(len(begun) - len(ended))
+            yield work(number)
 
-    seen = [
-        len(begun) - done
-        for done, item in enumerate(item for item in in_order_steps(works(), 2) if not isinstance(item, Step))
-    ]
+    assert [item for item in in_order_steps(works(), 2) if not isinstance(item, Step)] == [0, 1, 2, 3, 4, 5]
     assert len(begun) == 6
-    assert max(seen) <= 3
+    assert max(waiting) <= 3  # two at work, and the one that comes
 
 
 def test_a_work_that_lasts_keeps_no_thread_from_the_works_after_it():
