@@ -67,6 +67,7 @@ def ome_tiff(folder, sides):
 
 
 def zarr(folder, sides):
+    pytest.importorskip("zarr")
     zarr_stores = pytest.importorskip("zarr_stores")
     store = zarr_stores.save_by_hand(folder / "ct.ome.zarr", VALUES, VALUES.shape)
     about = json.loads((store / ".zattrs").read_text())

@@ -113,8 +113,8 @@ def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     Examples
     --------
-    >>> are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all(), are_joined(np.array([40.0])).all()
-    (True, True)
+    >>> bool(are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all()), are_joined(np.array([40.0])).tolist()
+    (True, [True])
     >>> are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
     [True, True, False, True, True, True]
     """
