@@ -135,10 +135,7 @@ def volume_graphics(path: Path) -> FlatValues:
     sides = numbers(geometry, ("resolution",), 3, path.name)
     (mm,), notes = in_mm([geometry.get("unit", "")])
     if sides is not None and not geometry.get("unit"):
-        notes = (
-            *notes,
-            "the file has no unit: its resolution is taken as mm; if it is another unit, give the spacing in mm",
-        )
+        notes = (*notes, NO_UNIT)
     return FlatValues(
         _values_path(path, file.get("name", "").strip("\"'")),
         volume_size([whole(word, "Size", path.name) for word in file.get("size", "").split()[:9]], path.name),
@@ -150,12 +147,13 @@ def volume_graphics(path: Path) -> FlatValues:
 
 
 def _values_path(path: Path, name: str) -> Path:
-    """Return where the values of a `.vgi` lie: beside it, whatever folder of another machine it names."""
+    """Return where the values of a `.vgi` lie: where it says, else beside it, as a folder may be another machine's."""
     last = re.split(r"[/\\]", name)[-1]
     if last.lower().endswith(VGI) or not last:
         raise ReadError(f"{path.name} has '{name[:60]}' as Name, not a file of values; export it again")
-    beside = path.parent / last
-    return beside if beside.is_file() else path.parent / inner_path(name, path.name)
+    beside, inside = path.parent / last, path.parent / name.replace("\\", "/")
+    is_inside = inside.is_relative_to(path.parent) and inside.is_file()
+    return beside if beside.is_file() and not is_inside else path.parent / inner_path(name, path.name)
 
 
 def pyhst(path: Path) -> FlatValues:

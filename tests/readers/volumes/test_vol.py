@@ -144,6 +144,13 @@ def test_values_are_found_beside_their_text_whatever_folder_it_names(tmp_path, n
     np.testing.assert_array_equal(read_volume(tmp_path / "ct.vgi").values, VALUES)
 
 
+def test_the_file_that_a_text_names_comes_before_one_of_its_name_beside_it(tmp_path):
+    pair(tmp_path, VGI.replace("Name = ct.vol", "Name = sub/ct.vol"), "ct.vgi", VALUES + 1)
+    (tmp_path / "sub").mkdir()
+    (tmp_path / "sub" / "ct.vol").write_bytes(VALUES.tobytes())
+    np.testing.assert_array_equal(read_volume(tmp_path / "ct.vgi").values, VALUES)
+
+
 def test_a_text_without_a_unit_is_taken_as_mm_with_a_note(tmp_path):
     pair(tmp_path, VGI.replace("unit = mm\n", "").replace("mirror", "mirror = 0 0 0 0"), "ct.vgi")
     volume = read_volume(tmp_path / "ct.vgi")
