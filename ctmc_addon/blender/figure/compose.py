@@ -64,7 +64,7 @@ class FigureScene:
     blocks : list of ID
         What was made, but the scene.
     written_rows : int
-        Of the picture, below all cells.
+        Rows of pixels at the bottom with text and bars only.
     """
 
     scene: bpy.types.Scene

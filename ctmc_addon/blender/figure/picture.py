@@ -37,7 +37,7 @@ class Picture(NamedTuple):
     paper : (red, green, blue) float
         Color of the page.
     written_rows : int
-        At the bottom of the page, with letters and bars alone.
+        Rows at the bottom of the page with text and bars only.
     pivot : str
         Name of the object that turns; empty where none does.
     angle : float

@@ -136,7 +136,7 @@ def buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
 
 
 def compacted(faces: Ints, vertex_count: int) -> tuple[NDArray[np.bool_], Ints]:
-    """Which of the vertices the faces have, (vertex_count,) bool, and the faces with those alone counted.
+    """Return which vertices are used, (vertex_count,) bool, and the faces renumbered to them.
 
     Examples
     --------
@@ -192,7 +192,7 @@ class Groups:
 def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Number of the component that every face is in, (F,) int32; components in the order of their first face.
 
-    As of `component_roots_steps`, `faces` may be links too.
+    `faces` may also be links (n, 2).
     """
     roots = (yield from component_roots_steps(faces, vertex_count))[faces[:, 0]]  # (F,)
     yield PAUSE
