@@ -25,8 +25,8 @@ ARROWS = {
 }
 BLENDER = {"bpy", "bpy_extras", "bl_ui", "bl_operators", "addon_utils", "mathutils", "gpu", "blf", "bmesh"}
 SOURCES = sorted(PACKAGE.rglob("*.py"))
-FACES = {
-    path.parent for path in SOURCES if path.name == "__init__.py" and "__all__" in path.read_text(encoding="utf-8")
+FACES = {  # Packages that offer names to other rooms.
+    path.parent for path in SOURCES if path.name == "__init__.py" and "\nfrom ." in path.read_text(encoding="utf-8")
 }
 # Runs `imports` on a Python where `blocked` do not exist.
 BLOCKED_IMPORT = """

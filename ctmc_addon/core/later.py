@@ -1,31 +1,50 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names that a package imports when they are first asked for, so that a command starts without what it does not use."""
+"""Import names of a package when they are first used, so that a command starts without what it does not need."""
 
 from __future__ import annotations
 
+import ast
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
+from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from typing import Any
 
 
-def names_later(package: str, names: Mapping[str, str]) -> Callable[[str], Any]:
-    """Return the `__getattr__` of a package.
+def lazy_names(package: str) -> Callable[[str], Any]:
+    """Return the `__getattr__` of a package that imports the names under its `if TYPE_CHECKING:` on first use.
+
+    Those names stand in one place, where type checkers read them too.
 
     Parameters
     ----------
     package : str
         Its `__name__`.
-    names : mapping
-        For each module, relative to the package, the names that it has, parted by spaces.
     """
-    module_of = {name: module for module, all_names in names.items() for name in all_names.split()}
 
     def getattr_(name: str) -> Any:
-        if name not in module_of:
+        module = _modules_of(package).get(name)
+        if module is None:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        value = getattr(import_module(module_of[name], package), name)
+        value = getattr(import_module(module, package), name)
         setattr(sys.modules[package], name, value)
         return value
 
     return getattr_
+
+
+@cache
+def _modules_of(package: str) -> dict[str, str]:
+    """Return the module of each name under `if TYPE_CHECKING:`, relative to the package."""
+    spec = find_spec(package)
+    loader: Any = spec.loader if spec else None
+    source = loader.get_source(package)
+    return {
+        alias.name: "." * node.level + (node.module or "")
+        for block in ast.parse(source).body
+        if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+    }

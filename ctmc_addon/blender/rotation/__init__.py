@@ -5,18 +5,3 @@ from ..viewport.shaders import can_draw
 from .levels import Level, levels_in, show_only, simplified_steps
 from .timing import SIZES, Drawing, LevelTimes, frames_of, rotation_steps, rotation_test_steps
 from .window import ViewportDrawing
-
-__all__ = [
-    "SIZES",
-    "Drawing",
-    "Level",
-    "LevelTimes",
-    "ViewportDrawing",
-    "can_draw",
-    "frames_of",
-    "levels_in",
-    "rotation_steps",
-    "rotation_test_steps",
-    "show_only",
-    "simplified_steps",
-]

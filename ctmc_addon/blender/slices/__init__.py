@@ -6,30 +6,3 @@ from .cut_box import add_cut_box, cut_away, cut_box_of, flip_cut_away, near_half
 from .cuttable import is_cut_box, is_cuttable, require_cuttable
 from .follow import at_corners, corners_of, cross_at, pack_pictures, refresh, show_window, slices_of
 from .plane import SLICE, add_slice, is_slice
-
-__all__ = [
-    "CUT",
-    "SLICE",
-    "add_cut_box",
-    "add_slice",
-    "at_corners",
-    "corners_of",
-    "cross_at",
-    "cut_at_slice",
-    "cut_away",
-    "cut_box_of",
-    "cuts_of",
-    "flip",
-    "flip_cut_away",
-    "is_cut_box",
-    "is_cut_in",
-    "is_cuttable",
-    "is_slice",
-    "near_half",
-    "pack_pictures",
-    "refresh",
-    "remove_cut_away",
-    "require_cuttable",
-    "show_window",
-    "slices_of",
-]

@@ -19,35 +19,3 @@ from .objects import (
 from .placement import SCALE
 from .provenance import Provenance, read_provenance, require_provenance, set_drawn, settings_of
 from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
-
-__all__ = [
-    "PICKED",
-    "SCALE",
-    "Provenance",
-    "add_reconstruction",
-    "apply_shape_and_modifiers",
-    "as_shown",
-    "call",
-    "component_at",
-    "decimated",
-    "edges_steps",
-    "evaluated_triangles",
-    "give_triangles",
-    "key_state",
-    "own_mesh",
-    "own_surface",
-    "placement_of",
-    "read_back",
-    "read_provenance",
-    "refresh_normals",
-    "require_editable",
-    "require_provenance",
-    "require_updatable",
-    "separated",
-    "set_alpha",
-    "set_drawn",
-    "settings_of",
-    "surface_mesh_steps",
-    "temporary_surfaces",
-    "update_reconstruction",
-]

@@ -7,26 +7,3 @@ from .overlay import Picture, draw_labels, draw_letters, draw_lines, draw_path
 from .preview_surface import PreviewSurface
 from .shaders import WHOLE, can_draw, free_shader
 from .strip import Shown, Strip, draw_strip, placed_names, strip_in, width_of
-
-__all__ = [
-    "WHOLE",
-    "Picture",
-    "PreviewSurface",
-    "Shown",
-    "Strip",
-    "can_draw",
-    "clip",
-    "draw_labels",
-    "draw_legend",
-    "draw_letters",
-    "draw_lines",
-    "draw_path",
-    "draw_strip",
-    "frame",
-    "free_shader",
-    "is_held",
-    "placed_names",
-    "show_from",
-    "strip_in",
-    "width_of",
-]

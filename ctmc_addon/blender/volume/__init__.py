@@ -4,5 +4,3 @@
 from .appearance import APPEARANCES, Appearance, adjust
 from .objects import add_volume, of_ct
 from .vdb import vdb_steps, vdb_writer
-
-__all__ = ["APPEARANCES", "Appearance", "add_volume", "adjust", "of_ct", "vdb_steps", "vdb_writer"]

@@ -4,5 +4,3 @@
 from .grid import Grid, make_grid
 from .marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from .scan import TOPOLOGIES
-
-__all__ = ["TOPOLOGIES", "Counts", "Grid", "count_steps", "extract_steps", "make_grid", "marching_cubes"]

@@ -3,7 +3,7 @@
 
 from typing import TYPE_CHECKING
 
-from ..later import names_later
+from ..later import lazy_names
 from .angles.triangle_angles import TriangleQuality
 from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
@@ -26,47 +26,4 @@ if TYPE_CHECKING:
     from .quality import SAMPLES, SEED, roughness, triangle_shapes
     from .rulers import angle_at, distance_between
 
-__getattr__ = names_later(
-    __name__,
-    {
-        ".diameter": "largest_diameter largest_diameter_steps",
-        ".distance.subdivision": "mean_longest_edge_steps subdivided_steps",
-        ".distance.surface_distance": "ReferenceSurface SurfaceDistance surface_distance surface_distance_steps "
-        "vertex_distances_steps",
-        ".intersections": "self_intersections self_intersections_steps",
-        ".quality": "SAMPLES SEED roughness triangle_shapes",
-        ".rulers": "angle_at distance_between",
-    },
-)
-
-__all__ = [
-    "SAMPLES",
-    "SEED",
-    "Groups",
-    "Measures",
-    "ReferenceSurface",
-    "SurfaceDistance",
-    "TriangleQuality",
-    "angle_at",
-    "blend",
-    "bodies_steps",
-    "coarse_mesh",
-    "distance_between",
-    "edges_steps",
-    "keep_components_steps",
-    "largest_diameter",
-    "largest_diameter_steps",
-    "mean_longest_edge_steps",
-    "measures_steps",
-    "roughness",
-    "self_intersections",
-    "self_intersections_steps",
-    "subdivided_steps",
-    "surface_distance",
-    "surface_distance_steps",
-    "triangle_shapes",
-    "vertex_distances_steps",
-    "vertex_normals",
-    "vertex_normals_steps",
-    "with_faces",
-]
+__getattr__ = lazy_names(__name__)

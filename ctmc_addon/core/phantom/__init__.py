@@ -3,10 +3,3 @@
 
 from .foam_slices import FOAM_THRESHOLD, foam
 from .phantom import Phantom, phantom_steps
-
-__all__ = [
-    "FOAM_THRESHOLD",
-    "Phantom",
-    "foam",
-    "phantom_steps",
-]

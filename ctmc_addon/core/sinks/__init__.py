@@ -4,5 +4,3 @@
 from .hold import HOLD, Hold
 from .sink import Sink, Taken
 from .write import Write
-
-__all__ = ["HOLD", "Hold", "Sink", "Taken", "Write"]

@@ -3,13 +3,3 @@
 
 from .rows import SummaryRow, amount, counts
 from .write import LABELS_FILE, SUMMARY_FILES, write_summary, write_summary_if_possible
-
-__all__ = [
-    "LABELS_FILE",
-    "SUMMARY_FILES",
-    "SummaryRow",
-    "amount",
-    "counts",
-    "write_summary",
-    "write_summary_if_possible",
-]

@@ -4,12 +4,3 @@
 from ..mesh_files import STRUCTURE_SUFFIXES, files_of
 from .structure import Structure, as_structures
 from .writing import write_structures, write_structures_steps
-
-__all__ = [
-    "STRUCTURE_SUFFIXES",
-    "Structure",
-    "as_structures",
-    "files_of",
-    "write_structures",
-    "write_structures_steps",
-]

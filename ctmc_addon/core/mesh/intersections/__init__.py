@@ -2,5 +2,3 @@
 """Which triangles of a mesh cross each other, decided exactly."""
 
 from .meeting_pairs import self_intersections, self_intersections_steps
-
-__all__ = ["self_intersections", "self_intersections_steps"]
