@@ -55,17 +55,17 @@ site: setup  ## the site of docs/, in out/site; every link, picture and anchor i
 	@$(python) tools/make_site.py $(ARGS)
 
 bench:  ## speed against VTK and others, in out/bench; ARGS="--quick --only extraction" for a part of it
-	@'$(or $(starter),python3)' tests/benchmarks/environment.py $(ARGS)
+	@'$(or $(starter),python3)' benchmarks/environment.py $(ARGS)
 
 accuracy: setup  ## how near surfaces come to closed forms, of labels beside the peers': the tables of docs/development/accuracy.md
 	@PYTHONPATH=tests $(python) -m benchmarks.accuracy $(ARGS)
-	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.labels $(ARGS)
+	@'$(or $(starter),python3)' benchmarks/environment.py benchmarks.labels $(ARGS)
 
 interfaces:  ## walls that labels share, ours and the peers'; LABELS=PATH:PATH for label volumes simplified together and alone
-	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.shared_walls $(ARGS)
+	@'$(or $(starter),python3)' benchmarks/environment.py benchmarks.shared_walls $(ARGS)
 
 segmentation:  ## clicks to a Dice by a simulated user, ours and the peers'; ARGS="liver tumor --clicks 6" for some
-	@'$(or $(starter),python3)' tests/benchmarks/environment.py benchmarks.segmentation $(ARGS)
+	@'$(or $(starter),python3)' benchmarks/environment.py benchmarks.segmentation $(ARGS)
 
 topology: setup  ## how often parts and Euler numbers are not the trilinear surface's; ARGS="100" for a hundred
 	@PYTHONPATH=tests $(python) -m benchmarks.topology $(ARGS)

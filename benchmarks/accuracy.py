@@ -20,7 +20,7 @@ from ctmc_addon.core.volume.affine import transform_normals
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "development" / "accuracy.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "development" / "accuracy.md"
 STEPS = (2.0, 1.0, 0.5, 0.25)  # mm; along z times 1 or 2.5
 FINE = STEPS[1:]  # what the orders are taken from: at 2 mm the torus' tube is three voxels wide
 ALPHAS = (0.0, 0.5, 1.0)

@@ -11,7 +11,7 @@ import re
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "development" / "performance.md"
 PICTURE = ROOT / "docs" / "pictures" / "growth.png"
 WITH_ROWS = (

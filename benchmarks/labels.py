@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces made from labels against the true bodies, ours and the peers' in one run: `make accuracy`.
 
-    tests/benchmarks/environment.py benchmarks.labels blobs tubes     # some: blobs, torus, tubes, vessels, turned,
+    benchmarks/environment.py benchmarks.labels blobs tubes     # some: blobs, torus, tubes, vessels, turned,
                                                                       # slices, time; --write-docs into accuracy.md
 
 `slices` leaves out two of three slices of the label volumes named in LABELS, a list of paths parted by colons.
@@ -25,7 +25,7 @@ from . import documents
 from .label_bodies import BLOBS, Labelled, labelled, torus, tube, vessels
 from .label_peers import PEERS, Mesh, compared, spacing_of
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "development" / "accuracy.md"
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "development" / "accuracy.md"
 SPACINGS = {"5": (0.75, 0.75, 5.0), "2.5": (0.9, 0.9, 2.5), "1.6": (0.75, 0.75, 1.6)}
 HEAD = f"{'':34s}{'mean':>8s}{'95 %':>8s}{'volume %':>10s}{'normals':>9s}{'s':>8s}"
 COLUMNS = ["body", "spacing, mm", "mean, mm", "best peer", "ratio", "95 %, mm", "best peer", "ratio", "volume",

@@ -6,11 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from benchmarks import documents, growth, patient, peers, processes, reading
 from benchmarks.accuracy import PAGE as ACCURACY
 from benchmarks.bench import PARTS
 from benchmarks.measuring import Row, Session, least_seconds, peak_bytes, processor_seconds, stage_seconds, timed
-
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
 from ctmc_addon.core.progress import Step
 from ctmc_addon.readers import read_volume

@@ -23,7 +23,7 @@ from . import documents
 from .measuring import Row, Session
 from .peers import versions
 
-ROOT = Path(__file__).resolve().parents[2]
+ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "out" / "bench" / "bench.json"
 PARTS = {  # name: module, what is measured
     "extraction": "against VTK, scikit-image, PyMCubes; strides; memory",

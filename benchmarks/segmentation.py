@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """How many clicks a structure takes, ours and the peers' in one run: `make segmentation`.
 
-    tests/benchmarks/environment.py benchmarks.segmentation ball liver tumor --clicks 6 --without random_walker
+    benchmarks/environment.py benchmarks.segmentation ball liver tumor --clicks 6 --without random_walker
 
 A simulated user clicks the most interior voxel of the largest error, in the structure where voxels are missing and in
 its surroundings where there are too many, and again. Cases are phantoms, and patients below CTMC_TEST_CT (by default
