@@ -3,8 +3,8 @@
 
 import numpy as np
 import pytest
-from benchmarks.shapes import EVEN, SHAPES, UNEVEN, angles, errors, extracted, order
 
+from benchmarks.shapes import EVEN, SHAPES, UNEVEN, angles, errors, extracted, order
 from ctmc_addon.core import ReconstructionSettings, marching_cubes, reconstruct
 from ctmc_addon.core.phantom.phantom import phantom
 from ctmc_addon.core.volume.affine import determinant, transform_normals, transform_points
