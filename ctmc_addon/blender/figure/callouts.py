@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ..colors import Color
 from .annotations import GAP_MM, LEADING, Board
-from .layout import Layout
+from .layout import SheetLayout
 from .letters import CAP
 from .ruler_marks import add_line
 from .visibility import DepthMaps
@@ -55,7 +55,7 @@ def eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
     return mask & padded[2:, 1:-1] & padded[:-2, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2]
 
 
-def draw_callouts(board: Board, layout: Layout, callouts: Sequence[Callout]) -> None:
+def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]) -> None:
     """Write the names in the columns beside the first picture of a page, each at the height of its structure."""
     left, bottom, right, top = layout.pictures[0]
     middle = (left + right) / 2

@@ -28,7 +28,7 @@ from .axes import orientation_marker, reach_mm
 from .callouts import Callout, draw_callouts, seen_at
 from .illustration import FROM_ALL_SIDES, KEY, OUTLINE_MM, SHELL, outline_material, outline_shell
 from .illustration import SUNS as FINE_SUNS
-from .layout import Layout, make_layout
+from .layout import SheetLayout, make_layout
 from .letters import CAP
 from .ruler_marks import ruler_mark
 from .samples import set_samples
@@ -70,7 +70,7 @@ class FigureScene:
     scene: bpy.types.Scene
     size: tuple[int, int] = (0, 0)
     paper: Color = WHITE
-    layout: Layout | None = None
+    layout: SheetLayout | None = None
     unit: float = 0.0
     scale: float = 0.0
     copies: list[list[bpy.types.Object]] = field(default_factory=list)
@@ -333,7 +333,7 @@ def shadow_free_step(
     return float(depth + min(ways))
 
 
-def annotate(figure: FigureScene, layout: Layout, cells: Sequence[Cell], style: FigureStyle, board: Board) -> None:
+def annotate(figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], style: FigureStyle, board: Board) -> None:
     """Captions, scale bar, legend or color bar, and the patient's axes."""
     down = LEADING * board.font_mm
     for which, text in enumerate(layout.texts):

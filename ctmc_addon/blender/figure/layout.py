@@ -27,7 +27,7 @@ LEAST_SHARE = 0.36  # of the width, which names leave the picture
 
 
 @dataclass(frozen=True)
-class Layout:
+class SheetLayout:
     """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
 
     height_mm: float
@@ -64,7 +64,7 @@ def make_layout(
     board: Board,
     reach_mm: float,
     turning: bool = False,
-) -> Layout:
+) -> SheetLayout:
     """Lay out a page.
 
     Parameters
@@ -145,7 +145,7 @@ def make_layout(
         left = MARGIN_MM + aside + column * (width + GAP_MM)
         top = total - MARGIN_MM - row * (height + captions + ROW_GAP_MM)
         pictures.append((left, top - height, left + width, top))
-    return Layout(
+    return SheetLayout(
         height_mm=total,
         unit=ROOM * max(extent[0] / width, extent[1] / height),
         margin=MARGIN_MM,

@@ -24,7 +24,7 @@ TILE_PIXELS = 1_000_000  # of a large picture, rendered in tiles for the memory 
 WRITTEN_PIXELS = 100_000  # A written part of fewer pixels is not worth a tile of its own.
 
 
-class Picture(NamedTuple):
+class RenderRequest(NamedTuple):
     """A picture to render.
 
     Parameters

@@ -18,7 +18,7 @@ from ...core import OutputError, Step, Steps
 from ...core.files.atomic_write import whole_file
 from ...core.files.temporary_names import remove_leftovers
 from .compose import compose_steps
-from .picture import Picture, pillow
+from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
 from .shown import shown_surfaces
 from .spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
@@ -70,7 +70,7 @@ def figure_steps(
                 write_scene(figure, files.enter_context(whole_file(Path(blend))))
             figure.trim_outlines()
             path = str(files.enter_context(whole_file(target)))
-            picture = Picture(path, target.name, page.dpi, figure.paper, figure.written_rows)
+            picture = RenderRequest(path, target.name, page.dpi, figure.paper, figure.written_rows)
             with renderer_of(figure, target, own_process) as renderer:
                 yield from renderer.make_steps(picture, Step(0.1, f"Rendering {target.name}"))
         yield Step(1.0, f"{target.name} written")

@@ -27,10 +27,10 @@ from ...core.files.atomic_write import refused
 from ...core.files.temporary_names import temporary_name
 from ..output_files import require_room
 from .compose import FigureScene
-from .picture import Picture
+from .picture import RenderRequest
 from .video import Video
 
-Task = Picture | Video
+Task = RenderRequest | Video
 WORKER = Path(__file__).with_name("renderer_worker.py")
 MARK = b"ctmc-renderer "  # begins what the process says: Blender prints to the same stream
 SCENE = "scene.blend"

@@ -21,11 +21,11 @@ from typing import Any
 import bpy
 
 from ...core import CtmcError, own_output, requests, say
-from .picture import Picture
+from .picture import RenderRequest
 from .renderer import MARK
 from .video import Video
 
-TASKS = {task.__name__: task for task in (Picture, Video)}
+TASKS = {task.__name__: task for task in (RenderRequest, Video)}
 SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # as Cycles tells them
 REMOVALS = 100  # Blender may be writing into its folder while that is removed.
 

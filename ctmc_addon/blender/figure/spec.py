@@ -347,7 +347,7 @@ class Transparency(Described):
 
 
 @dataclass(frozen=True)
-class DistanceMap(Described):
+class DistanceMapSettings(Described):
     """Whether surfaces have the colors of their distances, and where these end."""
 
     deviation: bool = setting(
@@ -426,5 +426,5 @@ class Turn(Described):
         return 360.0 * self.revolutions * frame / self.frames
 
 
-FIGURE_SETTINGS = (Page, FigureStyle, Transparency, DistanceMap, Comparison, Turn)
+FIGURE_SETTINGS = (Page, FigureStyle, Transparency, DistanceMapSettings, Comparison, Turn)
 """All that describes itself here: the table `[figure]` of a settings file."""

@@ -27,7 +27,7 @@ from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
 from .axes import PIVOT
 from .compose import FigureScene, all_positions, center_of, compose_steps
-from .picture import Picture
+from .picture import RenderRequest
 from .render import require_own_blend
 from .renderer import Renderer, renderer_of, write_scene
 from .spec import Cell, FigureStyle, Page, Turn
@@ -92,7 +92,7 @@ def turntable_steps(
                 write_scene(figure, temporary)
         # Blender evaluates no driver for a single picture of a scene that no window shows.
         pivot.driver_remove("rotation_euler", 2)
-        picture = Picture("", "", page.dpi, figure.paper, figure.written_rows, pivot.name)
+        picture = RenderRequest("", "", page.dpi, figure.paper, figure.written_rows, pivot.name)
         compiles = "EEVEE" in figure.scene.render.engine
         with renderer_of(figure, folder / NOTE, own_process) as renderer:
             rendered = yield from frames_steps(renderer, picture, folder, turn, compiles)
@@ -138,13 +138,13 @@ def add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
     return pivot
 
 
-def frames_steps(renderer: Renderer, picture: Picture, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
+def frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
     """Render the frames that are missing; says how long the rest takes once one is done.
 
     Parameters
     ----------
     renderer : Renderer
-    picture : Picture
+    picture : RenderRequest
         A frame without its path and angle.
     folder : Path
     turn : Turn

@@ -30,7 +30,7 @@ NEARER = 5e-4  # of the distance to the eye: more than the steps of the depth bu
 FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"
 
 
-class Picture:
+class OverlayPicture:
     """A picture on the graphics card, standing in space.
 
     Parameters

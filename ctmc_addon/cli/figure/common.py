@@ -10,7 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...blender.figure.spec import PAGES, DistanceMap, FigureStyle, Page, ShownSurface, Transparency
+from ...blender.figure.spec import PAGES, DistanceMapSettings, FigureStyle, Page, ShownSurface, Transparency
 from ...core import (
     OutputError,
     Reconstruction,
@@ -74,10 +74,10 @@ def style_of(args: argparse.Namespace) -> FigureStyle:
         return FigureStyle(**values_of(args, FigureStyle))
 
 
-def map_of(args: argparse.Namespace) -> DistanceMap:
+def map_of(args: argparse.Namespace) -> DistanceMapSettings:
     """Return whether the flags ask for a map of distances, and where its colors end."""
     with flags_checked():
-        return DistanceMap(**values_of(args, DistanceMap))
+        return DistanceMapSettings(**values_of(args, DistanceMapSettings))
 
 
 def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
@@ -119,7 +119,7 @@ def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequen
 def add_map(parser: argparse.ArgumentParser) -> None:
     """Add the flags for colors of distances."""
     group = parser.add_argument_group("map of distances")
-    add_described(group, DistanceMap)
+    add_described(group, DistanceMapSettings)
 
 
 def add_blend(parser: argparse.ArgumentParser) -> None:

@@ -26,21 +26,23 @@ from numpy.typing import NDArray
 
 from .active_voxels import BYTE, Slab
 from .case_table import EDGES, CornerLists
-from .order import Places
+from .order import SlabPositions
 
 MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
 VOXELS_AT_ONCE = 1 << 15  # whose corners are looked up at once, for the same reason
 FEW_VOXELS = 1 << 9  # whose corners are written in one call, as the calls take longer than what they write
 
 
-def fill_faces(slab: Slab, places: Places, following: tuple[Slab, Places] | None, out: NDArray[np.int32]) -> None:
+def fill_faces(
+    slab: Slab, places: SlabPositions, following: tuple[Slab, SlabPositions] | None, out: NDArray[np.int32]
+) -> None:
     """Write the triangles of a slab.
 
     Parameters
     ----------
-    places : Places
+    places : SlabPositions
         Where the slab's vertices and triangles stand.
-    following : (Slab, Places) or None
+    following : (Slab, SlabPositions) or None
         The next slab, or its first layer alone, and where its vertices stand: the edges in this one's top layer of
         samples are that one's.
     out : (F, 3) int32
@@ -115,7 +117,7 @@ def _slots_of_neighbors(slab: Slab, top: NDArray[np.intp]) -> NDArray[np.int32]:
 
 
 def _vertex_numbers(
-    slab: Slab, places: Places, following: tuple[Slab, Places] | None, top: NDArray[np.intp]
+    slab: Slab, places: SlabPositions, following: tuple[Slab, SlabPositions] | None, top: NDArray[np.intp]
 ) -> NDArray[np.int32]:
     """Numbers of the vertices on edges along x, y, z and inside voxels, by slot; other slots are left as they are."""
     interior = slab.interior_counts

@@ -72,7 +72,7 @@ class Runs(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Places:
+class SlabPositions:
     """Where the vertices and the triangles of a slab stand.
 
     Parameters
@@ -91,7 +91,7 @@ class Places:
 class Order:
     """The places of all slabs, and how many vertices and triangles they have together."""
 
-    places: list[Places]
+    places: list[SlabPositions]
     vertex_count: int
     face_count: int
 
@@ -123,7 +123,7 @@ def order_of(slabs: Sequence[Slab], top: Slab | None = None) -> Order:
     faces = _runs(voxels[1:], np.arange(1, kinds)[:, None], unit, slab, sizes)
     counted = slab < len(slabs)
     return Order(
-        [Places(*both) for both in zip(vertices, faces, strict=True)],
+        [SlabPositions(*both) for both in zip(vertices, faces, strict=True)],
         int(vertex_counts[:, counted].sum()),
         int((voxels[1:, counted].sum(axis=1) * sizes).sum()),
     )

@@ -83,7 +83,7 @@ def largest_diameter_steps(vertices: NDArray[np.float32]) -> Steps[float]:
     return math.sqrt(best)
 
 
-class _Level(NamedTuple):
+class _BoxLevel(NamedTuple):
     """Boxes of one size: the tight bounds of the vertices in each, and where their vertices and children begin.
 
     Seen from the middle, the vertices of a box are at most `distance` away, and at most the angle `spread` from `axis`.
@@ -99,7 +99,7 @@ class _Level(NamedTuple):
     first_child: Indices
 
 
-def _levels(points: Points, middle: Points) -> tuple[list[_Level], Points]:
+def _levels(points: Points, middle: Points) -> tuple[list[_BoxLevel], Points]:
     """Return the levels of boxes from one around all vertices to the smallest, and the vertices in their order."""
     depth = min(DEEPEST, max(0, math.ceil(math.log(max(1.0, len(points) / IN_BOX), 4))))  # 4 children on a surface
     low, side = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
@@ -124,7 +124,7 @@ def _levels(points: Points, middle: Points) -> tuple[list[_Level], Points]:
         axis = sums / np.maximum(np.sqrt(_lengths(sums)), np.finfo(np.float64).tiny)[:, None]
         chord = np.sqrt(_squares(direction, np.repeat(axis, np.diff(start, append=len(points)), axis=0)))
         levels.append(
-            _Level(
+            _BoxLevel(
                 np.minimum.reduceat(points, start),
                 np.maximum.reduceat(points, start),
                 axis,
@@ -147,7 +147,7 @@ def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices
     return starts[first][of_pair] + row, starts[second][of_pair] + column
 
 
-def _bounds(level: _Level, first: Indices, second: Indices) -> Points:
+def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Points:
     """Return for pairs of boxes a square that no squared distance between their vertices exceeds."""
     far = np.maximum(level.high[first] - level.low[second], level.high[second] - level.low[first])
     one, other = level.distance[first], level.distance[second]
@@ -163,7 +163,7 @@ def _angle(chord: Points) -> Points:
     return 2 * np.arcsin(np.minimum(chord / 2, 1.0))
 
 
-def _compared(points: Points, level: _Level, first: Indices, second: Indices) -> float:
+def _compared(points: Points, level: _BoxLevel, first: Indices, second: Indices) -> float:
     """Return the largest squared distance between the vertices of pairs of boxes."""
     best = 0.0
     count = np.diff(level.first_vertex)

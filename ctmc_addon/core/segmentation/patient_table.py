@@ -35,7 +35,7 @@ STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 
 @dataclass(frozen=True, eq=False)
-class Table:
+class PatientTable:
     """Where the table of a CT lies.
 
     Parameters
@@ -93,7 +93,7 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     return removed if volume.reader.own_bytes else (yield from removed.in_memory_steps())
 
 
-def table_steps(ct: Volume) -> Steps[Table | None]:
+def table_steps(ct: Volume) -> Steps[PatientTable | None]:
     """Find the table of a CT in HU whose samples are a few mm apart; None where nothing is behind the body."""
     side = next(at for at, letter in enumerate(ct.orientation) if letter in "AP")
     axis, backwards = 2 - side, ct.orientation[side] == "A"
@@ -116,7 +116,7 @@ def table_steps(ct: Volume) -> Steps[Table | None]:
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
     behind = np.count_nonzero(mask & (np.arange(count) >= first[..., None]))
-    return Table(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
+    return PatientTable(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
 
 
 def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -148,10 +148,10 @@ class WithoutTable(SliceReader):
     ----------
     volume : Volume
         That it belongs to.
-    table : Table
+    table : PatientTable
     """
 
-    def __init__(self, volume: Volume, table: Table) -> None:
+    def __init__(self, volume: Volume, table: PatientTable) -> None:
         reader = volume.reader
         self.reader, self.table, self.count = reader, table, volume.shape[table.axis]
         self.start = (0, 0, 0) if volume.box is None else tuple(side[0] for side in volume.box[::-1])

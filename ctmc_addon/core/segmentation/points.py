@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..volume.affine import to_index
 from ..volume.region import volume_box
-from ..volume.volume import Placed
+from ..volume.volume import SampleGrid
 from .distance import Spacing, Window, grown_window
 
 Point = Sequence[float]
@@ -19,7 +19,7 @@ Sample = tuple[int, int, int]
 """Slice, row, column."""
 
 
-def sample_at(volume: Placed, point_ras_mm: Point) -> Sample:
+def sample_at(volume: SampleGrid, point_ras_mm: Point) -> Sample:
     """Return the sample (slice, row, column) of a volume that is nearest to a point (x, y, z), RAS+ mm.
 
     Raises

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..progress import Step, Steps
 from ..volume.affine import product
-from ..volume.volume import Placed
+from ..volume.volume import SampleGrid
 from .distance import Mask, Window, window_of
 
 Floats = NDArray[np.float64]
@@ -27,7 +27,7 @@ SIDES_PER_STEP = 1 << 24  # samples times sides of the lasso
 
 def scissors_steps(
     mask: Mask,
-    volume: Placed,
+    volume: SampleGrid,
     view: Floats,
     lasso: Floats,
     keep_inside: bool = False,
@@ -38,7 +38,7 @@ def scissors_steps(
     Parameters
     ----------
     mask : (slices, rows, columns) bool
-    volume : Placed
+    volume : SampleGrid
         The mask's grid.
     view : (4, 4) float64
         RAS+ mm to clip space; of a perspective or an orthographic view.
@@ -115,7 +115,7 @@ def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def _depth_mm(view: Floats, volume: Placed, index: list[Indices]) -> Floats:
+def _depth_mm(view: Floats, volume: SampleGrid, index: list[Indices]) -> Floats:
     """Return how deep samples lie along the view's direction, mm from an arbitrary plane; larger is farther.
 
     In a perspective view w grows with the depth, in an orthographic one z does: either is a plane's equation.

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..volume.affine import to_index
-from ..volume.volume import Placed, Volume
+from ..volume.volume import SampleGrid, Volume
 from .distance import SLACK, Mask, Window
 from .points import Point
 from .range_mask import in_range
@@ -26,13 +26,13 @@ SAMPLES = 1 << 13  # at once: their distances stay in the processor's cache
 
 
 def brushed_window(
-    volume: Placed, stroke_ras_mm: Sequence[Point], radius_mm: float, normal: Point | None = None
+    volume: SampleGrid, stroke_ras_mm: Sequence[Point], radius_mm: float, normal: Point | None = None
 ) -> tuple[Window, Mask]:
     """Find the samples that a brush touches which is drawn along a stroke.
 
     Parameters
     ----------
-    volume : Placed
+    volume : SampleGrid
         The grid; distances are those of its affine, oblique or sheared as it may be.
     stroke_ras_mm : sequence of (x, y, z)
         RAS+ mm, joined by straight lines; one point is one dab.
@@ -123,7 +123,7 @@ def brush(
 
 
 def _window(
-    volume: Placed,
+    volume: SampleGrid,
     stroke: NDArray[np.float64],
     radius_mm: float,
     axis: NDArray[np.float64] | None,
@@ -147,14 +147,14 @@ def _window(
     return z, y, x
 
 
-def _half_thickness(volume: Placed, axis: NDArray[np.float64]) -> float:
+def _half_thickness(volume: SampleGrid, axis: NDArray[np.float64]) -> float:
     """Return half the distance, along a normal, from a sample to the neighbor that lies most along it."""
     along = np.abs((volume.affine[:3, :3] * axis[:, None]).sum(axis=0))  # (3,) mm for each axis of the index
     directions = along / np.sqrt((volume.affine[:3, :3] ** 2).sum(axis=0))
     return float(along[int(directions.argmax())]) / 2
 
 
-def _positions(volume: Placed, z: NDArray[np.int64], y: NDArray[np.int64], columns: slice) -> Floats3:
+def _positions(volume: SampleGrid, z: NDArray[np.int64], y: NDArray[np.int64], columns: slice) -> Floats3:
     """Return where the samples of rows at (z, y) are, RAS+ mm: x, y and z, each (rows, columns)."""
     x = np.arange(columns.start, columns.stop)
     at = [(row[0] * x)[None] + ((row[1] * y) + (row[2] * z + row[3]))[:, None] for row in volume.affine[:3]]

@@ -20,7 +20,7 @@ from ..errors import CtmcError, LabelError, MeshError, ThresholdError
 from ..extraction.grid import Axis, make_axes
 from ..extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
 from ..extraction.interfaces.constants import EXACT_ENOUGH, ROUNDS, measured_pairs_steps, next_constants, next_gain
-from ..extraction.interfaces.crossings import Crossings, Placed, crossings_of
+from ..extraction.interfaces.crossings import ComplexVertices, Crossings, crossings_of
 from ..extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from ..extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
 from ..extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
@@ -142,7 +142,7 @@ class LabelInterfaces:
     """A complex that is being made."""
 
     owners: Owners
-    placed: Placed
+    placed: ComplexVertices
 
     def __init__(
         self, volume: Volume, settings: ReconstructionSettings, budget: Budget, all_needed: bool, scope: Scope
@@ -317,7 +317,7 @@ class LabelInterfaces:
             return faces, [crossings_of(owners, bands[at], axis, samples, self.walls) for axis in range(3)]
 
         filled = yield from self.stages.run(PLACING, map_steps(fill, range(len(bands)), threads))
-        self.placed = Placed([each for _, each in filled], [faces for faces, _ in filled], starts, total)
+        self.placed = ComplexVertices([each for _, each in filled], [faces for faces, _ in filled], starts, total)
         self.faces = np.concatenate([faces.faces for faces, _ in filled])
         self.sides = np.concatenate([faces.sides for faces, _ in filled]).astype(np.intp)
         self.on_cap = np.concatenate([faces.on_cap for faces, _ in filled])

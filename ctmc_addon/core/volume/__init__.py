@@ -20,9 +20,9 @@ from .affine import (
 from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
 from .histogram import (
-    Band,
     Bars,
     Limits,
+    TissueRange,
     grabbed_limit,
     histogram_bars,
     moved_limit,
@@ -93,5 +93,5 @@ from .structure_colors import label_rgb, linear, structure_color
 from .thresholding import otsu, quick_threshold, used_threshold_steps
 from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
-from .volume import Box, Placed, Volume
+from .volume import Box, SampleGrid, Volume
 from .whole_labels import NotWholeError, WholeLabels, WholeNumbers

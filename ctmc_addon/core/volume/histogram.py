@@ -24,7 +24,7 @@ class Limits(NamedTuple):
     upper: float | None
 
 
-class Band(NamedTuple):
+class TissueRange(NamedTuple):
     """Where on the axis a surface is called after a tissue: from `low` to `high`."""
 
     name: str
@@ -102,18 +102,18 @@ def round_ticks(low: float, high: float, most: int) -> list[float]:
     return []
 
 
-def tissue_bands(low: float, high: float) -> list[Band]:
+def tissue_bands(low: float, high: float) -> list[TissueRange]:
     """Return where a threshold in HU gives a surface its name: to the next tissue, or to the tissue's own upper limit.
 
     Examples
     --------
     >>> tissue_bands(-1000.0, -100.0)
-    [Band(name='Lung', low=-950.0, high=-600.0), Band(name='Skin', low=-300.0, high=-100.0)]
+    [TissueRange(name='Lung', low=-950.0, high=-600.0), TissueRange(name='Skin', low=-300.0, high=-100.0)]
     """
     rising = sorted(TISSUES.values(), key=lambda tissue: tissue.threshold)
     ends = [tissue.threshold for tissue in rising[1:]] + [math.inf]
     bands = [
-        Band(tissue.name, max(low, tissue.threshold), min(high, end if tissue.upper is None else tissue.upper))
+        TissueRange(tissue.name, max(low, tissue.threshold), min(high, end if tissue.upper is None else tissue.upper))
         for tissue, end in zip(rising, ends, strict=True)
     ]
     return [band for band in bands if band.low < band.high]

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 from ..settings import ReconstructionSettings, require_corners_in_order
 from .affine import to_index, transform_points
-from .volume import Box, Placed
+from .volume import Box, SampleGrid
 
 EDGES = tuple((corner, corner | bit) for bit in (1, 2, 4) for corner in range(8) if not corner & bit)
 SIDES = {"R": (1, 0, 0), "L": (-1, 0, 0), "A": (0, 1, 0), "P": (0, -1, 0), "S": (0, 0, 1), "I": (0, 0, -1)}
@@ -52,25 +52,25 @@ def relative_box(box: Box, origin: tuple[int, int, int]) -> Box:
     return x, y, z
 
 
-def volume_box(volume: Placed) -> NDArray[np.float64]:
+def volume_box(volume: SampleGrid) -> NDArray[np.float64]:
     """Return the eight corners of a volume's outermost samples, (8, 3) RAS+ mm."""
     x, y, z = volume.size
     return region_corners(volume, (0.0, 0.0, 0.0, x - 1.0, y - 1.0, z - 1.0), "voxel")
 
 
-def region_corners(volume: Placed, region: Region, unit: str) -> NDArray[np.float64]:
+def region_corners(volume: SampleGrid, region: Region, unit: str) -> NDArray[np.float64]:
     """Return the eight corners of a region, (8, 3) RAS+ mm."""
     ends = np.array(region, np.float64).reshape(2, 3)
     corners = np.array([[ends[corner >> axis & 1, axis] for axis in range(3)] for corner in range(8)])
     return corners if unit == "mm" else transform_points(volume.affine, corners)
 
 
-def region_axes(volume: Placed, unit: str) -> NDArray[np.float64]:
+def region_axes(volume: SampleGrid, unit: str) -> NDArray[np.float64]:
     """Return one unit along each of a region's axes, (3, 3) RAS+ mm, a row for each axis."""
     return np.eye(3) if unit == "mm" else volume.affine[:3, :3].T.copy()
 
 
-def region_shift(volume: Placed, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
+def region_shift(volume: SampleGrid, unit: str, shift_mm: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far a shift of (3,) RAS+ mm moves a region along each of its axes, (3,) in its unit.
 
     Examples
@@ -86,7 +86,7 @@ def region_shift(volume: Placed, unit: str, shift_mm: NDArray[np.float64]) -> ND
     return at[1] - at[0]
 
 
-def region_limits(volume: Placed, unit: str) -> Region:
+def region_limits(volume: SampleGrid, unit: str) -> Region:
     """Return the region that holds the whole volume: lowest x, y, z, then highest.
 
     Examples
@@ -103,7 +103,7 @@ def region_limits(volume: Placed, unit: str) -> Region:
     return tuple(float(end) for end in ends)
 
 
-def converted_region(volume: Placed, region: Region, unit: str, wanted: str) -> Region:
+def converted_region(volume: SampleGrid, region: Region, unit: str, wanted: str) -> Region:
     """Return the box in voxels or mm that holds a region given in the other unit.
 
     Examples
@@ -188,12 +188,12 @@ def settings_of_copy(settings: ReconstructionSettings, stride: tuple[int, int, i
     return replace(settings, region=region, stride=(wide, high, deep))
 
 
-def region_box(volume: Placed, settings: ReconstructionSettings) -> Box:
+def region_box(volume: SampleGrid, settings: ReconstructionSettings) -> Box:
     """Return the voxels inside the region of the settings, or all voxels; errors are those of `box_of`."""
     return box_of(volume, settings.region, settings.region_unit)
 
 
-def box_of(volume: Placed, region: Region | None, unit: str) -> Box:
+def box_of(volume: SampleGrid, region: Region | None, unit: str) -> Box:
     """Return the voxels inside a region, or all voxels; a region in mm takes every voxel that it touches.
 
     Raises

@@ -17,7 +17,7 @@ from ..errors import ThresholdError
 from ..progress import Stages, Step, Steps, finish
 from .labels import label_extents_steps
 from .value_kind import ValueKind
-from .volume import Box, Placed, Volume
+from .volume import Box, SampleGrid, Volume
 
 BINS = 1024  # for floats, and for integers over too wide a range to count each value
 MOST_INTEGERS = 2**17
@@ -148,7 +148,7 @@ def is_counted(volume: Volume, box: Box) -> bool:
     return volume in _histograms and is_whole(volume, box)
 
 
-def is_whole(volume: Placed, box: Box) -> bool:
+def is_whole(volume: SampleGrid, box: Box) -> bool:
     """Return whether a box holds all samples of a volume."""
     return all(ends == (0, size) for ends, size in zip(box, volume.size, strict=True))
 

@@ -44,7 +44,7 @@ def require_samples(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     require_gray_type(dtype)
 
 
-class Placed(ABC):
+class SampleGrid(ABC):
     """A grid of samples in patient space: what a volume is, wherever its values are."""
 
     affine: NDArray[np.float64]
@@ -79,7 +79,7 @@ class Placed(ABC):
 
 
 @dataclass(frozen=True, eq=False)
-class Volume(Placed):
+class Volume(SampleGrid):
     """Gray values or labels on a grid in patient space, in memory or in a file.
 
     Parameters

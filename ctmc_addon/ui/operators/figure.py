@@ -21,7 +21,7 @@ from ...blender.figure.spec import (
     PAGES,
     Cell,
     Comparison,
-    DistanceMap,
+    DistanceMapSettings,
     FigureStyle,
     Page,
     RulerMark,
@@ -232,7 +232,7 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
         require_engine(panel.engine, panel.sheet_deviation)
         style, blend = style_of(panel), blend_of(panel, target)
         budget = machine().budget
-        distances, limit = panel.sheet_deviation, values_of(panel, DistanceMap)["limit_mm"]
+        distances, limit = panel.sheet_deviation, values_of(panel, DistanceMapSettings)["limit_mm"]
         return sheet_steps(volume, settings, comparison, target, page, style, blend, distances, limit, budget, True)
 
 
@@ -265,7 +265,11 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         volume = structures.require_volume_of(context.scene, surfaces.require_settings(obj))
         surface = as_shown(obj, context.scene)
         budget = machine().budget
-        style, blend, limit = style_of(panel), blend_of(panel, target), values_of(panel, DistanceMap)["limit_mm"]
+        style, blend, limit = (
+            style_of(panel),
+            blend_of(panel, target),
+            values_of(panel, DistanceMapSettings)["limit_mm"],
+        )
         return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget, True)
 
 

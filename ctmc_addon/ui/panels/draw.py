@@ -13,10 +13,10 @@ from ..state import drawings, volumes
 from ..state.tools import tool_of
 from ..translations import translate
 from ..viewport.draw_tools import TOOLS
-from .layout import Step, draw_pair, draw_text, holds_hu, is_narrow, prepare
+from .layout import StepPanel, draw_pair, draw_text, holds_hu, is_narrow, prepare
 
 
-class CTMC_PT_draw(Step, bpy.types.Panel):
+class CTMC_PT_draw(StepPanel, bpy.types.Panel):
     """Structures that are drawn on the CT."""
 
     bl_idname = "CTMC_PT_draw"

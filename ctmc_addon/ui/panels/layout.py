@@ -42,7 +42,7 @@ class BegunPanel(SidePanel):
         return bool(context.scene.ctmc.volume_path) or surfaces.is_surface(context.view_layer.objects.active)
 
 
-class Step(BegunPanel):
+class StepPanel(BegunPanel):
     """A step of the work below the main panel, open until it is closed."""
 
     bl_parent_id = "CTMC_PT_main"

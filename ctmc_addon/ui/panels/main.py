@@ -18,7 +18,7 @@ from ..translations import translate, translate_sentence
 from .ct.volume import LOAD, LOAD_LABELS, draw_load
 from .draw import CTMC_PT_draw
 from .figure import OPERATORS
-from .layout import SidePanel, Step, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
+from .layout import SidePanel, StepPanel, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
 from .surface import draw_surface
 from .table import TABLE
 
@@ -41,7 +41,7 @@ class CTMC_PT_main(SidePanel, bpy.types.Panel):
         """Draw nothing: what the panel shows is in the panels below it."""
 
 
-class CTMC_PT_load(Step, bpy.types.Panel):
+class CTMC_PT_load(StepPanel, bpy.types.Panel):
     """Panel that loads a CT and says what it is."""
 
     bl_idname = "CTMC_PT_load"
@@ -57,7 +57,7 @@ class CTMC_PT_load(Step, bpy.types.Panel):
         draw_load(self.layout, context)
 
 
-class CTMC_PT_surface(Step, bpy.types.Panel):
+class CTMC_PT_surface(StepPanel, bpy.types.Panel):
     """Panel for threshold or labels, and what decides where the surface lies."""
 
     bl_idname = "CTMC_PT_surface"
@@ -68,7 +68,7 @@ class CTMC_PT_surface(Step, bpy.types.Panel):
         draw_surface(self.layout, context, context.scene.ctmc)
 
 
-class CTMC_PT_voxels(Step, bpy.types.Panel):
+class CTMC_PT_voxels(StepPanel, bpy.types.Panel):
     """How finely, and what it costs."""
 
     bl_idname = "CTMC_PT_voxels"
@@ -79,7 +79,7 @@ class CTMC_PT_voxels(Step, bpy.types.Panel):
         draw_voxels(self.layout, context, context.scene.ctmc)
 
 
-class CTMC_PT_simplify(Step, bpy.types.Panel):
+class CTMC_PT_simplify(StepPanel, bpy.types.Panel):
     """Panel that says how many triangles are to be left."""
 
     bl_idname = "CTMC_PT_simplify"
@@ -90,7 +90,7 @@ class CTMC_PT_simplify(Step, bpy.types.Panel):
         draw_simplify(self.layout, context, context.scene.ctmc)
 
 
-class CTMC_PT_make(Step, bpy.types.Panel):
+class CTMC_PT_make(StepPanel, bpy.types.Panel):
     """The button, and what is said of the next surface."""
 
     bl_idname = "CTMC_PT_make"

@@ -20,10 +20,10 @@ from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import Step, draw_shape_change, draw_table, draw_text, prepare
+from .layout import StepPanel, draw_shape_change, draw_table, draw_text, prepare
 
 
-class CTMC_PT_results(Step, bpy.types.Panel):
+class CTMC_PT_results(StepPanel, bpy.types.Panel):
     """What is known of the active surface."""
 
     bl_idname = "CTMC_PT_results"

@@ -15,7 +15,7 @@ import numpy as np
 
 from ...blender.slices import corners_of, slices_of
 from ...blender.surface import require_provenance
-from ...blender.viewport import WHOLE, Picture, PreviewSurface
+from ...blender.viewport import WHOLE, OverlayPicture, PreviewSurface
 from ...core import CtmcError, Preview, ReconstructionSettings
 from ...core.segmentation import Mask, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_normal, slice_values
@@ -32,7 +32,8 @@ EDGE = 0.17  # cosine: nobody draws on a slice that is seen nearly from its edge
 CUTTING = "ctmc.scissors"  # cuts through everything, so the whole surface is shown
 
 _handlers: list[Any] = []
-_pictures: dict[Any, tuple[Any, Picture | None]] = {}  # by scene, structure and slice: what decides it, and the picture
+_pictures: dict[Any, tuple[Any, OverlayPicture | None]] = {}
+"""The picture of each scene, structure and slice, with the state that it shows."""
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
 
 
@@ -41,7 +42,7 @@ def seen_color(item: Any) -> tuple[float, ...]:
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color)
 
 
-def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Iterator[Picture]:
+def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Iterator[OverlayPicture]:
     """Yield what was drawn, in a slice, a picture for each structure; made anew only when it has changed."""
     active, scale = drawings.active(scene), machine().scale
     for item in drawings.structures(scene):
@@ -53,7 +54,10 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
         if place not in _pictures or _pictures[place][0] != state:
             mask, corners = cropped(mask_in(scene, drawn.mask, corners_mm, section), corners_mm)
             color = seen_color(item)
-            _pictures[place] = (state, Picture(veiled(mask, color, is_active), corners * scale) if mask.size else None)
+            _pictures[place] = (
+                state,
+                OverlayPicture(veiled(mask, color, is_active), corners * scale) if mask.size else None,
+            )
         picture = _pictures[place][1]
         if picture is not None:
             yield picture

@@ -14,7 +14,7 @@ import bpy
 import numpy as np
 
 from ...blender.slices import is_cut_in
-from ...blender.viewport import Picture, draw_letters, draw_lines
+from ...blender.viewport import OverlayPicture, draw_letters, draw_lines
 from ...core import Volume
 from ...core.volume import (
     EDGES,
@@ -84,7 +84,7 @@ def ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]],
     )
 
 
-def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
+def slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     """Return the slice as it is now, made anew only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
@@ -110,9 +110,9 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> Picture:
             below = shown if is_gray else np.zeros_like(shown) + np.array([0, 0, 0, 1], np.float32)
             layers = label_slices(of_labels, shown_slice)
             shown = with_labels(below, layers, colors, labels, TINT_SHARE if is_gray else 1.0)
-        picture = Picture(shown, slice_corners(volume, shown_slice) * scale)
+        picture = OverlayPicture(shown, slice_corners(volume, shown_slice) * scale)
         _last.update(volume=volume, key=key, picture=picture)
-    last: Picture = _last["picture"]
+    last: OverlayPicture = _last["picture"]
     return last
 
 

@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Matrix, Vector
 
 from ...core.volume import (
-    Placed,
+    SampleGrid,
     moved_region,
     region_axes,
     region_corners,
@@ -35,7 +35,7 @@ class RegionFace:
     An arrow stands at its base plus an offset along its direction; the base is where the side would be at 0.
     """
 
-    def __init__(self, scene: bpy.types.Scene, volume: Placed, face: int) -> None:
+    def __init__(self, scene: bpy.types.Scene, volume: SampleGrid, face: int) -> None:
         settings, scale = scene.ctmc, machine().scale
         self.settings, self.face, self.axis = settings, face, face % 3
         self.limits = region_limits(volume, settings.region_unit)

@@ -13,7 +13,7 @@ Image = pytest.importorskip("PIL.Image")
 
 from ctmc_addon.blender.figure.axes import ARM, FADE, PIVOT, reach_mm
 from ctmc_addon.blender.figure.compose import compose_steps
-from ctmc_addon.blender.figure.picture import Picture
+from ctmc_addon.blender.figure.picture import RenderRequest
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import finish
@@ -82,7 +82,7 @@ def test_the_nearer_arm_is_darker_and_far_letters_are_gone(figure_of, tmp_path):
     figure = figure_of(50, 30, page, scale_bar=False, samples=8)
     path = tmp_path / "a.png"
     path.touch()
-    Picture(str(path), path.name, page.dpi, figure.paper).make(figure.scene)
+    RenderRequest(str(path), path.name, page.dpi, figure.paper).make(figure.scene)
     with Image.open(path) as image:
         picture = np.asarray(image.convert("L"), np.float64) / 255
     pivot = next(obj for obj in figure.scene.objects if obj.name.startswith(PIVOT))

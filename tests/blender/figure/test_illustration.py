@@ -13,7 +13,7 @@ from ctmc_addon.blender.figure import picture as pictures
 from ctmc_addon.blender.figure.callouts import spread
 from ctmc_addon.blender.figure.compose import WALL_GAP_MM, compose_steps
 from ctmc_addon.blender.figure.illustration import OUTLINE_MM, outline_shell
-from ctmc_addon.blender.figure.picture import Picture
+from ctmc_addon.blender.figure.picture import RenderRequest
 from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.samples import can_denoise
 from ctmc_addon.blender.figure.shown import shown_surfaces
@@ -126,7 +126,7 @@ def test_what_is_even_has_16_samples(scene, ball, tmp_path):
 
     def rendered(name):
         (tmp_path / name).touch()
-        Picture(str(tmp_path / name), name, 200.0, WHITE).make(figure.scene)
+        RenderRequest(str(tmp_path / name), name, 200.0, WHITE).make(figure.scene)
         with Image.open(tmp_path / name) as image:
             return np.asarray(image).astype(int)
 
@@ -158,7 +158,7 @@ def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_p
 
     def rendered(name):
         (tmp_path / name).touch()
-        Picture(str(tmp_path / name), name, 400.0, WHITE).make(figure.scene)
+        RenderRequest(str(tmp_path / name), name, 400.0, WHITE).make(figure.scene)
         with Image.open(tmp_path / name) as image:
             return image.convert("L")
 
@@ -195,7 +195,7 @@ def test_letters_below_the_picture_are_not_denoised(scene, ball, tmp_path, monke
         assert 40 < written == int(figure.layout.pictures[0][1] / 25.4 * 300)
         path = tmp_path / "a.png"
         path.touch()
-        Picture(str(path), path.name, 300.0, WHITE, written).make(figure.scene)
+        RenderRequest(str(path), path.name, 300.0, WHITE, written).make(figure.scene)
         assert tiles == [(0, written + 24, False, False, 16), (written - 24, height, True, True, 32)]
         assert figure.scene.cycles.use_denoising, "a turntable goes on with the scene"
     finally:

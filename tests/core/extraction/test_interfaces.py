@@ -11,7 +11,7 @@ from ctmc_addon.core.extraction.grid import make_axes
 from ctmc_addon.core.extraction.interfaces import bands
 from ctmc_addon.core.extraction.interfaces.bands import band_ranges, fill_band, find_band
 from ctmc_addon.core.extraction.interfaces.constants import measured_pairs_steps, next_constants
-from ctmc_addon.core.extraction.interfaces.crossings import Placed, crossings_of
+from ctmc_addon.core.extraction.interfaces.crossings import ComplexVertices, crossings_of
 from ctmc_addon.core.extraction.interfaces.owners import Owners
 from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
     FACE_POINT,
@@ -39,7 +39,7 @@ def complex_of(numbers):
         above = (None, []) if at + 1 == len(found) else (found[at + 1], starts[at + 1].tolist())
         filled.append(fill_band(owners, band, starts[at].tolist(), *above))
     crossings = [[crossings_of(owners, band, axis, []) for axis in range(3)] for band in found]
-    placed = Placed(crossings, filled, starts, int(ends[-1]))
+    placed = ComplexVertices(crossings, filled, starts, int(ends[-1]))
     origins = np.zeros((int(padded.max()) + 1, 3), np.intp)
     positions = finish(placed.positions_steps(owners, None, origins, 1))
     faces, sides = (np.concatenate([getattr(band, name) for band in filled]) for name in ("faces", "sides"))

@@ -15,7 +15,7 @@ from ctmc_addon.blender.figure.render import figure_steps
 from ctmc_addon.blender.figure.spec import (
     PAGES,
     Cell,
-    DistanceMap,
+    DistanceMapSettings,
     FigureStyle,
     Page,
     ShownSurface,
@@ -332,7 +332,7 @@ def test_a_fresh_panel_and_the_command_line_start_from_the_same_figure(scene):
         args = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
         assert page_of(args) == figure.page_of(panel, kind) == PAGES[kind]
         assert style_of(args) == figure.style_of(panel) == FigureStyle()
-        for described in (Transparency, DistanceMap, Turn):
+        for described in (Transparency, DistanceMapSettings, Turn):
             assert described(**values_of(args, described)) == described()
             assert described(**figure_properties.values_of(panel, described)) == described()
 

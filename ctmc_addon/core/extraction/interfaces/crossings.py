@@ -127,7 +127,7 @@ def crossings_of(
 
 
 @dataclass(frozen=True, eq=False)
-class Placed:
+class ComplexVertices:
     """The vertices of a complex: those on edges, and the points that are means of them.
 
     Parameters

@@ -96,7 +96,7 @@ def self_intersections_steps(
         blocks, kept = yield from _kept_steps(blocks, selected)
         numbers, selected = numbers[kept], selected[kept]
         columns, rows = _used(columns, np.take(rows, kept, axis=1))
-    mesh = _Measured(columns, rows)
+    mesh = _Triangles(columns, rows)
     yield from mesh.measure_steps()
     flat = mesh.flat if selected is None else mesh.flat[selected[mesh.flat]]
     found = [np.stack([flat, flat])]
@@ -139,7 +139,7 @@ def _used(columns: Floats, faces: Ints) -> tuple[Floats, Ints]:
     return np.compress(used, columns, axis=1), faces
 
 
-class _Measured:
+class _Triangles:
     """Triangles in columns, and what is known of each.
 
     columns : (3, V) float32

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...progress import Step, Steps
 from ..distance import Mask, Spacing
-from .border import Border, drawn_shares, value_ratios
+from .border import BorderEvidence, drawn_shares, value_ratios
 
 Floats = NDArray[np.float32]
 Factors = tuple[int, int, int]
@@ -71,7 +71,7 @@ def blocks_any(mask: Mask, factors: Factors) -> Mask:
 
 
 def drawn_steps(
-    tissue: Floats, permitted: Mask | None, borders: Mapping[int, Border], factors: Factors
+    tissue: Floats, permitted: Mask | None, borders: Mapping[int, BorderEvidence], factors: Factors
 ) -> Steps[NDArray[np.uint8]]:
     """Return the structures of voxels: of their block, and near a border by the blocks around and their own value.
 
@@ -79,7 +79,7 @@ def drawn_steps(
     ----------
     tissue : (slices, rows, columns) float32
     permitted : (slices, rows, columns) bool, optional
-    borders : mapping of int to Border
+    borders : mapping of int to BorderEvidence
         By structure; of two that want a voxel, the surer one has it.
     factors : (z, y, x) int
         Voxels of a block.

@@ -43,7 +43,7 @@ ROUNDS = 40
 STEP, DUAL_STEP = np.float32(0.3), np.float32(0.27)  # their product below 1/12, for three axes
 
 
-class Border(NamedTuple):
+class BorderEvidence(NamedTuple):
     """How sure each block of a window belongs to a structure, 0 to 1, and what values say, for voxels at the border.
 
     Parameters
@@ -64,7 +64,7 @@ class Border(NamedTuple):
 
 def border_steps(
     claims: Claims, values: Floats, sides_mm: Sides, clicks: Sequence[tuple[Sample, int]], structure: int
-) -> Steps[Border | None]:
+) -> Steps[BorderEvidence | None]:
     """Find the border of a structure; None where it has no block.
 
     Parameters
@@ -109,7 +109,7 @@ def border_steps(
     share = yield from equal_part(_least_steps(gain, _prices(near), fixed, sides_mm), 1, 2)
     kept = yield from touching_steps(share > 0.5, own)
     share[~kept] = np.minimum(share[~kept], 0.5)
-    return Border(window, share, ratios, lowest)
+    return BorderEvidence(window, share, ratios, lowest)
 
 
 def _bins(values: Floats, lowest: float) -> NDArray[np.intp]:
@@ -171,7 +171,7 @@ def _least_steps(gain: Floats, prices: Floats, fixed: NDArray[np.int8], sides_mm
     return share
 
 
-def drawn_shares(border: Border, at: tuple[NDArray[np.intp], ...], factors: Sequence[int]) -> Floats:
+def drawn_shares(border: BorderEvidence, at: tuple[NDArray[np.intp], ...], factors: Sequence[int]) -> Floats:
     """Return the shares of voxels (z, y, x), interpolated between the middles of blocks."""
     low, high, part = [], [], []
     for index, factor, side, count in zip(at, factors, border.window, border.share.shape, strict=True):
@@ -190,6 +190,6 @@ def drawn_shares(border: Border, at: tuple[NDArray[np.intp], ...], factors: Sequ
     return total
 
 
-def value_ratios(border: Border, values: Floats) -> Floats:
+def value_ratios(border: BorderEvidence, values: Floats) -> Floats:
     """Return the log of structure to surroundings of some values."""
     return border.ratios[_bins(values, border.lowest)]

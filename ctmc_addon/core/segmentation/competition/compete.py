@@ -28,7 +28,7 @@ from ..distance import Mask, Spacing, Window
 from ..layers import MOST_STRUCTURES
 from ..points import Sample, sample_in, window_around
 from .blocks import Factors, block_means, blocks_any, drawn_steps, factors_of
-from .border import Border, border_steps
+from .border import BorderEvidence, border_steps
 from .claims import Claims, Ground, Sides, claim_steps, no_claims
 from .geodesic import BLOCKED, heights_of
 
@@ -218,7 +218,7 @@ def _claims_steps(
 
 def _borders_steps(
     claims: Claims, means: Floats, sides_mm: Sides, clicks: Sequence[tuple[Sample, int]]
-) -> Steps[dict[int, Border]]:
+) -> Steps[dict[int, BorderEvidence]]:
     """Find the border of every structure."""
     borders = {}
     structures = sorted({structure for _, structure in clicks if structure})

@@ -27,7 +27,7 @@ from ...properties.preferences import machine
 from ...properties.structures import LABEL
 from ...state import drawings, masks, session, structures
 from .needs import (
-    Target,
+    DrawTarget,
     allowed_steps,
     can_draw,
     has_structure,
@@ -70,7 +70,7 @@ class Edit(jobs.LongOperator):
         return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
-def edit_steps(work: Steps[Mask], window: Window, target: Target) -> Steps[jobs.Conclusion]:
+def edit_steps(work: Steps[Mask], window: Window, target: DrawTarget) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
     made = yield from work
 

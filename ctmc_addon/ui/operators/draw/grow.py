@@ -29,7 +29,7 @@ from ... import jobs
 from ...state import drawings, masks, session
 from ...translations import translate
 from ...viewport.slice_hits import slice_under
-from .needs import Target, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
+from .needs import DrawTarget, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
 
 Sample = tuple[int, int, int]
 
@@ -93,7 +93,7 @@ class Grown:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
 
 
-def conclusion_steps(work: Steps[Grown], target: Target, click: Click | None) -> Steps[jobs.Conclusion]:
+def conclusion_steps(work: Steps[Grown], target: DrawTarget, click: Click | None) -> Steps[jobs.Conclusion]:
     """Do the work of a click, then change the structure at once."""
     grown = yield from work
 

@@ -61,7 +61,7 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
     raise SettingsError("the structure was removed; choose another one")
 
 
-class Target(NamedTuple):
+class DrawTarget(NamedTuple):
     """What work begins with, for `require` at its end: scene, CT, key of the structure, and its revision.
 
     Without a key a structure is to be made.
@@ -73,13 +73,13 @@ class Target(NamedTuple):
     revision: int = 0
 
 
-def target_of(scene: bpy.types.Scene, item: Any | None) -> Target:
+def target_of(scene: bpy.types.Scene, item: Any | None) -> DrawTarget:
     """Return a structure as it is now; None for one that is to be made."""
-    target = Target(scene.session_uid, scene.ctmc.volume_fingerprint)
+    target = DrawTarget(scene.session_uid, scene.ctmc.volume_fingerprint)
     return target if item is None else target._replace(key=item.key, revision=masks.of(scene, item).revision)
 
 
-def require(target: Target) -> tuple[bpy.types.Scene, Any]:
+def require(target: DrawTarget) -> tuple[bpy.types.Scene, Any]:
     """Return scene and structure once work is done; a `SettingsError` where they are not what it began with."""
     scene = session.scene_of(target.scene_uid)
     if scene is None:

@@ -62,7 +62,7 @@ class ObjectRequest:
 
 
 @dataclass(frozen=True)
-class FinishedSurface:
+class TimedSurface:
     """A surface and what it was asked for: before and after simplification, measured in so many seconds.
 
     `full` is None where the surface before simplification did not fit in memory.
@@ -83,7 +83,7 @@ class NewMesh:
     target: int | None
 
 
-def mesh_steps(surfaces: Sequence[FinishedSurface]) -> Steps[list[NewMesh]]:
+def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
     """Meshes of finished surfaces, a part of one between two steps; they are gone again if the job is left here.
 
     Raises
@@ -120,7 +120,7 @@ def remove_unused(meshes: Iterable[NewMesh]) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def place(scene_uid: int, surfaces: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
+def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
     """Put finished surfaces into the scene, with their measurements, and select them; the last one is active.
 
     Raises
@@ -185,7 +185,7 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
             layer.objects.active = obj
 
 
-def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[FinishedSurface]) -> str:
+def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
     """For the report: names and triangles."""
     return ", ".join(
         translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))

@@ -35,7 +35,7 @@ from ...state.measurements import measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
-from .placing import FinishedSurface, NewMesh, ObjectRequest
+from .placing import NewMesh, ObjectRequest, TimedSurface
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -145,16 +145,16 @@ def surfaces_steps(
 
 def measured_steps(
     requests: Sequence[ObjectRequest], made: Sequence[MadeSurface | CtmcError], threads: int
-) -> Steps[list[FinishedSurface]]:
+) -> Steps[list[TimedSurface]]:
     """Measure surfaces, several at a time; Blender is not asked, so that threads may do this."""
 
-    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[FinishedSurface]:
+    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[TimedSurface]:
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
         measuring = measurement_steps(result.mesh, None if full is None else full.mesh, crossings)
         measurement, seconds = yield from timed_steps(measuring)
-        return FinishedSurface(request, full, result, measurement, seconds)
+        return TimedSurface(request, full, result, measurement, seconds)
 
     surfaces_made = [surface for surface in made if isinstance(surface, MadeSurface)]
     pairs = list(zip(requests, surfaces_made, strict=True))
@@ -162,7 +162,7 @@ def measured_steps(
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
-def add_to_scene(scene_uid: int, finished: Sequence[FinishedSurface], meshes: Sequence[NewMesh]) -> str:
+def add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
     """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)
