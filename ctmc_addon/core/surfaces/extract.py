@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a volume to the surface of one field: a threshold's, or that of a label by itself.
+"""Make the surface of one field: of a threshold, or of a label by itself.
 
 Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small components -> sink, or simplified
 """
@@ -46,7 +46,7 @@ from .request import MadeSurface, Scope, scope_of
 
 T = TypeVar("T")
 
-MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
+MOST_SAMPLED = 1 << 19  # Vertices in the sample that shows whether a face was reconstructed.
 
 
 def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Reconstruction:
@@ -87,9 +87,9 @@ def reconstruct_steps(
     Parameters
     ----------
     sink : Sink
-        Where the surface goes; by default it is held. What went into a file is not in the result.
+        Where the surface goes; by default it is held. The result lacks what went into a file.
     scope : Scope, optional
-        Of volume and settings, where it is known already.
+        Scope of volume and settings, if it is already known.
     """
     making = FieldSurface(volume, settings, budget or Budget(), sink, scope=scope)
     yield from making.field_steps()
@@ -99,7 +99,7 @@ def reconstruct_steps(
 def result_and_full_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, scope: Scope | None = None
 ) -> Steps[MadeSurface]:
-    """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
+    """Return the result and the full surface, to be simplified again; None if that does not fit in memory."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD, scope=scope)
     yield from making.field_steps()
     try:
@@ -108,19 +108,19 @@ def result_and_full_steps(
     except (MemoryLimitError, MemoryError):
         if not settings.simplifies_here:
             raise
-        give_back()  # the full surface, which went with its steps
+        give_back()  # The full surface was released with its steps.
     return MadeSurface((yield from making.result_steps()))
 
 
 def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:
-    """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
+    """Return the full surface, with all triangles, even if the settings ask for simplification."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD, full=True)
     yield from making.field_steps()
     return (yield from making.full_steps())
 
 
 class _Timed:
-    """Pieces whose seconds are counted, and of whose vertices a sample is kept."""
+    """Time the production of pieces and keep a sample of their vertices."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -148,7 +148,7 @@ class _Timed:
 
 
 class FieldSurface(Finish):
-    """The surface of one field, from the values to the report."""
+    """Make the surface of one field, from the values to the report."""
 
     field: Field
 
@@ -165,14 +165,14 @@ class FieldSurface(Finish):
         self.volume, self.scope, self.full = volume, scope or scope_of(volume, settings), full
         self._extracting = _Timed()
         self.removed_components = 0
-        self.scope.require_stride()  # before any value is prepared
+        self.scope.require_stride()  # Refuse a stride before any value is prepared.
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
         keeps = not self._shows_normals
         preparing = field_steps(self.volume, self.settings, self.budget, with_surface=keeps, region=self.scope.region)
         self.field = yield from self.stages.run(PREPARING, preparing)
-        if not self.full:  # the settings say nothing of the full surface
+        if not self.full:  # The plan is for what the settings ask, which may be simplified.
             yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
 
     def result_steps(self) -> Steps[Reconstruction]:
@@ -206,7 +206,7 @@ class FieldSurface(Finish):
         return self._described(taken, faces)
 
     def _taking_steps(self, name: str, shown: str, steps: Steps[T]) -> Steps[T]:
-        """Run the stage `name`, which takes the pieces, shown as another one; extracting them is no part of it."""
+        """Run the stage `name`, which reads the pieces, under the title `shown`; extraction keeps its own seconds."""
         were_extracted = self._extracting.seconds > 0
         result = yield from self.stages.run(shown, steps)
         if name != EXTRACTING and not were_extracted:
@@ -247,13 +247,13 @@ class FieldSurface(Finish):
         return self.settings.normals == "gradient" and self.sink.normals
 
     def _extracted_steps(self, joined: bool) -> Pieces:
-        """All pieces of the surface, timed."""
+        """Yield all pieces of the surface, timed."""
         self._extracting = _Timed()
         pieces = surface_pieces_steps(self.field, self.budget, self._shows_normals, joined)
         return self._extracting.passed_steps(self._fitting_steps(pieces) if joined else pieces)
 
     def _fitting_steps(self, pieces: Pieces) -> Pieces:
-        """The pieces, as long as all of them fit together."""
+        """Yield the pieces as long as all of them fit in memory."""
         faces = needed = 0
         source = WithResult(pieces)
         for item in source:
@@ -267,7 +267,7 @@ class FieldSurface(Finish):
         return source.result
 
     def _described(self, taken: Taken, full_faces: int) -> Reconstruction:
-        """Return the reconstruction of a mesh, with its settings, counts and notes."""
+        """Describe the full surface, with notes of volume and field."""
         volume, field = self.volume, self.field
         return described(
             volume,

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
     from ..simplification.whole import Simplification
 
-# What report.json and a user read.
+# Names of stages that a user reads, in the panel and in report.json.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 LOOKING = "Looking for labels that cross"
@@ -72,7 +72,7 @@ def without_small_steps(
 
 def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget: Budget) -> Steps[MadeSurface]:
     """Return the result and the full surface of `settings`, made from a full surface of other settings."""
-    if full.surface is not None and full.settings.alpha != settings.alpha:  # the slider has moved since
+    if full.surface is not None and full.settings.alpha != settings.alpha:  # The slider has moved since.
         full = replace(full, mesh=full.surface.at(settings.alpha_number), settings=settings)
     if limits_of(settings).ask_more_than(limits_of(full.settings)):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
@@ -80,7 +80,7 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
 
 
 def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
-    """Return the goal of simplification, by the names that every simplifier gives its parts."""
+    """Return the goal of simplification as keyword arguments of the simplifiers."""
     return {
         "reduction": settings.reduction,
         "target_faces": settings.target_faces,
@@ -90,7 +90,7 @@ def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
 
 
 def limits_of(settings: ReconstructionSettings) -> ComponentLimits:
-    """Return which components are to stay."""
+    """Return the limits for small components."""
     return ComponentLimits(settings.keep_parts, settings.min_part_mm3)
 
 
@@ -263,13 +263,12 @@ class Finish:
         if not self.sink.holds and measured is None:
             taken = yield from self.stages.run(WRITING, self.sink.mesh_steps(mesh))
             mesh, measured = taken.mesh, taken.measured
+        crossings = None if settings.simplifies and not settings.simplifies_here else result.self_intersections
         return replace(
             result,
             mesh=mesh,
             settings=settings,
             stages=self.ran,
-            self_intersections=None
-            if settings.simplifies and not settings.simplifies_here
-            else result.self_intersections,
+            self_intersections=crossings,
             measured=measured,
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one layer whose neighbors share their interfaces: made and simplified together."""
+"""Make and simplify together the labels of one layer whose neighbors share their interfaces."""
 
 from __future__ import annotations
 
@@ -84,11 +84,11 @@ class TouchingLabels(Finish):
             simplifying = simplify_complex_steps(full_mesh, budget=self.budget, **goal_of(settings))
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
         results = full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
-        crossings: dict[int, int] = {}  # only of labels that have some
+        crossings: dict[int, int] = {}  # Pairs of triangles; labels without any are missing.
         if simplified is None:
             crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
         else:
-            if simplified.self_intersections != 0:  # some, or not tested yet
+            if simplified.self_intersections != 0:  # There are some, or nothing was tested.
                 crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
             before = len(full_mesh.faces)
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
@@ -135,7 +135,7 @@ class TouchingLabels(Finish):
         return results
 
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
-        """Return the reconstruction of a label's own surface."""
+        """Describe a label's own surface."""
         extracted = self.extracted
         result = described(
             self.volume,
@@ -154,6 +154,6 @@ class TouchingLabels(Finish):
 
 
 def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
-    """Count the pairs of triangles that meet where they may not, by label; one of two labels counts for both."""
+    """Count pairs of triangles that cross each other, by label; a pair of two labels counts for both."""
     pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces, selected)
     return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}
