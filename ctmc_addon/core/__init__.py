@@ -70,7 +70,16 @@ from .plan import (
 )
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruction import Reconstruction, Stage
-from .settings import EXCLUSIVE, GOALS, SETTINGS, SIMPLIFICATION, ReconstructionSettings, is_allowed, with_present_names
+from .settings import (
+    EXCLUSIVE,
+    GOALS,
+    SETTINGS,
+    SIMPLIFICATION,
+    ReconstructionSettings,
+    is_allowed,
+    settings_of_stage,
+    with_present_names,
+)
 from .sinks import HOLD, Hold, Sink, Write
 from .smoothing.choices import done_smoothing, has_width
 from .smoothing.methods import SMOOTHINGS, smoothing_of, used_settings

@@ -120,6 +120,14 @@ def test_a_full_surface_is_simplified_again_to_the_bytes_of_its_settings(label):
     assert arrays(simplified) == arrays(reconstruct(volume, goal, ONE))
 
 
+def test_alpha_auto_keeps_the_alpha_of_the_full_surface():
+    settings = ReconstructionSettings(threshold=92.0, alpha=0.3)
+    [(_, full)] = made(gray(), [SurfaceRequest(settings, needs_full=True)])
+    [(simplified, kept)] = made(None, [SurfaceRequest(replace(settings, alpha="auto", reduction=0.5), full=full)])
+    assert simplified.settings.alpha == 0.3
+    assert kept is full
+
+
 def test_labels_of_shared_walls_bring_their_full_surfaces_where_these_are_needed():
     settings = ReconstructionSettings(reduction=0.5)
     requests = [SurfaceRequest(replace(settings, label=label), needs_full=label == 2) for label in (1, 2)]

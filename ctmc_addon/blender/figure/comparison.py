@@ -11,7 +11,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import SETTINGS, SIMPLIFICATION, Described, ReconstructionSettings, SettingsError, has_width, setting
+from ...core import (
+    SETTINGS,
+    SIMPLIFICATION,
+    Described,
+    ReconstructionSettings,
+    SettingsError,
+    has_width,
+    setting,
+    settings_of_stage,
+)
 from ...reporting.captions import smoothing_phrase, stride_phrase
 
 MOST_CELLS = 26  # of a sheet: there is a letter for each
@@ -106,7 +115,7 @@ class Comparison(Described):
             axes.append([(f"alpha {alpha:g}", {"alpha": alpha}) for alpha in self.alphas])
         if self.levels:
             full = settings.without(SIMPLIFICATION)
-            free = {name: getattr(full, name) for name, about in SETTINGS.items() if about.stage == SIMPLIFICATION}
+            free = {name: getattr(full, name) for name in settings_of_stage(SIMPLIFICATION)}
             axes.append(
                 [
                     (

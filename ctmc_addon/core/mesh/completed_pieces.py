@@ -14,6 +14,7 @@ from ..progress import Step, WithResult
 from .triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
 
 T = TypeVar("T")
+Piece = TypeVar("Piece")
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +35,24 @@ class CompletedPiece:
     first: int
 
 
+def with_next_steps(
+    pieces: Generator[Step | Piece, None, T],
+) -> Generator[Step | tuple[Piece, Piece | None], None, T]:
+    """Yield every piece with the next one, the last with None, and the steps between; closes `pieces` at the end."""
+    held: Piece | None = None
+    source = WithResult(pieces)
+    for item in source:
+        if isinstance(item, Step):
+            yield item
+            continue
+        if held is not None:
+            yield held, item
+        held = item
+    if held is not None:
+        yield held, None
+    return source.result
+
+
 def completed_pieces_steps(pieces: SurfacePieces[T]) -> Generator[Step | CompletedPiece, None, T]:
     """Yield every piece when the next has come, and the steps between; closes `pieces` at the end.
 
@@ -42,19 +61,14 @@ def completed_pieces_steps(pieces: SurfacePieces[T]) -> Generator[Step | Complet
     MeshError
         Where triangles reach beyond the next piece.
     """
-    held: SurfacePiece | None = None
     first = 0
-    source = WithResult(pieces)
+    source = WithResult(with_next_steps(pieces))
     for item in source:
         if isinstance(item, Step):
             yield item
-            continue
-        held, before = item, held
-        if before is not None:
-            yield _completed(before, item, first)
-            first += len(before.vertices)
-    if held is not None:
-        yield _completed(held, None, first)
+        else:
+            yield _completed(*item, first)
+            first += len(item[0].vertices)
     return source.result
 
 

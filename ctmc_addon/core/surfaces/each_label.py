@@ -27,18 +27,18 @@ Result = TypeVar("Result")
 
 
 def label_title(volume: Volume, label: int) -> str:
-    """Return how a message names a label: 'label 3 (spleen)'."""
+    """Return the name of a label for messages: 'label 3 (spleen)'."""
     name = volume.label_names.get(label, "")
     return f"label {label} ({name})" if name else f"label {label}"
 
 
 def left_out(volume: Volume, label: int, error: CtmcError) -> str:
-    """Return the sentence for a label that has no surface where all labels were asked for."""
+    """Return the note on a label without a surface, if all labels were asked for."""
     return f"{label_title(volume, label)} is left out: {error}."
 
 
 class NoSurfaceError(LabelError):
-    """None of several labels has a surface; `errors` says why, by label."""
+    """Raised if none of several labels has a surface; `errors` has the reason for each."""
 
     def __init__(self, message: str, errors: Mapping[int, CtmcError]) -> None:
         super().__init__(message)
@@ -59,7 +59,7 @@ def each_label_steps(
     budget: Budget,
     sink: Sink = HOLD,
 ) -> Steps[list[Result | CtmcError]]:
-    """Return what `work_steps` makes of each of several labels, or its `CtmcError`: several at a time.
+    """Run `work_steps` for several labels at a time, and return each result or `CtmcError`.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ def each_label_steps(
         Of the first label that does not fit alone.
     """
     workers = budget.thread_count
-    extents = yield from label_extents_steps(volume, region, budget.threads)  # not once for each
+    extents = yield from label_extents_steps(volume, region, budget.threads)  # Look through the volume once.
     work = [float(budget.small_label)] * len(runs)
     for at, run in enumerate(runs):
         if run.label in extents:
@@ -106,7 +106,7 @@ def each_label_steps(
         except MemoryLimitError as error:
             if beside:
                 return without_traceback(error)
-            label = runs[at].label  # whose surface nobody can do without: the others need not be made
+            label = runs[at].label  # Stop: all surfaces are needed.
             if label is None:
                 raise
             raise MemoryLimitError(f"{label_title(volume, label)}: {error}") from error
@@ -129,6 +129,6 @@ def each_label_steps(
 
 
 def without_traceback(error: CtmcError) -> CtmcError:
-    """The error without what its traceback and its causes hold: the arrays of the work that it ended."""
+    """Return the error without its traceback and causes, which keep arrays alive."""
     error.__cause__ = error.__context__ = None
     return error.with_traceback(None)

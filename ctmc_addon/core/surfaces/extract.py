@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a volume to the surface of one field: a threshold's, or that of a label by itself.
+"""Make the surface of one field: of a threshold, or of a label by itself.
 
 Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small components -> sink, or simplified
 """
@@ -7,14 +7,13 @@ Volume -> field, some slices at a time -> pieces, in RAS+ mm -> without small co
 from __future__ import annotations
 
 import time
-from dataclasses import replace
-from typing import TYPE_CHECKING, TypeVar
+from functools import partial
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
-from ..described import AUTO
 from ..errors import MemoryLimitError
 from ..extraction.field_pieces import surface_pieces_steps
 from ..memory import give_back
@@ -34,24 +33,20 @@ from .finish import (
     CHOOSING,
     EXTRACTING,
     KEEPING,
-    LARGEST_COLLAPSED_MM3,
     PREPARING,
     SIMPLIFYING,
     WRITING,
     Finish,
     described,
-    goals_of,
+    goal_of,
     limits_of,
-    timed,
+    weights_of,
 )
 from .request import MadeSurface, Scope, scope_of
 
-if TYPE_CHECKING:
-    from ..mesh.angles.alpha_choice import AlphaChoice
-
 T = TypeVar("T")
 
-MOST_SAMPLED = 1 << 19  # vertices that are looked at for a face
+MOST_SAMPLED = 1 << 19  # Vertices in the sample that shows whether a face was reconstructed.
 
 
 def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Reconstruction:
@@ -92,9 +87,9 @@ def reconstruct_steps(
     Parameters
     ----------
     sink : Sink
-        Where the surface goes; by default it is held. What went into a file is not in the result.
+        Where the surface goes; by default it is held. The result lacks what went into a file.
     scope : Scope, optional
-        Of volume and settings, where it is known already.
+        Scope of volume and settings, if it is already known.
     """
     making = FieldSurface(volume, settings, budget or Budget(), sink, scope=scope)
     yield from making.field_steps()
@@ -104,29 +99,28 @@ def reconstruct_steps(
 def result_and_full_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None, scope: Scope | None = None
 ) -> Steps[MadeSurface]:
-    """`reconstruct_steps`, and what `full_steps` returns, to be simplified again; None where that does not fit."""
+    """Return the result and the full surface, to be simplified again; None if that does not fit in memory."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD, scope=scope)
     yield from making.field_steps()
-    if not settings.simplifies_here:
-        full = yield from making.full_steps()
-        return MadeSurface((yield from making.finished_steps(full, None)), full)
     try:
         full = yield from making.full_steps()
         return MadeSurface((yield from making.simplified_steps(full)), full)
     except (MemoryLimitError, MemoryError):
-        give_back()  # the full surface, which went with its steps
+        if not settings.simplifies_here:
+            raise
+        give_back()  # The full surface was released with its steps.
     return MadeSurface((yield from making.result_steps()))
 
 
 def full_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Steps[Reconstruction]:
-    """Return the full surface: all triangles, before the built-in simplifier, whatever the settings ask of it."""
+    """Return the full surface, with all triangles, even if the settings ask for simplification."""
     making = FieldSurface(volume, settings, budget or Budget(), HOLD, full=True)
     yield from making.field_steps()
     return (yield from making.full_steps())
 
 
 class _Timed:
-    """Pieces whose seconds are counted, and of whose vertices a sample is kept."""
+    """Time the production of pieces and keep a sample of their vertices."""
 
     def __init__(self) -> None:
         self.seconds = 0.0
@@ -154,7 +148,7 @@ class _Timed:
 
 
 class FieldSurface(Finish):
-    """The surface of one field, from the values to the report."""
+    """Make the surface of one field, from the values to the report."""
 
     field: Field
 
@@ -167,42 +161,39 @@ class FieldSurface(Finish):
         full: bool = False,
         scope: Scope | None = None,
     ) -> None:
-        super().__init__(settings, budget, sink, full)
-        self.volume, self.scope = volume, scope or scope_of(volume, settings)
-        self.choice: AlphaChoice | None = None
+        super().__init__(settings, budget, sink, weights_of(settings, sink, full))
+        self.volume, self.scope, self.full = volume, scope or scope_of(volume, settings), full
         self._extracting = _Timed()
         self.removed_components = 0
-        self.scope.require_stride()  # before any value is prepared
+        self.scope.require_stride()  # Refuse a stride before any value is prepared.
 
     def field_steps(self) -> Steps[None]:
         """Prepare the field that the surface is extracted from, and refuse a surface that does not fit."""
         keeps = not self._shows_normals
         preparing = field_steps(self.volume, self.settings, self.budget, with_surface=keeps, region=self.scope.region)
         self.field = yield from self.stages.run(PREPARING, preparing)
-        if not self.full:  # the settings say nothing of the full surface
+        if not self.full:  # The plan is for what the settings ask, which may be simplified.
             yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
-        self.seconds[PREPARING] = self.stages.seconds[PREPARING]
 
     def result_steps(self) -> Steps[Reconstruction]:
-        """The surface that the settings ask for; simplified as it comes, so that memory follows what is left."""
+        """Make the surface that the settings ask for, simplified as it comes, so that memory follows what is left."""
         if not self.settings.simplifies_here:
-            full = yield from self.full_steps()
-            return (yield from self.finished_steps(full, None))
+            return (yield from self.finished_steps((yield from self.full_steps())))
         from ..simplification.simplify import simplified_pieces_steps
         from ..simplification.whole import Goal
 
-        goal = Goal(*goals_of(self.settings), LARGEST_COLLAPSED_MM3)
         with self._spool(joined=False) as spool:
             pieces = yield from self._pieces_steps(spool, joined=False)
             with self.budget.refusal("simplifying the surface", "choose a region or a larger stride"):
                 pieces_at_alpha = at_alpha_steps(pieces, self.settings.alpha_number)
-                reducing = simplified_pieces_steps(pieces_at_alpha, goal, self.budget)
-                reduced = yield from self._divided_steps(SIMPLIFYING, SIMPLIFYING, reducing)
-        taken = Taken(reduced.simplification.mesh, wrong_side=reduced.info)
-        return (yield from self.finished_steps(self._described(taken, reduced.full_faces), reduced.simplification))
+                reducing = simplified_pieces_steps(pieces_at_alpha, Goal(**goal_of(self.settings)), self.budget)
+                reduced = yield from self._taking_steps(SIMPLIFYING, SIMPLIFYING, reducing)
+        simplification = reduced.simplification
+        full = self._described(Taken(simplification.mesh, wrong_side=reduced.info), reduced.full_faces)
+        return (yield from self.finished_steps(self.simplified(full, simplification)))
 
     def full_steps(self) -> Steps[Reconstruction]:
-        """The full surface, taken by the sink."""
+        """Make the full surface, and hand it to the sink."""
         holds = self.sink.holds
         with self._spool(joined=holds) as spool:
             pieces = yield from self._pieces_steps(spool, joined=holds)
@@ -210,24 +201,21 @@ class FieldSurface(Finish):
             last = next((name for name in (KEEPING, CHOOSING) if name in self.stages.seconds), EXTRACTING)
             name = last if holds else WRITING
             with self.budget.refusal("the surface", "use a larger stride or a region"):
-                taken = yield from self._divided_steps(name, EXTRACTING if last == EXTRACTING else name, taking)
+                taken = yield from self._taking_steps(name, EXTRACTING if last == EXTRACTING else name, taking)
         faces = len(taken.mesh.faces) if taken.measured is None else taken.measured.faces
         return self._described(taken, faces)
 
-    def _divided_steps(self, name: str, shown: str, steps: Steps[T]) -> Steps[T]:
-        """Run the stage `name`, shown as another one, without the seconds of the pieces that it extracts."""
-        before = self._extracting.seconds
+    def _taking_steps(self, name: str, shown: str, steps: Steps[T]) -> Steps[T]:
+        """Run the stage `name`, which reads the pieces, under the title `shown`; extraction keeps its own seconds."""
+        were_extracted = self._extracting.seconds > 0
         result = yield from self.stages.run(shown, steps)
-        own = max(0.0, self.stages.seconds[shown] - (self._extracting.seconds - before))
-        if name == EXTRACTING:
-            self._extracting.seconds += own
-        else:
-            self.seconds[name] = own
-        self.seconds[EXTRACTING] = self._extracting.seconds
+        if name != EXTRACTING and not were_extracted:
+            seconds, extracting = self.stages.seconds, self._extracting.seconds
+            seconds[name], seconds[EXTRACTING] = max(0.0, seconds[shown] - extracting), extracting
         return result
 
     def _spool(self, joined: bool) -> Spool:
-        """Return where the pieces are kept that are looked at several times: in memory if they are there anyway."""
+        """Return where pieces that are read several times are kept: in memory if they are there anyway."""
         return Spool() if joined else Spool(self.budget.spool_bytes, self.sink.folder)
 
     def _pieces_steps(self, spool: Spool, joined: bool) -> Steps[Pieces]:
@@ -242,24 +230,12 @@ class FieldSurface(Finish):
         pieces = SpooledPieces(spool)
         kept = KeptPieces(pieces.pieces_steps, limits_of(settings), spool)
         with self.budget.refusal("the surface", "use a larger stride or a region"):
-            yield from self._divided_steps(EXTRACTING, EXTRACTING, pieces.take_steps(extracted))
-            if settings.alpha == AUTO:
-                self.choice = yield from self.stages.run(CHOOSING, self._choice_steps(pieces, kept))
-                self.settings = replace(settings, alpha=self.choice.alpha)
-                self.seconds[CHOOSING] = self.stages.seconds[CHOOSING]
-            if not settings.drops_components:
-                return pieces.pieces_steps(last=True)
-            yield from self.stages.run(KEEPING, kept.decision_steps(self.settings.alpha_number))
-            self.seconds[KEEPING] = self.stages.seconds[KEEPING]
+            yield from self.stages.run(EXTRACTING, pieces.take_steps(extracted))
+            passes = partial(kept.pieces_steps, last=False)
+            yield from self.choose_alpha_steps(passes, pieces_vary=settings.drops_components)
+            if settings.drops_components:
+                yield from self.stages.run(KEEPING, kept.decision_steps(self.settings.alpha_number))
         return self._kept_steps(kept)
-
-    def _choice_steps(self, pieces: SpooledPieces, kept: KeptPieces) -> Steps[AlphaChoice]:
-        from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
-
-        angle = self.settings.min_angle_deg
-        if self.settings.drops_components:
-            return (yield from kept_alpha_steps(lambda alpha: kept.pieces_steps(alpha, last=False), angle))
-        return (yield from chosen_alpha_steps(pieces.pieces_steps, angle))
 
     def _kept_steps(self, kept: KeptPieces) -> Pieces:
         wrong_side = yield from kept.pieces_steps(self.settings.alpha_number)
@@ -271,13 +247,13 @@ class FieldSurface(Finish):
         return self.settings.normals == "gradient" and self.sink.normals
 
     def _extracted_steps(self, joined: bool) -> Pieces:
-        """All pieces of the surface, timed."""
+        """Yield all pieces of the surface, timed."""
         self._extracting = _Timed()
         pieces = surface_pieces_steps(self.field, self.budget, self._shows_normals, joined)
         return self._extracting.passed_steps(self._fitting_steps(pieces) if joined else pieces)
 
     def _fitting_steps(self, pieces: Pieces) -> Pieces:
-        """The pieces, as long as all of them fit together."""
+        """Yield the pieces as long as all of them fit in memory."""
         faces = needed = 0
         source = WithResult(pieces)
         for item in source:
@@ -291,7 +267,7 @@ class FieldSurface(Finish):
         return source.result
 
     def _described(self, taken: Taken, full_faces: int) -> Reconstruction:
-        """Return the reconstruction of a mesh, with its settings, counts and notes."""
+        """Describe the full surface, with notes of volume and field."""
         volume, field = self.volume, self.field
         return described(
             volume,
@@ -303,7 +279,7 @@ class FieldSurface(Finish):
             choice=self.choice,
             threshold=field.threshold,
             full_faces=full_faces,
-            stages=timed((PREPARING, EXTRACTING, CHOOSING, KEEPING), self.seconds),
+            stages=self.ran,
             removed_components=self.removed_components,
             self_intersections=0,
         )

@@ -1,13 +1,14 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Finish every surface, of one field or of labels that touch: stages, notes, description, another simplification.
+"""Finish surfaces of one field or of labels that touch: alpha, simplification, normals, notes, description.
 
 The only place that names the stages.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from ..budget import Budget
@@ -15,7 +16,7 @@ from ..described import AUTO
 from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.kept_pieces import kept_and_removed_steps
-from ..mesh.triangle_mesh import Surface
+from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
@@ -25,10 +26,9 @@ from .request import MadeSurface, Scope
 
 if TYPE_CHECKING:
     from ..mesh.angles.alpha_choice import AlphaChoice
-    from ..simplification.component_removal import CollapsedComponents
     from ..simplification.whole import Simplification
 
-# What report.json and a user read.
+# Names of stages that a user reads, in the panel and in report.json.
 PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 LOOKING = "Looking for labels that cross"
@@ -39,16 +39,18 @@ LARGEST_COLLAPSED_MM3 = 20.0
 def simplified_steps(
     full: Reconstruction, settings: ReconstructionSettings, budget: Budget | None = None
 ) -> Steps[Reconstruction]:
-    """Return a full surface simplified as `settings` ask; their other fields are those it was made with."""
-    return (yield from Finish(settings, budget or Budget(), HOLD).simplified_steps(full))
+    """Return a full surface simplified as `settings` ask; their other fields are those of `full`."""
+    finishing = Finish(settings, budget or Budget(), HOLD, weights_of(settings))
+    result = yield from finishing.simplified_steps(full)
+    return replace(result, stages=full.stages + result.stages)
 
 
 def without_small_steps(
     full: Reconstruction, min_part_mm3: float, keep_parts: int | None = None
 ) -> Steps[Reconstruction]:
-    """Return a full surface without the components below a volume, as if the setting had asked for that.
+    """Return a full surface without components below a volume, as if its settings had asked for that.
 
-    With `keep_parts` so many of the largest are left; None leaves that as it is.
+    `keep_parts` keeps this many of the largest; None leaves that setting as it is.
     """
     settings = replace(full.settings, min_part_mm3=min_part_mm3)
     if keep_parts is not None:
@@ -69,28 +71,33 @@ def without_small_steps(
 
 
 def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget: Budget) -> Steps[MadeSurface]:
-    """Return the surface that the settings ask for, of a full one of other settings, and the full one of these."""
-    if full.surface is not None and full.settings.alpha != settings.alpha:  # the slider has moved since
+    """Return the result and the full surface of `settings`, made from a full surface of other settings."""
+    if full.surface is not None and settings.alpha not in (AUTO, full.settings.alpha):  # The slider has moved since.
         full = replace(full, mesh=full.surface.at(settings.alpha_number), settings=settings)
     if limits_of(settings).ask_more_than(limits_of(full.settings)):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
-def goals_of(settings: ReconstructionSettings) -> tuple[float | None, int | None, float | None]:
-    """Return the reduction, the number of triangles and the maximum error that are asked for."""
-    return settings.reduction, settings.target_faces, settings.max_error_mm
+def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
+    """Return the goal of simplification as keyword arguments of the simplifiers."""
+    return {
+        "reduction": settings.reduction,
+        "target_faces": settings.target_faces,
+        "max_error": settings.max_error_mm,
+        "largest_component": LARGEST_COLLAPSED_MM3,
+    }
 
 
 def limits_of(settings: ReconstructionSettings) -> ComponentLimits:
-    """Return which components are to stay."""
+    """Return the limits for small components."""
     return ComponentLimits(settings.keep_parts, settings.min_part_mm3)
 
 
-def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict[str, int]:
-    """Return the stages that a surface of one field has, and their usual share of the time.
+def weights_of(settings: ReconstructionSettings, sink: Sink = HOLD, full: bool = False) -> dict[str, int]:
+    """Return the stages of a surface of one field in their order, and their usual share of the time.
 
-    `full` leaves out what follows the full surface.
+    `full` leaves out the stages that follow the full surface.
     """
     weights = {
         PREPARING: 20,
@@ -104,11 +111,6 @@ def weights_of(settings: ReconstructionSettings, sink: Sink, full: bool) -> dict
     return {name: weight for name, weight in weights.items() if weight}
 
 
-def timed(names: Iterable[str], seconds: Mapping[str, float]) -> tuple[Stage, ...]:
-    """Return the stages of these names that have run, in this order."""
-    return tuple(Stage(name, seconds[name]) for name in names if name in seconds)
-
-
 def described(
     volume: Volume,
     scope: Scope,
@@ -120,18 +122,18 @@ def described(
     choice: AlphaChoice | None,
     **more: Any,
 ) -> Reconstruction:
-    """Return the reconstruction of a surface that a sink has taken: what volume and settings say of it, and `more`.
+    """Describe a surface that a sink has taken.
 
     Parameters
     ----------
     scope : Scope
         Where the surface was extracted.
     notes : tuple of str
-        Those of the volume among them, that of `choice` not.
+        Includes the notes of the volume; the note on `choice` is added.
     choice : AlphaChoice or None
         How alpha was chosen.
     more
-        Fields of `Reconstruction`.
+        Further fields of `Reconstruction`.
     """
     label = settings.label
     return Reconstruction(
@@ -152,107 +154,121 @@ def described(
     )
 
 
-def simplification_notes(
-    settings: ReconstructionSettings,
-    full_faces: int,
-    faces: int,
-    crossings: int | None,
-    collapsed: CollapsedComponents,
-    handles_cut: int,
-) -> tuple[str, ...]:
-    """Return the notes on a simplified surface.
-
-    Parameters
-    ----------
-    full_faces, faces : int
-        Triangles before and after simplification; of labels that touch, of all of them.
-    crossings : int or None
-        Pairs of triangles that cross each other.
-    collapsed : CollapsedComponents
-        Components that simplification removed.
-    handles_cut : int
-    """
-    notes = []
-    if crossings:
-        notes.append(f"Pairs of triangles that cross each other: {crossings:,}.")
-    if collapsed.count:
-        notes.append(f"{collapsed.sentence()}.")
-    if handles_cut:
-        notes.append(f"Small handles that were cut and capped: {handles_cut:,}.")
-    target = settings.target_faces or round(full_faces * (1 - (settings.reduction or 0)))
-    if settings.max_error_mm is None and faces > target:
-        notes.append(missed_goal(faces, target))
-    return tuple(notes)
-
-
-def missed_goal(faces: int, target: int) -> str:
-    """Return the note for a surface that keeps more triangles than it was to have."""
-    return (
-        f"{faces} triangles are left instead of {target}: no further edge can be removed without moving a border, "
-        f"tearing or crossing the surface, or collapsing a component of more than {LARGEST_COLLAPSED_MM3:g} mm3."
-    )
+def averaged_steps(mesh: TriangleMesh) -> Steps[TriangleMesh]:
+    """Return a mesh with normals that are averaged from its own triangles."""
+    return replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
 
 
 class Finish:
-    """A surface of one field from its full triangles to the report.
+    """Run the stages that follow extraction, for one surface or for several that are made together.
 
     Attributes
     ----------
     settings : ReconstructionSettings
         With the alpha that was chosen, once it is.
-    seconds : dict of str to float
-        Of every stage that has run.
+    choice : AlphaChoice or None
+        How alpha was chosen.
     """
 
-    def __init__(self, settings: ReconstructionSettings, budget: Budget, sink: Sink, full: bool = False) -> None:
-        self.settings, self.budget, self.sink, self.full = settings, budget, sink, full
-        self.stages = Stages(weights_of(settings, sink, full))
-        self.seconds: dict[str, float] = {}
+    def __init__(
+        self, settings: ReconstructionSettings, budget: Budget, sink: Sink, weights: Mapping[str, float]
+    ) -> None:
+        self.settings, self.budget, self.sink = settings, budget, sink
+        self.stages = Stages(weights)
+        self.choice: AlphaChoice | None = None
+
+    @property
+    def ran(self) -> tuple[Stage, ...]:
+        """Return the stages that have run, in their order."""
+        seconds = self.stages.seconds
+        return tuple(Stage(name, seconds[name]) for name in self.stages.shares if name in seconds)
+
+    def choose_alpha_steps(self, pass_at: Callable[[float], Pieces], *, pieces_vary: bool = False) -> Steps[None]:
+        """Choose alpha if the settings ask for that.
+
+        Parameters
+        ----------
+        pass_at : callable
+            Gives the pieces of the surface at an alpha, as often as it is called.
+        pieces_vary : bool
+            Whether these depend on alpha.
+        """
+        if self.settings.alpha != AUTO:
+            return
+        from ..mesh.angles.alpha_choice import chosen_alpha_steps, kept_alpha_steps
+
+        angle = self.settings.min_angle_deg
+        choosing = kept_alpha_steps(pass_at, angle) if pieces_vary else chosen_alpha_steps(partial(pass_at, 1.0), angle)
+        self.choice = yield from self.stages.run(CHOOSING, choosing)
+        self.settings = replace(self.settings, alpha=self.choice.alpha)
 
     def simplified_steps(self, full: Reconstruction) -> Steps[Reconstruction]:
-        """Simplify the full surface that the sink keeps, at its alpha."""
+        """Simplify a full surface that is held, at its alpha, and finish it."""
         if self.settings.alpha == AUTO:
             self.settings = replace(self.settings, alpha=full.settings.alpha)
-        simplification = None
-        if self.settings.simplifies_here:
-            from ..simplification.simplify import simplification_steps
+        if not self.settings.simplifies_here:
+            return (yield from self.finished_steps(full))
+        from ..simplification.simplify import simplification_steps
 
-            goals = goals_of(self.settings)
-            simplifying = simplification_steps(full.mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
-            simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
-            self.seconds[SIMPLIFYING] = self.stages.seconds[SIMPLIFYING]
-        return (yield from self.finished_steps(full, simplification))
+        simplifying = simplification_steps(full.mesh, budget=self.budget, **goal_of(self.settings))
+        simplification = yield from self.stages.run(SIMPLIFYING, simplifying)
+        return (yield from self.finished_steps(self.simplified(full, simplification)))
 
-    def finished_steps(self, full: Reconstruction, simplification: Simplification | None) -> Steps[Reconstruction]:
-        """Return the finished reconstruction, with the mesh's own normals if the settings ask for them."""
-        mesh, measured, settings = full.mesh, full.measured, self.settings
-        result, crossings = full, full.self_intersections
-        if simplification is not None:
-            mesh, collapsed = simplification.mesh, simplification.collapsed
-            if simplification.self_intersections is not None:
-                crossings = simplification.self_intersections
-            handles = simplification.handles_cut
-            notes = simplification_notes(settings, full.full_faces, len(mesh.faces), crossings, collapsed, handles)
-            result = replace(
-                full,
-                surface=None,
-                notes=full.notes + notes,
-                collapsed_components=collapsed.count,
-                collapsed_mm3=collapsed.volume,
+    def simplified(
+        self, full: Reconstruction, simplification: Simplification, faces: tuple[int, int] | None = None
+    ) -> Reconstruction:
+        """Return a surface after simplification, with notes on it.
+
+        Parameters
+        ----------
+        full : Reconstruction
+            The surface before.
+        simplification : Simplification
+        faces : (before, after) int, optional
+            Triangles of all labels that touch; by default those of this surface.
+        """
+        mesh, collapsed, crossings = simplification.mesh, simplification.collapsed, simplification.self_intersections
+        before, after = faces or (full.full_faces, len(mesh.faces))
+        if crossings is None:
+            crossings = full.self_intersections
+        notes = []
+        if crossings:
+            notes.append(f"Pairs of triangles that cross each other: {crossings:,}.")
+        if collapsed.count:
+            notes.append(f"{collapsed.sentence()}.")
+        if simplification.handles_cut:
+            notes.append(f"Small handles that were cut and capped: {simplification.handles_cut:,}.")
+        target = self.settings.target_faces or round(before * (1 - (self.settings.reduction or 0)))
+        if self.settings.max_error_mm is None and after > target:
+            notes.append(
+                f"{after} triangles are left instead of {target}: no further edge can be removed without moving a "
+                "border, tearing or crossing the surface, or collapsing a component of more than "
+                f"{LARGEST_COLLAPSED_MM3:g} mm3."
             )
+        return replace(
+            full,
+            mesh=mesh,
+            surface=None,
+            notes=(*full.notes, *notes),
+            collapsed_components=collapsed.count,
+            collapsed_mm3=collapsed.volume,
+            self_intersections=crossings,
+        )
+
+    def finished_steps(self, result: Reconstruction) -> Steps[Reconstruction]:
+        """Average normals and write the surface, where the settings and the sink ask for that."""
+        mesh, measured, settings = result.mesh, result.measured, self.settings
         if settings.normals == "mesh" and self.sink.normals and measured is None:
-            averaging = vertex_normals_steps(mesh.vertices, mesh.faces)
-            mesh = replace(mesh, normals=(yield from self.stages.run(AVERAGING, averaging)))
-            self.seconds[AVERAGING] = self.stages.seconds[AVERAGING]
+            mesh = yield from self.stages.run(AVERAGING, averaged_steps(mesh))
         if not self.sink.holds and measured is None:
             taken = yield from self.stages.run(WRITING, self.sink.mesh_steps(mesh))
-            self.seconds[WRITING] = self.stages.seconds[WRITING]
             mesh, measured = taken.mesh, taken.measured
+        crossings = None if settings.simplifies and not settings.simplifies_here else result.self_intersections
         return replace(
             result,
             mesh=mesh,
             settings=settings,
-            stages=full.stages + timed((SIMPLIFYING, AVERAGING, WRITING), self.seconds),
-            self_intersections=None if settings.simplifies and not settings.simplifies_here else crossings,
+            stages=self.ran,
+            self_intersections=crossings,
             measured=measured,
         )

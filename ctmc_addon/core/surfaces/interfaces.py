@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a volume to the surfaces of several labels that touch, as one complex: a wall between two labels is made once.
+"""Make the surfaces of labels that touch as one complex: a wall between two labels is made once.
 
 Label by label -> its field, as for that label alone -> owner of every sample -> triangles between owners -> constants
 that keep all volumes -> RAS+ mm
@@ -48,7 +48,7 @@ FIELDS, WALLS, OWNING, CROSSING, PLACING, KEEPING, MOVING = (
 )
 STAGES = {FIELDS: 60, WALLS: 20, OWNING: 8, CROSSING: 8, PLACING: 12, KEEPING: 10, MOVING: 2}
 REMEDY = "choose a region, fewer labels or slice_steps, or interfaces separate"
-VERTEX_BYTES = 300  # with its triangles
+VERTEX_BYTES = 300  # Includes its triangles.
 POINTS_AT_ONCE = 1 << 16
 
 
@@ -61,19 +61,19 @@ class LabelComplex:
     surface : ComplexSurface
         In RAS+ mm; its sides are the labels' values.
     labels : tuple of int
-        That have a surface, rising.
+        Labels with a surface, rising.
     errors : dict of int to CtmcError
-        Why a label has none.
+        The reason for each label without a surface.
     thresholds : dict of int to float
-        Of every label's field.
+        Threshold of every label's field.
     notes : dict of int to tuple of str
-        Of every label.
+        Notes on every label.
     wrong_side : dict of int to int
-        Samples of the grid that are a label's and not its owner's, or the other way round.
+        Samples of the grid inside a label or inside its surface, but not both.
     volumes_mm3, label_mm3 : dict of int to float
         What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
     constants_mm : dict of int to float
-        Added to a label's field beside those that it touches.
+        Added to a label's field where it touches others.
     scope : Scope
     """
 
@@ -91,7 +91,7 @@ class LabelComplex:
 
 @dataclass(frozen=True, eq=False)
 class _LabelField:
-    """What is known of a label before it meets the others; no samples where labels are not smoothed."""
+    """Field of one label before it meets the others; without samples if labels are not smoothed."""
 
     samples: LabelSamples | None
     window: Box
@@ -115,14 +115,14 @@ def complex_steps(
     ----------
     volume : Volume
     settings : ReconstructionSettings
-        Of all labels; their own label does not count.
+        Settings of all labels; their own label is ignored.
     labels : sequence of int
     budget : Budget, optional
         Threads and memory; the result does not depend on it.
     all_needed : bool
-        Whether a label without a surface is an error; else it is left out.
+        Whether a label without a surface raises an error; otherwise it is left out.
     scope : Scope, optional
-        Of volume and settings, where it is known already.
+        Scope of volume and settings, if it is already known.
 
     Raises
     ------
@@ -139,7 +139,7 @@ def complex_steps(
 
 
 class LabelInterfaces:
-    """A complex that is being made."""
+    """Make a complex, stage by stage."""
 
     owners: Owners
     placed: ComplexVertices
@@ -164,7 +164,7 @@ class LabelInterfaces:
         def work_steps(at: int, own: Budget) -> Steps[_LabelField]:
             field = yield from field_steps(volume, runs[at], own, region=region)
             if self.smoothing.by_slabs:
-                field.check()  # which was done before all of it was smoothed
+                field.check()  # Other smoothings have checked it before.
             samples = (yield from label_samples_steps(field)) if self.smoothing.smooths else None
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
@@ -201,7 +201,7 @@ class LabelInterfaces:
         first_x, first_y, first_z = self.first
         columns, rows = axes[0].index[1:-1] - first_x, axes[1].index[1:-1, None] - first_y
         number = np.zeros((axes[2].count, axes[1].count, axes[0].count), own.dtype)
-        layers = []  # whose owners the fields decide
+        layers = []  # Fields decide the owners in these.
         for layer in range(1, axes[2].count - 1):
             slice_, step = divmod(int(axes[2].index[layer]), steps)
             if indicators or step or not 0 <= slice_ - first_z < len(own):
@@ -260,7 +260,7 @@ class LabelInterfaces:
             self.walls.update(made)
 
     def _axes(self) -> tuple[Axis, Axis, Axis]:
-        """The samples of the box that holds every label's window, along z refined slices."""
+        """Return the samples of the box around all windows; slices along z are refined."""
         x, y, (low, end) = _union([field.window for field in self.fields])
         steps, closed = self.slice_steps, self.settings.close_border
         first, last = low * steps, (end - 1) * steps
@@ -271,7 +271,7 @@ class LabelInterfaces:
         return make_axes((x, y, (first, last + 1)), self.settings.stride, True)
 
     def _compare_steps(self, own: NDArray[Any]) -> Steps[None]:
-        """Count the samples of the grid that are a label's and not its owner's, or the other way round."""
+        """Count the samples whose label is not their owner, for both."""
         x, y, z = self.owners.x, self.owners.y, self.owners.z
         first_x, first_y, first_z = self.first
         rows, columns = y.index[1:-1, None] - first_y, x.index[1:-1] - first_x
@@ -285,7 +285,7 @@ class LabelInterfaces:
             yield PAUSE
 
     def _share(self, slice_: int) -> float:
-        """How many refined slices a sample of a slice stands for, where the surface is closed at the border."""
+        """Return how many refined slices a sample of a slice counts for, closed at the border."""
         steps, closed = self.slice_steps, self.settings.close_border
         low, end = _union([field.window for field in self.fields])[2]
         share = float(steps)
@@ -380,7 +380,7 @@ class LabelInterfaces:
         return [[each.shares(added) for each in crossings] for crossings in self.placed.crossings]
 
     def _notes(self, at: int) -> tuple[str, ...]:
-        """Return the notes on a label; beside others it does not enclose what it would alone."""
+        """Return the notes on a label; one that touches others does not keep the volume it has alone."""
         notes = self.fields[at - 1].notes
         return self.smoothing.shared_notes(notes, self.slice_steps) if self.touches[at] else notes
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one volume: with shared interfaces, or each by itself.
+"""Make surfaces of several labels of one volume, with shared interfaces or each by itself.
 
-By itself every surface has the bytes of `reconstruct` with that label alone.
+Made by itself, a surface has the same bytes as from `reconstruct`.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ STAGES = {"Finding the labels": 1, "Making the surfaces": 30}
 
 
 class LabelSurfaces(NamedTuple):
-    """The surfaces of several labels, and why others have none.
+    """Surfaces of several labels, and why other labels have none.
 
     Parameters
     ----------
@@ -52,19 +52,19 @@ def reconstruct_labels(
     Parameters
     ----------
     volume : Volume
-        Of a file that threads cannot share, values are fetched for one label after the other.
+        If threads cannot share its file, labels are made one after the other.
     settings : ReconstructionSettings
         Of every surface; their own label does not count. With `interfaces` "shared" neighbors have the same triangles
         where they touch, and a number of triangles is that of all surfaces of a layer.
     labels : sequence of int, optional
-        By default all but 0; then those that have no surface are left out and said.
+        By default all but 0; labels without a surface are then left out and reported.
     budget : Budget, optional
         Threads and memory; by default what the machine has. The result does not depend on it.
 
     Raises
     ------
     CtmcError
-        As `reconstruct`; a label that was asked for and has no surface.
+        As `reconstruct`, and if a requested label has no surface.
 
     Examples
     --------

@@ -23,7 +23,7 @@ from .finish import remade_steps
 from .request import MadeSurface, Scope, SurfaceRequest, scope_of_labels, share_walls
 
 Outcome = MadeSurface | CtmcError
-LARGEST = (1 << 31) - 1  # Interfaces have the numbers of their two labels as int32.
+LARGEST = (1 << 31) - 1  # Interfaces store their two labels as int32.
 
 
 def make_surfaces_steps(
@@ -39,16 +39,15 @@ def make_surfaces_steps(
     Parameters
     ----------
     volume : Volume or None
-        None where every request brings its full surface.
+        None if every request brings its full surface.
     requests : sequence of SurfaceRequest
-        A number of triangles is that of all labels of a layer that share interfaces, what two of them share counted
-        once.
+        A number of triangles is for all labels of a layer that share interfaces; shared triangles count once.
     budget : Budget, optional
         Threads and memory; by default what the machine has. No surface depends on it.
     labels : Volume, optional
-        Has the labels; by default `volume` has them.
+        Volume of the labels; by default `volume`.
     all_needed : bool
-        Whether the first error is raised; else it stands where its surface would.
+        Whether to raise the first error; otherwise it is returned instead of its surface.
 
     Returns
     -------
@@ -58,7 +57,7 @@ def make_surfaces_steps(
     Raises
     ------
     MemoryLimitError
-        Of a surface that does not fit, not even alone.
+        If a surface does not fit, even by itself.
     CtmcError
         As `reconstruct`.
     """
@@ -77,7 +76,7 @@ def make_surfaces_steps(
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
-    """Return the numbers of requests that are one work: labels with the same settings, else each by itself."""
+    """Return the numbers of requests made together: labels with the same settings; others each by itself."""
     groups: dict[object, list[int]] = {}
     for at, request in enumerate(requests):
         is_own = request.settings.label is None or request.full is not None
@@ -88,7 +87,7 @@ def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
 def _group_steps(
     volume: Volume | None, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
 ) -> Steps[list[Outcome]]:
-    """Make the surfaces of one work."""
+    """Make the surfaces of one group."""
     if len(requests) == 1:
         return [(yield from _alone_steps(volume, requests[0], budget, all_needed))]
     assert volume is not None, "labels are extracted"
@@ -98,7 +97,7 @@ def _group_steps(
     absent = [at for at in range(len(requests)) if at not in present]
     several = present if len(present) > 1 else []
     made: dict[int, Outcome] = {}
-    for at in absent if several else absent + present:  # an absent label gives an error that says which there are
+    for at in absent if several else absent + present:  # The error of an absent label names those present.
         made[at] = yield from _alone_steps(volume, requests[at], budget, all_needed)
     members = [requests[at] for at in several]
     results: list[Outcome] = []
@@ -111,7 +110,7 @@ def _group_steps(
 
 
 def _alone_steps(volume: Volume | None, request: SurfaceRequest, budget: Budget, all_needed: bool) -> Steps[Outcome]:
-    """Make one surface with all threads; where it does not fit, say what would."""
+    """Make one surface with all threads; if it does not fit, advise settings that do."""
     settings, sink = request.settings, request.sink
     if request.full is not None:
         making = remade_steps(request.full, settings, budget)
@@ -124,7 +123,7 @@ def _alone_steps(volume: Volume | None, request: SurfaceRequest, budget: Budget,
 
 
 def _outcome_steps(making: Steps[MadeSurface], all_needed: bool) -> Steps[Outcome]:
-    """Return what is made, or its error where not all are needed; nobody can do without memory."""
+    """Return the surface, or its error unless all are needed; a lack of memory is always raised."""
     try:
         return (yield from making)
     except CtmcError as error:
@@ -136,7 +135,7 @@ def _outcome_steps(making: Steps[MadeSurface], all_needed: bool) -> Steps[Outcom
 def _one_steps(
     volume: Volume, request: SurfaceRequest, budget: Budget, scope: Scope | None = None
 ) -> Steps[MadeSurface]:
-    """Make one surface, and the full one where that is needed."""
+    """Make one surface, and its full surface if requested."""
     if request.needs_full:
         return (yield from result_and_full_steps(volume, request.settings, budget, scope))
     return MadeSurface((yield from reconstruct_steps(volume, request.settings, budget, request.sink, scope)))
@@ -189,7 +188,7 @@ def _together_steps(
 
 
 def _require_shareable(labels: Sequence[int]) -> None:
-    """Raise `LabelError` if a label does not fit where triangles that labels share keep their numbers."""
+    """Raise `LabelError` if a label is not a positive int32, as shared triangles store it."""
     outside = next((label for label in labels if not 0 < label <= LARGEST), None)
     if outside is not None:
         raise LabelError(

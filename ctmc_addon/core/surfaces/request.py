@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surfaces that are asked for, and everything that a volume and settings decide before any value is read."""
+"""Requests for surfaces, and their scope: what is decided before any value is read."""
 
 from __future__ import annotations
 
@@ -27,11 +27,11 @@ class SurfaceRequest:
     sink : Sink
         Where the surface goes; by default it is held.
     needs_full : bool
-        Whether the full surface is returned too, to be simplified again.
+        Whether to return the full surface too, to be simplified again.
     full : Reconstruction, optional
-        A full surface of other settings to begin with, so that nothing is extracted.
+        A full surface of other settings to start from, so that nothing is extracted.
     written_bytes : int
-        Of a triangle of a held surface, while Blender writes it.
+        Bytes that Blender needs to write a triangle of a held surface.
     """
 
     settings: ReconstructionSettings
@@ -47,9 +47,9 @@ class MadeSurface(NamedTuple):
     Parameters
     ----------
     result : Reconstruction
-        As its settings ask.
+        The surface that the settings ask for.
     full : Reconstruction or None
-        None where it was not asked for, or does not fit in memory.
+        None if not requested, or if it does not fit in memory.
     """
 
     result: Reconstruction
@@ -57,7 +57,7 @@ class MadeSurface(NamedTuple):
 
 
 def share_walls(all_settings: Sequence[ReconstructionSettings]) -> bool:
-    """Return whether surfaces are made together because their walls are the same triangles."""
+    """Return whether surfaces are made together because they share walls."""
     return len(all_settings) > 1 and all(
         settings.label is not None and settings.interfaces == "shared" for settings in all_settings
     )
@@ -73,7 +73,7 @@ class Scope:
         Samples of the volume.
     stride : (x, y, z) int
     slice_steps : int
-        From slice to slice.
+        Steps from slice to slice.
     """
 
     region: Box
@@ -86,7 +86,7 @@ class Scope:
         check_stride(self.stride, (*self.region[:2], (first, last + 1)))
 
     def voxels_visited(self, slice_steps: int) -> int:
-        """Return the cells of the strided grid, skipped or not, with the slice steps that a field has in the end.
+        """Return the cells of the strided grid, skipped or not, at the slice steps of the finished field.
 
         Examples
         --------
@@ -110,5 +110,5 @@ def scope_of(volume: Volume, settings: ReconstructionSettings) -> Scope:
 
 
 def scope_of_labels(volume: Volume, settings: ReconstructionSettings) -> Scope:
-    """Return the scope of surfaces of labels that touch; their own label does not count."""
+    """Return the scope of labels that touch; ignores the label of `settings`."""
     return scope_of(volume, replace(settings, threshold=None, label=1))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces of several labels of one layer whose neighbors share their interfaces: made and simplified together."""
+"""Make and simplify together the labels of one layer whose neighbors share their interfaces."""
 
 from __future__ import annotations
 
@@ -10,34 +10,31 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..budget import Budget
-from ..described import AUTO
 from ..errors import CtmcError
-from ..mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
 from ..mesh.complex_components import keep_complex_components_steps
-from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from ..progress import Stages, Step, Steps
+from ..progress import Step, Steps
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.component_removal import CollapsedComponents
-from ..sinks import Taken
+from ..simplification.whole import Simplification
+from ..sinks import HOLD, Taken
 from ..volume.volume import Volume
 from .finish import (
     AVERAGING,
     CHOOSING,
     EXTRACTING,
     KEEPING,
-    LARGEST_COLLAPSED_MM3,
     LOOKING,
     SIMPLIFYING,
+    Finish,
+    averaged_steps,
     described,
-    goals_of,
+    goal_of,
     limits_of,
-    simplification_notes,
-    timed,
 )
 from .interfaces import LabelComplex, complex_steps
 from .request import MadeSurface, Scope
@@ -46,8 +43,10 @@ CLASSIC_NOTE = "Interfaces are cut by the classic cases; topology trilinear need
 WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
-class TouchingLabels:
-    """Surfaces of labels of one layer that are being made together."""
+class TouchingLabels(Finish):
+    """Make surfaces of labels of one layer together."""
+
+    extracted: LabelComplex
 
     def __init__(
         self,
@@ -58,26 +57,19 @@ class TouchingLabels:
         budget: Budget,
         all_needed: bool,
     ) -> None:
-        self.volume, self.scope, self.settings, self.labels = volume, scope, settings, labels
-        self.budget, self.all_needed = budget, all_needed
-        self.stages = Stages(WEIGHTS)
-        self.extracted: LabelComplex
-        self.choice: AlphaChoice | None = None
-        self.crossings: dict[int, int] = {}  # pairs of triangles; only of labels that have some
+        super().__init__(settings, budget, HOLD, WEIGHTS)
+        self.volume, self.scope, self.labels, self.all_needed = volume, scope, labels, all_needed
 
     def result_steps(self) -> Steps[dict[int, MadeSurface | CtmcError]]:
         """Extract, drop small components, simplify, and return each label's own surface."""
-        settings, stages = self.settings, self.stages
-        extracting = complex_steps(self.volume, settings, self.labels, self.budget, self.all_needed, self.scope)
+        stages = self.stages
+        extracting = complex_steps(self.volume, self.settings, self.labels, self.budget, self.all_needed, self.scope)
         self.extracted = yield from stages.run(EXTRACTING, extracting)
         surface = self.extracted.surface
         errors: dict[int, CtmcError] = dict(self.extracted.errors)
-        if settings.alpha == AUTO:
-            whole = Surface(surface.midpoints, surface.linear, surface.faces)
-            choosing = chosen_alpha_steps(lambda: replayed_steps([whole]), settings.min_angle_deg)
-            self.choice = yield from stages.run(CHOOSING, choosing)
-            settings = self.settings = replace(settings, alpha=self.choice.alpha)
-        alpha = settings.alpha_number
+        whole = Surface(surface.midpoints, surface.linear, surface.faces)
+        yield from self.choose_alpha_steps(lambda _: replayed_steps([whole]))
+        settings, alpha = self.settings, self.settings.alpha_number
         if settings.drops_components:
             keeping = keep_complex_components_steps(surface, self.extracted.labels, alpha, limits_of(settings))
             surface, dropped = yield from stages.run(KEEPING, keeping)
@@ -89,24 +81,23 @@ class TouchingLabels:
             return {**errors}
         full_mesh, simplified = surface.at(alpha), None
         if settings.simplifies_here:
-            goals = goals_of(settings)
-            simplifying = simplify_complex_steps(full_mesh, *goals, self.budget, LARGEST_COLLAPSED_MM3)
+            simplifying = simplify_complex_steps(full_mesh, budget=self.budget, **goal_of(settings))
             simplified = yield from stages.run(SIMPLIFYING, simplifying)
-        full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
-        results = dict(full)
+        results = full = yield from stages.run(AVERAGING, self._full_steps(surface, full_mesh, labels))
+        crossings: dict[int, int] = {}  # Pairs of triangles; labels without any are missing.
         if simplified is None:
-            self.crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
-            for label, result in full.items():
-                results[label] = replace(result, self_intersections=self.crossings.get(label, 0))
+            crossings = yield from stages.run(LOOKING, _crossings_steps(full_mesh, surface.may_cross))
         else:
-            if simplified.self_intersections != 0:  # some, or not tested yet
-                self.crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
+            if simplified.self_intersections != 0:  # There are some, or nothing was tested.
+                crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
             before = len(full_mesh.faces)
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
-        ran = timed(WEIGHTS, stages.seconds)
         made = {
-            label: MadeSurface(replace(results[label], stages=ran), replace(result, stages=ran))
-            for label, result in full.items()
+            label: MadeSurface(
+                replace(results[label], stages=self.ran, self_intersections=crossings.get(label, 0)),
+                replace(full[label], stages=self.ran),
+            )
+            for label in labels
         }
         return {**made, **errors}
 
@@ -119,46 +110,32 @@ class TouchingLabels:
         for label in labels:
             yield Step(len(full) / len(self.labels))
             own, beyond = surface.within(borders[label])
-            at_alpha = own.at(self.settings.alpha_number)
-            normals = yield from vertex_normals_steps(at_alpha.vertices, at_alpha.faces)
-            own, at_alpha = replace(own, normals=normals), replace(at_alpha, normals=normals)
-            described = self._described(label, at_alpha, own, beyond)
+            at_alpha = yield from averaged_steps(own.at(self.settings.alpha_number))
+            described = self._described(label, at_alpha, replace(own, normals=at_alpha.normals), beyond)
             full[label] = replace(described, neighbors=neighbors_of(label, interfaces))
         return full
 
     def _simplified_steps(
         self, simplified: ComplexSimplification, full_faces: int, full: Mapping[int, Reconstruction]
     ) -> Steps[dict[int, Reconstruction]]:
-        """Return what simplification has left of each label."""
+        """Return each label's own surface after simplification."""
         results: dict[int, Reconstruction] = {}
-        together, handles_cut = simplified.mesh, simplified.handles_cut
-        interfaces = together.interfaces
-        borders = borders_of(together.faces, together.sides)
+        together = simplified.mesh
+        interfaces, borders = together.interfaces, borders_of(together.faces, together.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
             faces, beyond, used = borders[label]
             mesh = TriangleMesh(together.vertices[used], faces)
             if self.settings.normals == "mesh":
-                mesh = replace(mesh, normals=(yield from vertex_normals_steps(mesh.vertices, mesh.faces)))
+                mesh = yield from averaged_steps(mesh)
             collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
-            notes = simplification_notes(
-                self.settings, full_faces, len(together.faces), simplified.self_intersections, collapsed, handles_cut
-            )
-            results[label] = replace(
-                result,
-                mesh=mesh,
-                surface=None,
-                notes=result.notes + notes,
-                collapsed_components=collapsed.count,
-                collapsed_mm3=collapsed.volume,
-                beyond=beyond,
-                neighbors=neighbors_of(label, interfaces),
-                self_intersections=self.crossings.get(label, 0),
-            )
+            own = Simplification(mesh, collapsed, simplified.handles_cut, simplified.self_intersections)
+            result = self.simplified(result, own, (full_faces, len(together.faces)))
+            results[label] = replace(result, beyond=beyond, neighbors=neighbors_of(label, interfaces))
         return results
 
     def _described(self, label: int, mesh: TriangleMesh, surface: Surface, beyond: NDArray[np.int32]) -> Reconstruction:
-        """Return the reconstruction of a label's own surface."""
+        """Describe a label's own surface."""
         extracted = self.extracted
         result = described(
             self.volume,
@@ -177,6 +154,6 @@ class TouchingLabels:
 
 
 def _crossings_steps(mesh: ComplexMesh, selected: NDArray[np.bool_] | None = None) -> Steps[dict[int, int]]:
-    """Count the pairs of triangles that meet where they may not, by label; one of two labels counts for both."""
+    """Count pairs of triangles that cross each other, by label; a pair of two labels counts for both."""
     pairs = yield from self_intersections_steps(mesh.vertices, mesh.faces, selected)
     return {label: int((mesh.sides[pairs] == label).any(axis=(1, 2)).sum()) for label in mesh.labels}

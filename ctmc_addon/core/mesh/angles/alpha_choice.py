@@ -14,7 +14,7 @@ nothing is.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
 from typing import Any, NamedTuple
@@ -25,6 +25,7 @@ from numpy.typing import NDArray
 from ...arithmetic import tangent
 from ...progress import PAUSE, Step, Steps, WithResult
 from ...units import length_text
+from ..completed_pieces import with_next_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
 from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides
@@ -118,15 +119,16 @@ def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, mos
     search, moved = _Search(min_angle_deg, most), _Moved()
     count = unchanged = passes = 0
     while not passes or unchanged < count:
-        pieces = WithResult(_with_next_steps(one_pass()))
+        pieces = WithResult(with_next_steps(one_pass()))
         for item in pieces:
             if isinstance(item, Step):
                 yield Step(1.0 - 0.5**passes + 0.5 ** (passes + 1) * item.fraction)
                 continue
+            piece = _piece(*item)
             if not passes:
                 count += 1
-                moved.add(item)
-            changed = yield from search.look_steps(item)
+                moved.add(piece)
+            changed = yield from search.look_steps(piece)
             unchanged = 1 if changed else unchanged + 1
             if passes and unchanged >= count:
                 break
@@ -255,22 +257,8 @@ def _tangents_at(corners: NDArray[np.float32]) -> NDArray[np.float64]:
     return smallest_tangents(doubled_areas((a, b, c)), squared_sides((a, b, c)))
 
 
-def _with_next_steps(pieces: Pieces) -> Generator[Step | _Piece, None, None]:
-    """Yield every piece when the next has come, with those vertices of it that its triangles need, and the steps."""
-    held: Surface | None = None
-    source = WithResult(pieces)
-    for item in source:
-        if isinstance(item, Step):
-            yield item
-            continue
-        if held is not None:
-            yield _piece(held, item)
-        held = item
-    if held is not None:
-        yield _piece(held, None)
-
-
 def _piece(surface: Surface, following: Surface | None) -> _Piece:
+    """Return a piece with those vertices of the following one that its triangles need."""
     own = len(surface.linear)
     beyond = int(surface.faces.max(initial=-1)) + 1 - own
     if beyond <= 0 or following is None:
