@@ -8,13 +8,10 @@ An enhanced multi-frame file keeps this in functional groups, per frame or share
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 MOST_MM = 1e6
-OWN_KEYWORDS = frozenset(  # in which a slice differs from the others of its series
-    ("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient", "AcquisitionTime", "ContentTime", "TriggerTime")
-)
 
 
 class WrongGroups(ValueError):
@@ -68,12 +65,6 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
         raise WrongGroups(f"{len(groups)} functional groups for {count} frames")
     frames = [(group, shared) for group in groups] if groups is not None else [(shared,)] * count
     return tuple(_geometry(dataset, frame, count == 1) for frame in frames)
-
-
-def moved_geometry(geometry: FrameGeometry, elements: Mapping[str, Any]) -> FrameGeometry:
-    """Return the geometry of a single-frame slice whose `OWN_KEYWORDS` alone differ from another's."""
-    moment = _moment(elements, lambda _sequence, _keyword, _top_level: None)
-    return geometry._replace(position=_numbers(elements.get("ImagePositionPatient"), 3), moment=moment)
 
 
 def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .deflated import DEFLATED
-from .plain_header import UNDEFINED_LENGTH
+from .labels.elements import UNDEFINED_LENGTH
 
 SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
 WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloatPixelData": 64}

@@ -17,9 +17,8 @@ from ..optional_imports import needed, quiet, reason
 from .codestream import frame_damage, is_reversible
 from .deflated import DEFLATED
 from .frames import FrameGeometry
-from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
+from .header import EXPLICIT_LITTLE, IMPLICIT_LITTLE, PIXEL_KEYWORDS, ImageFile, pydicom_errors
 from .pixel_format import value_bits
-from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 # The types of pixels by their representation, 1 with a sign, and their bits.
 LITTLE_ENDIAN = {(sign, bits): np.dtype(f"<{'ui'[sign]}{bits // 8}") for sign in (0, 1) for bits in (8, 16, 32)}
@@ -90,7 +89,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
             source: Any = file
             exact = [False] * len(frames)
             if syntax == DEFLATED:  # its pixels are at their place only when the file is unpacked
-                source = pydicom.dcmread(file, specific_tags=PIXEL_KEYWORDS)[options["pixel_keyword"]].value
+                source = pydicom.dcmread(file, specific_tags=list(PIXEL_KEYWORDS))[options["pixel_keyword"]].value
             else:
                 if image.pixels.compressed:
                     exact = checked_codestreams(image, frames, file)

@@ -25,13 +25,11 @@ from ..value_kind import is_mask_steps
 from .header import (
     Broken,
     ImageFile,
-    PlainSlices,
     Slice,
     has_other_suffix,
     kind_in_words,
     may_be_dicom,
     read_header,
-    read_other,
 )
 from .listing import is_placed, is_scout, largest_group, listed, turning
 from .pixel_format import high_bit_notes
@@ -224,17 +222,11 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
 
 
 def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
-    """`read_header` of each file, plain slices first: pydicom is imported only where there are others."""
-    stages = Stages({"Reading headers": 1, "Loading pydicom": 4})
-    reading = quiet_batches_steps(PlainSlices().read, files, "Reading headers", 16)
-    plain = yield from stages.run("Reading headers", reading)
-    rest = [file for file, header in zip(files, plain, strict=True) if header is None]
-    if any(map(may_be_dicom, rest)):
-        yield from imported_steps("pydicom", "pydicom", "DICOM")
-    others = iter(
-        (yield from stages.run("Loading pydicom", quiet_batches_steps(read_other, rest, "Reading headers", 16)))
-    )
-    return [next(others) if header is None else header for header in plain]
+    """Return `read_header` of each file; pydicom is imported only where one may be DICOM."""
+    stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
+    if any(map(may_be_dicom, files)):
+        yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+    return (yield from stages.run("Reading headers", quiet_batches_steps(read_header, files, "Reading headers", 16)))
 
 
 def estimate_voxels(folder: Path) -> int:

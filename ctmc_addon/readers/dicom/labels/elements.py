@@ -15,7 +15,7 @@ from typing import IO, Any, NamedTuple
 from ....core import Step, Steps
 
 ITEM, ITEM_END, SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
-UNDEFINED = 0xFFFFFFFF
+UNDEFINED_LENGTH = 0xFFFFFFFF
 PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)  # float, double, integer; nothing behind them is read
 LONG_FORM = frozenset((b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"))
 LONGEST_VALUE = 1 << 16  # bytes of a value that is read
@@ -85,7 +85,7 @@ class Elements:
             raise Damaged(f"more than {DEEPEST} sequences within each other")
         stop = self._stop(length)
         # PS3.5 6.2.2: a sequence of unknown type and length has implicit elements.
-        implicit = self.implicit or (vr == "UN" and length == UNDEFINED)
+        implicit = self.implicit or (vr == "UN" and length == UNDEFINED_LENGTH)
         while self.at < stop:
             tag, _, item_length = self._header(implicit)
             if tag == SEQUENCE_END:
@@ -116,7 +116,7 @@ class Elements:
         """Read or pass over one element whose header was read."""
         if isinstance(inner, Mapping):
             found[tag] = list(self._items(length, inner, vr, depth + 1))
-        elif length == UNDEFINED:
+        elif length == UNDEFINED_LENGTH:
             for _ in self._items(length, {}, vr, depth + 1):
                 pass
         else:
@@ -151,14 +151,14 @@ class Elements:
 
     def _stop(self, length: int) -> int:
         """Where a value of `length` bytes that begins here ends; the file's end where the length is not known."""
-        if length == UNDEFINED:
+        if length == UNDEFINED_LENGTH:
             return self.size
         if self.at + length > self.size:
             raise Damaged(f"{self.size - self.at} of {length} bytes of a value at byte {self.at}")
         return self.at + length
 
     def _check_end(self, stop: int, length: int) -> None:
-        if self.at != stop or length == UNDEFINED:
+        if self.at != stop or length == UNDEFINED_LENGTH:
             raise Damaged(f"a sequence that does not end where it should, at byte {stop}")
 
 

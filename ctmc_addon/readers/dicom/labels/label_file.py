@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from ....core import ReadError
 from ...optional_imports import needed, quiet, reason
 from ..deflated import DEFLATED, unpacks_without_end
-from ..header import EXPLICIT_BIG
-from ..plain_header import IMPLICIT_LITTLE
+from ..header import EXPLICIT_BIG, IMPLICIT_LITTLE
 from .elements import Damaged, Elements, Found, after_meta
 from .references import Reference
 
