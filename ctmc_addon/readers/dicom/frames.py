@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where each frame of a DICOM file lies and how its values scale.
+"""Read the position and scale of each frame of a DICOM file.
 
 An enhanced multi-frame file keeps this in functional groups, per frame or shared by all
 (DICOM PS3.3 C.7.6.16); a single-frame file has it at the top. Positions are in LPS+ mm.
@@ -19,7 +19,7 @@ class WrongGroups(ValueError):
 
 
 class Moment(NamedTuple):
-    """What tells a frame from others at its place: empty or None where the file does not say."""
+    """The times and numbers that tell a frame from others at its position; empty or None if missing."""
 
     temporal: str = ""  # number of the time point
     acquisition: str = ""  # number of the acquisition
@@ -28,7 +28,7 @@ class Moment(NamedTuple):
 
 
 class FrameGeometry(NamedTuple):
-    """Place, moment and scale of one frame; None where the file does not say."""
+    """The position, moment and scale of one frame; None if missing."""
 
     position: tuple[float, ...] | None  # (x, y, z) of the first pixel's center
     orientation: tuple[float, ...] | None  # direction of a row, then of a column
@@ -110,7 +110,7 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
 
 
 def _numbers(value: Any, count: int, most: float = MOST_MM) -> tuple[float, ...] | None:
-    """`count` numbers of a size up to `most`, or None where the file has none or others."""
+    """Return `count` numbers of at most `most`, or None if the file has other values."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
         return None
     if None in value:

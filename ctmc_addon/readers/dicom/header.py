@@ -55,7 +55,7 @@ class Called(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ImageFile:
-    """What one DICOM file with an image says of it; carries no patient data."""
+    """The description of the image in one DICOM file, without patient data."""
 
     path: Path
     series: str
@@ -69,7 +69,7 @@ class ImageFile:
     scout: bool
     gray: bool
     hounsfield: bool
-    lookup: bool  # a modality look-up table in place of slope and intercept
+    lookup: bool  # a modality look-up table instead of slope and intercept
     pixels: Pixels
     frames: tuple[FrameGeometry, ...]
 
@@ -82,12 +82,12 @@ class Slice(NamedTuple):
 
     @property
     def geometry(self) -> FrameGeometry:
-        """Place and scale of this frame."""
+        """Return position and scale of this frame."""
         return self.image.frames[self.frame]
 
     @property
     def name(self) -> str:
-        """For errors: the file, and the frame where there are several."""
+        """Return the file's name for errors, with the frame if there are several."""
         several = len(self.image.frames) > 1
         return f"{self.image.path.name} frame {self.frame + 1}" if several else self.image.path.name
 
@@ -119,14 +119,14 @@ def has_other_suffix(path: Path) -> bool:
 
 
 def has_preamble(file: IO[bytes]) -> bool:
-    """Return whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
+    """Return whether the file has 'DICM' at the position of PS3.10; leave `file` at its start."""
     head = file.read(132)
     file.seek(0)
     return head[128:] == b"DICM"
 
 
 def looks_like_dataset(file: IO[bytes]) -> bool:
-    """Return whether the file begins like a DICOM dataset that lost its preamble; leaves `file` at its start."""
+    """Return whether the file begins like a DICOM dataset that lost its preamble; leave `file` at its start."""
     head = file.read(8)
     file.seek(0)
     if len(head) < 8 or head[:2] not in (b"\x02\x00", b"\x08\x00"):
@@ -202,7 +202,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
             return Broken(path, "", "it unpacks to far more than its size tells of")
         dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
         syntax = syntax_of(dataset)
-        if syntax == DEFLATED:  # what was passed over cannot be found again in the file
+        if syntax == DEFLATED:  # skipped values cannot be found again in the file
             file.seek(0)
             dataset = read_dataset(file, force=not preamble)
         elements = DatasetValues(dataset)
@@ -233,7 +233,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
 
 
 def kind_in_words(path: Path) -> str:
-    """Return what a DICOM file says it stores, such as 'Encapsulated PDF'; empty where it is none, or does not say."""
+    """Return the kind of object in a DICOM file, such as 'Encapsulated PDF'; empty if unknown or not DICOM."""
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)
     try:
         with quiet(), path.open("rb") as file:
@@ -246,21 +246,21 @@ def kind_in_words(path: Path) -> str:
 
 
 def syntax_of(dataset: Any) -> str:
-    """Transfer syntax UID; of a file that does not say it, the one in which it was read."""
+    """Return the transfer syntax UID, or the one in which the file was read if it names none."""
     implicit, little = dataset.original_encoding
     assumed = IMPLICIT_LITTLE if implicit else EXPLICIT_LITTLE if little else EXPLICIT_BIG
     return str(dataset.file_meta.get("TransferSyntaxUID", None) or assumed)
 
 
 def one_line(value: Any) -> str:
-    """Text of an element for a line on a screen: printable, and at most 64 characters."""
+    """Return printable text of an element, at most 64 characters."""
     values = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
     words = " ".join("" if item is None else str(item) for item in values).split()
     return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
 
 
 def sop_class(elements: DatasetValues) -> str:
-    """Name of what the file says it stores, such as 'CT Image Storage'; empty where it does not say."""
+    """Return the name of the SOP class, such as 'CT Image Storage'; empty if the file has none."""
     kind = elements.get("SOPClassUID", None) or elements.dataset.file_meta.get("MediaStorageSOPClassUID", None)
     return str(getattr(kind, "name", ""))
 

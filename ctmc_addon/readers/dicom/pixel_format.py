@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a DICOM file stores its pixels: the numbers of its header checked, the range of a value, the bits that hold it.
+"""Check the numbers that describe a DICOM file's pixels, and take values from their bits.
 
 Clauses are those of DICOM PS3.5.
 """
@@ -16,18 +16,18 @@ from numpy.typing import NDArray
 from .deflated import DEFLATED
 from .labels.elements import UNDEFINED_LENGTH
 
-SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
+SMALLEST_FRAME = 8  # A compressed frame has more bytes than this, the header of its item.
 WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloatPixelData": 64}
 # JPEG, JPEG-LS near-lossless, JPEG 2000 and HTJ2K, whose values may be a little beyond those that were compressed.
 LOSSY = {f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 203)}
-OVERSHOOT = 1 / 16  # of the range of values
-MOST_OVERSHOT = 4  # pixels beyond an end for each within the same distance before it: errors go both ways
-AROUND = 4  # pixels to each side in which those are counted
-FARTHEST = 16  # pixels from such values at which others overshot too
+OVERSHOOT = 1 / 16  # Lossy codecs overshoot by at most this share of the range of values.
+MOST_OVERSHOT = 4  # Overshot pixels for each one as near before the end, because errors go both ways.
+AROUND = 4  # Both are counted within this many pixels to each side.
+FARTHEST = 16  # Connected pixels up to this many away overshot too.
 
 
 class Pixels(NamedTuple):
-    """How and where a file stores its pixels."""
+    """The storage of a file's pixels."""
 
     syntax: str  # transfer syntax UID
     compressed: bool
@@ -35,11 +35,11 @@ class Pixels(NamedTuple):
     padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
     start: int  # byte of the file where they begin
     options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
-    high_bit: Any = None  # of the header; None where it has none
+    high_bit: Any = None  # of the header; None if it has none
 
 
 def unusable_number(options: Mapping[str, Any]) -> str:
-    """Return in words which number of a header no pixels can have; empty where all are usable.
+    """Describe the first number of a header that no pixels can have; return empty text if all are usable.
 
     Color images are not read, and of theirs the size alone is checked.
 
@@ -101,12 +101,12 @@ def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
 
 
 def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
-    """Return in words which pixels are missing from a file; empty where none are.
+    """Describe the pixels that are missing from a file; return empty text if none are.
 
     Parameters
     ----------
     pixels : Pixels
-        What the header says of them.
+        Their description in the header.
     length : int
         Bytes of the pixel element.
     file_bytes : int

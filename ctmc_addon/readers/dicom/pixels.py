@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One DICOM frame's pixels: as they lie, or decoded by pydicom with pylibjpeg, then scaled into a slice of the volume.
+"""Read or decode the pixels of one DICOM frame, and scale them into a slice of the volume.
+
+pydicom and pylibjpeg decode; uncompressed pixels are read as they are stored.
 
 Rescaling happens in the type of the output (DICOM PS3.3 C.11.1: value = slope * stored + intercept).
 """
@@ -36,7 +38,7 @@ class SliceRead(NamedTuple):
 
 
 def check_codec(image: ImageFile) -> None:
-    """Say which library is missing for a compressed file's transfer syntax, before anything is decoded."""
+    """Raise a `ReadError` before decoding if the library for a file's transfer syntax is missing."""
     pixels = needed("pydicom.pixels", "pydicom", "DICOM")
     name = syntax_name(image.pixels.syntax)
     try:
@@ -171,13 +173,13 @@ def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> l
 
 
 def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]:
-    """Types to try for the volume, the smallest first: integers stay integers where slopes allow it."""
+    """Return the types to try for the volume, the smallest first: integers stay integers if slopes allow it."""
     whole = all(frame.slope.is_integer() and frame.intercept.is_integer() for frame in frames)
     return (np.int16, np.int32, np.float32) if whole and not floating else (np.float32,)
 
 
 def padding_mark(dtype: Any) -> Any:
-    """Return what stands for padding until the lowest real value is known.
+    """Return the value that marks padding until the lowest real value is known.
 
     The type's own lowest value: a real pixel that holds it is then the lowest anyway.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the slices of a stack lie: their order, gaps and tilt, and the affine that carries them.
+"""Order the slices of a stack, check their gaps and tilt, and make the affine.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
 DICOM PS3.3 C.7.6.2.1.1: the center of pixel (row r, column c) lies at
@@ -17,29 +17,29 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 
-SAME_MM = 0.001  # closer positions are the same slice twice
-EVEN_SHARE, EVEN_MM = 0.01, 0.01  # gaps this near to the median are even
-WIDEST_GAP = 3.0  # medians; beyond it slices are missing and would be invented
-NARROWEST_GAP = 0.25  # medians; finer an uneven stack is not resampled
-TILT_DEGREES = 0.1  # smaller angles come from rounded positions
+SAME_MM = 0.001  # Closer positions are the same slice twice.
+EVEN_SHARE, EVEN_MM = 0.01, 0.01  # Gaps this near to the median are even.
+WIDEST_GAP = 3.0  # In a wider gap, in medians, slices are missing.
+NARROWEST_GAP = 0.25  # An uneven stack is not resampled finer, in medians.
+TILT_DEGREES = 0.1  # Smaller angles come from rounded positions.
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """How a stack of slices becomes a volume.
+    """The order, resampling and affine that make a volume of slices.
 
     Parameters
     ----------
     order : tuple of int
         Numbers of the given slices to read, along the normal; duplicates left out.
     below : (slices,) int64
-        For every slice of the volume the place in `order` of the slice it is made from, or lies above.
+        For every slice of the volume, the index in `order` of the slice that it is, or that it lies above.
     weight : (slices,) float64
         Share of the next slice in it; 0 where the slice is taken as it is.
     affine : (4, 4) float64
         Index (x, y, z) to RAS+ mm.
     notes : tuple of str
-        What was done to the stack.
+        The changes to the stack.
     """
 
     order: tuple[int, ...]
@@ -196,7 +196,7 @@ def _aligned(
 def _resampling(
     along: NDArray[np.float64], names: Sequence[str], strict: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], list[str]]:
-    """Lower neighbor and weight of every slice of the volume, and what was done."""
+    """Return lower neighbor and weight of every slice of the volume, and notes."""
     gaps = np.diff(along)
     median = float(np.median(gaps))
     widest = int(np.argmax(gaps))

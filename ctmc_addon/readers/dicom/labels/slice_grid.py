@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The grid on which a segmentation or structure set becomes labels: that of its CT, or one made of its own frames.
+"""Make the grid for the labels of a segmentation or structure set, from its CT or its own frames.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
 """
@@ -18,8 +18,8 @@ from ....core import ReadError
 from ..header import Slice
 from ..stack_geometry import SAME_MM, Stack, checked_normal, dot
 
-EVEN = 0.1  # shares of a gap that a frame may stand beside its place
-ON_PIXEL = 0.1  # pixels that a frame may lie beside those of the grid
+EVEN = 0.1  # A frame may be off its slice by this share of a gap.
+ON_PIXEL = 0.1  # A frame may be off the grid by this share of a pixel.
 MOST_SLICES = 65536
 FINEST_MM = 1e-3
 
@@ -68,7 +68,7 @@ class SliceGrid:
     def located(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The nearest scanned slice of each point (n, 3), its column and row there, and the way to it along the normal.
+        """Return the nearest scanned slice of each point (n, 3), its column and row, and the way along the normal.
 
         Columns and rows are pixels and not rounded; the way is in mm.
         """
@@ -127,9 +127,9 @@ class SliceGrid:
         spacing: Sequence[float],
         size: tuple[int, int],
     ) -> NDArray[np.int64] | None:
-        """Slice, first row and first column of frames of `size` (rows, columns), (n, 3); None if they do not fit."""
+        """Return (n, 3) slice, first row and first column of frames of `size` (rows, columns); None if they do not fit."""
         turn = max(abs(a - b) for a, b in zip(orientation, self.orientation, strict=True))
-        reach = ON_PIXEL / max(size)  # what a frame's far end may be beside
+        reach = ON_PIXEL / max(size)  # by which a frame's far end may be off
         scale = max(abs(a / b - 1) for a, b in zip(spacing, self.spacing, strict=True))
         if turn > reach or scale > reach:
             return None
@@ -178,7 +178,7 @@ def grid_of_frames(
     gap_hint: float,
     name: str,
 ) -> tuple[SliceGrid, list[str]]:
-    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
+    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and notes.
 
     `gap_hint` is the distance between slices that the file tells, 0 where it tells none. A `ReadError` that calls the
     file `name` where the frames do not stand on an even grid.
