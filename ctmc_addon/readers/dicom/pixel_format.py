@@ -116,7 +116,7 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     if pixels.compressed:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
     if length == UNDEFINED_LENGTH:
-        return f"compressed pixels called {pixels.syntax}"
+        return f"compressed pixels under the uncompressed transfer syntax {pixels.syntax}"
     halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
     size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
     needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8

@@ -112,8 +112,8 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         why = reason(error)
         if why.startswith("Unable to decode"):  # a list of what pydicom tried
             raise ReadError(
-                f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or of a "
-                "kind that pylibjpeg does not know; copy the file again, or export it uncompressed"
+                f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or "
+                "pylibjpeg does not support them; copy the file again, or export it uncompressed"
             ) from error
         raise ReadError(
             f"the pixels of {image.path.name} ({syntax_name(syntax)}) are truncated or damaged ({why}); copy it again"

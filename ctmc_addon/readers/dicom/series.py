@@ -103,7 +103,7 @@ class DicomSource(VolumeSource):
         strays = self.content.strays
         if strays:
             plural = "s" * (strays > 1)
-            notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but something else")
+            notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but not DICOM")
         for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
@@ -194,7 +194,7 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     (own,) = yield from stages.run("Reading header", each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
-        what = f"holds a DICOM object that is no CT: {kind}" if kind else "is not a DICOM image"
+        what = f"holds a DICOM object that is not a CT: {kind}" if kind else "is not a DICOM image"
         raise ReadError(f"{path.name} {what}; choose a CT slice or its folder")
     if isinstance(own, Broken):
         raise truncated(own)
@@ -252,7 +252,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     unsound, strays = [], 0
     for header in broken:
         own = slice_names.get((header.path.parent, name_pattern(header.path)), ()) if header.stray else (header.series,)
-        damage = "named like the slices, and something else" if header.path.stat().st_size else "0 bytes"
+        damage = "named like the slices, but not DICOM" if header.path.stat().st_size else "0 bytes"
         unsound += [
             header._replace(series=uid, damage=damage if header.stray else header.damage) for uid in sorted(own)
         ]

@@ -79,7 +79,7 @@ def stack_up(
     Raises
     ------
     ReadError
-        If fewer than two slices remain, slices are missing, or do not stand behind each other.
+        If fewer than two slices remain, slices are missing, or do not lie behind each other.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def stack_up(
     if len(order) < 2:
         reason = f"there is one slice only ({names[order[0]]})"
         if len(along) > 1:
-            reason = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place to within {SAME_MM:g} mm"
+            reason = f"all {len(along)} slices (such as {names[order[0]]}) are at one position to within {SAME_MM:g} mm"
         raise ReadError(
             f"{reason}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
         )
@@ -165,8 +165,8 @@ def _without_duplicates(along: NDArray[np.float64], order: NDArray[np.intp]) -> 
     dropped = len(order) - len(kept)
     if not dropped:
         return np.array(kept), []
-    text = "1 slice stands" if dropped == 1 else f"{dropped} slices stand"
-    return np.array(kept), [f"{text} where another already is; the first of each was kept"]
+    text = "1 slice is" if dropped == 1 else f"{dropped} slices are"
+    return np.array(kept), [f"{text} at the position of another; the first of each was kept"]
 
 
 def _aligned(
@@ -184,12 +184,12 @@ def _aligned(
     limit = 0.5 * min(pixel_spacing)
     if distance[worst] <= EVEN_MM:
         return []
-    text = f"{names[worst]} stands {distance[worst]:.2f} mm beside the line through the first and the last slice"
+    text = f"{names[worst]} is {distance[worst]:.2f} mm off the line through the first and the last slice"
     if strict or distance[worst] > limit:
         allowed = EVEN_MM if strict else limit
         raise ReadError(f"{text}, and at most {allowed:.2g} mm is allowed; choose slices of one acquisition")
     return [
-        f"slices stand up to {distance[worst]:.2f} mm beside the line through the first and the last, left as it is"
+        f"slices are up to {distance[worst]:.2f} mm off the line through the first and the last, and were not moved"
     ]
 
 
@@ -211,11 +211,11 @@ def _resampling(
     if (np.abs(gaps - median) <= even).all():
         regular = np.linspace(along[0], along[-1], len(along))
         drift = float(np.abs(along - regular).max())
-        notes = [f"slices stand up to {drift:.2f} mm from an even grid, left as it is"] if drift > even else []
+        notes = [f"slices are up to {drift:.2f} mm off an even grid, and were not moved"] if drift > even else []
         return np.arange(len(along)), np.zeros(len(along)), notes
     text = named_gaps(gaps)
     if strict:
-        raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading was asked for")
+        raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading refuses that")
     gap = max(float(gaps.min()), NARROWEST_GAP * median)
     count = max(2, round(float(along[-1] - along[0]) / gap) + 1)
     heights = np.linspace(along[0], along[-1], count)  # first and last stay where they are

@@ -111,7 +111,7 @@ def _paint_between_steps(
 
 def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
     named = _counted(label_map, united)
-    return [f"contours that overlap in part were united (planes: {named})"] if named else []
+    return [f"partly overlapping contours were united (planes: {named})"] if named else []
 
 
 def _between_notes(

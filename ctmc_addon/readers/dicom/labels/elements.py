@@ -82,7 +82,7 @@ class ElementWalker:
     def _items(self, length: int, requested: Requested, vr: str, depth: int) -> Iterator[Found]:
         """Yield the items of the sequence whose value begins here."""
         if depth > DEEPEST:
-            raise Damaged(f"more than {DEEPEST} sequences within each other")
+            raise Damaged(f"more than {DEEPEST} nested sequences")
         stop = self._stop(length)
         # PS3.5 6.2.2: a sequence of unknown type and length has implicit elements.
         implicit = self.implicit or (vr == "UN" and length == UNDEFINED_LENGTH)
@@ -146,7 +146,7 @@ class ElementWalker:
         piece = self.file.read(count)
         self.at += count
         if len(piece) < count:
-            raise Damaged(f"the end of the file in the midst of an element, after {self.size} bytes")
+            raise Damaged(f"the end of the file within an element, after {self.size} bytes")
         return piece
 
     def _stop(self, length: int) -> int:

@@ -75,7 +75,7 @@ def decimals(value: bytes) -> NDArray[np.float64]:
     try:
         return np.fromiter(map(float, words), np.float64, len(words))
     except ValueError as error:
-        raise Damaged(f"'{shown(value)}' where numbers belong") from error
+        raise Damaged(f"'{shown(value)}' instead of numbers") from error
 
 
 def numbers(value: bytes, count: int) -> tuple[float, ...]:
@@ -95,7 +95,7 @@ def numbers(value: bytes, count: int) -> tuple[float, ...]:
     """
     found = tuple(decimals(value).tolist())
     if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
-        raise Damaged(f"{len(found)} numbers such as {found[0]:g} where {count} in mm belong")
+        raise Damaged(f"{len(found)} numbers such as {found[0]:g} instead of {count} in mm")
     return found
 
 
@@ -104,7 +104,7 @@ def whole(value: bytes) -> int:
     try:
         return int(value.rstrip(b"\0"))
     except ValueError as error:  # of too many digits too
-        raise Damaged(f"'{shown(value)}' where a whole number belongs") from error
+        raise Damaged(f"'{shown(value)}' instead of a whole number") from error
 
 
 def shown(value: bytes) -> str:

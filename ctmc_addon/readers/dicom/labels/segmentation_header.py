@@ -147,7 +147,7 @@ def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tup
     for item in found.get(0x00620002, ()):
         number = unsigned(item.get(0x00620004, b""))
         if not number or number[0] in names:
-            raise ReadError(f"{name} has two segments of one number or one without; export it again")
+            raise ReadError(f"{name} has two segments with one number, or one without a number; export it again")
         names[number[0]] = clean_name(decoded(item.get(0x00620005, b"")), f"segment {number[0]}")
         cielab = unsigned(item.get(0x0062000D, b""))
         if len(cielab) == 3:

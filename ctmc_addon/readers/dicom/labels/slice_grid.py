@@ -127,7 +127,7 @@ class SliceGrid:
         spacing: Sequence[float],
         size: tuple[int, int],
     ) -> NDArray[np.int64] | None:
-        """Return (n, 3) slice, first row and first column of frames of `size` (rows, columns); None if they do not fit."""
+        """Return (n, 3) slice, first row and column of frames of `size` (rows, columns); None if they do not fit."""
         turn = max(abs(a - b) for a, b in zip(orientation, self.orientation, strict=True))
         reach = ON_PIXEL / max(size)  # by which a frame's far end may be off
         scale = max(abs(a / b - 1) for a, b in zip(spacing, self.spacing, strict=True))
@@ -198,14 +198,14 @@ def grid_of_frames(
         count = next((count for count in counts(height, gap_hint) if count), 0)
         if not count:
             raise ReadError(
-                f"the frames of {name} do not stand at even distances, and the series that it refers to is not beside "
-                "it; put the two in one folder"
+                f"the frames of {name} are not evenly spaced, and the series that it refers to is not near it; "
+                "put the two in one folder"
             )
         step, start = (ends[1] - ends[0]) / (count - 1), ends[0]
         share = (height - height[0]) / total
         off = positions[first] - (ends[0] + share[:, None] * (ends[1] - ends[0]))
         if math.sqrt(float((off * off).sum(axis=1).max())) > 0.5 * min(spacing):
-            raise ReadError(f"the frames of {name} do not stand behind each other; export it with frames of one size")
+            raise ReadError(f"the frames of {name} do not lie behind each other; export it with frames of one size")
     slices = np.arange(count, dtype=np.int64)
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start

@@ -119,8 +119,8 @@ def open_steps(path: Path) -> Steps[StructureSource]:
     slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
     if not slices:
         raise ReadError(
-            f"{path.name} holds contours, and the CT series that they were drawn on is neither in its folder, nor "
-            "in the folders in it or beside it; put the two in one folder"
+            f"{path.name} holds contours, and the CT series that they were drawn on is not in its folder, a "
+            "folder in it or a neighboring folder; put the two in one folder"
         )
     return StructureSource(path, header, slices)
 
@@ -239,7 +239,7 @@ def positions_of(elements: ElementWalker, location: ValueLocation) -> NDArray[np
     elements.file.seek(location.start)
     values = decimals(elements.file.read(location.length))
     if len(values) % 3:
-        raise Damaged(f"a contour of {len(values)} numbers, which are no positions")
+        raise Damaged(f"a contour of {len(values)} numbers, which are not positions")
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN
-        raise Damaged("a contour with positions that are no number or farther than any patient")
+        raise Damaged("a contour with positions that are not numbers or are outside any patient")
     return values.reshape(-1, 3)

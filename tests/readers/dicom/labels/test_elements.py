@@ -61,7 +61,7 @@ def test_sequences_within_each_other_without_end_are_refused():
     assert read(content, {}) == {}  # passed over
     wanted = {}
     wanted[0x00081115] = wanted  # as deep as the file goes
-    with pytest.raises(Damaged, match=f"more than {DEEPEST} sequences"):
+    with pytest.raises(Damaged, match=f"more than {DEEPEST} nested sequences"):
         read(content, wanted)
 
 
