@@ -121,7 +121,7 @@ def test_slices_that_creep_off_an_even_grid_are_even_and_it_is_said():
     gaps = np.repeat([2.015, 1.985], 40)
     stack = stacked(along_z(0, *np.cumsum(gaps)))
     assert not stack.resampled
-    assert "up to 0.60 mm from an even grid" in stack.notes[0]
+    assert "up to 0.60 mm off an even grid" in stack.notes[0]
 
 
 @pytest.mark.parametrize(

@@ -72,8 +72,8 @@ def test_sequences_within_each_other_without_end_are_refused():
         (element(0x00081115, b"SQ", element(0x00080005, b"CS", b"ab")), "no item"),
         (element(0x00081115, b"SQ", item(b"", 0xFFFFFFFF), 0xFFFFFFFF), "does not end"),
         (element(0x00081115, b"SQ", item(element(0x00080005, b"CS", b"ab"), 4)), "does not end|midst"),
-        (b"\x08\x00\x05", "midst of an element"),
-        (element(0x00080005, b"UT", b"", 0), "midst of an element"),
+        (b"\x08\x00\x05", "within an element"),
+        (element(0x00080005, b"UT", b"", 0), "within an element"),
     ],
 )
 def test_what_breaks_the_rules_is_said(content, words):

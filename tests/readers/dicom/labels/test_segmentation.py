@@ -246,7 +246,7 @@ def test_headers_that_cannot_be_are_refused_in_a_sentence(tmp_path, save_segment
         ((0, 1, 2.5), "are not evenly spaced"),
         ((0, 1, 1e9), "numbers such as 0 instead of 3 in mm"),
         ((0, 123456, 1), "instead of 3 in mm"),
-        ((0, 1, 1), "2 frames of a segment|1 frames of a segment"),
+        ((0, 1, 1), "2 further frames of a segment|1 further frame of a segment"),
     ],
 )
 def test_places_that_make_no_grid_are_refused_in_a_sentence(tmp_path, save_segmentation, heights, words):
