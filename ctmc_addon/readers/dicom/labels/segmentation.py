@@ -135,6 +135,6 @@ def check_single(offsets: NDArray[np.int64], segments: NDArray[np.int64], name: 
     several = len(keys) - len(np.unique(keys, axis=0))
     if several:
         raise ReadError(
-            f"{name} has {several} further frame{'s' * (several > 1)} of a segment at the same position, such as time points; "
-            "export each time point as a file of its own"
+            f"{name} has {several} further frame{'s' * (several > 1)} of a segment at the same position, such as time "
+            "points; export each time point as a file of its own"
         )
