@@ -136,7 +136,7 @@ def looks_like_dataset(file: IO[bytes]) -> bool:
 
 
 def pydicom_errors() -> tuple[type[Exception], ...]:
-    """Return what pydicom raises on broken files, when it reads them and when it converts a value."""
+    """Return the errors of pydicom on broken files, when it reads them and when it converts a value."""
     own = needed("pydicom.errors", "pydicom", "DICOM")
     library = (own.InvalidDicomError, own.BytesLengthException, struct.error, zlib.error)
     return (
@@ -208,7 +208,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         elements = DatasetValues(dataset)
         series = str(elements.get("SeriesInstanceUID", None) or "")
         kind = sop_class(elements)
-        if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
+        if not kind or (kind[0].isdigit() and not series):  # cut off before or within it
             return Broken(path, series, stray=not preamble)
         is_image = "Image Storage" in kind and "Segmentation" not in kind
         if str(elements.get("Modality", "")) in NOT_SLICES or "Rows" not in elements:
@@ -294,7 +294,7 @@ def image_file(path: Path, elements: DatasetValues, series: str, pixels: Pixels)
 
 
 def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
-    """Return how the pixels under `keyword` are stored, as pydicom's decoders take it."""
+    """Return the storage of the pixels under `keyword` as options of pydicom's decoders."""
     as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
     vr = dataset.get_item(keyword, keep_deferred=True).VR
     options: dict[str, Any] = as_options(dataset, pixel_keyword=keyword, pixel_vr=vr)
@@ -303,7 +303,7 @@ def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
 
 
 def pixels_of(elements: DatasetValues, syntax: str, options: Mapping[str, Any]) -> Pixels:
-    """Return how and where the pixels are stored."""
+    """Return the storage of the pixels."""
     keyword = options["pixel_keyword"]
     return Pixels(
         syntax,

@@ -33,7 +33,7 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
     series : mapping of str to sequence of Slice
         By SeriesInstanceUID.
     path : Path
-        What was opened.
+        The opened file or folder.
     """
     folders = {uid: {ct_slice.image.path.parent for ct_slice in slices} for uid, slices in series.items()}
     several = len(set().union(*folders.values())) > 1
@@ -90,7 +90,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series.
+        Slices of one series.
     path : Path
         For errors.
 
@@ -165,7 +165,7 @@ def turning(slices: Sequence[Slice], best: Sequence[Slice]) -> str:
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series, all with a place, scouts left out.
+        Slices of one series with positions, without scouts.
     best : sequence of Slice
         The largest group of one direction.
     """

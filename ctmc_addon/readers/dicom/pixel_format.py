@@ -85,7 +85,7 @@ def shown(number: Any) -> str:
 
 
 def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
-    """Return a note where HighBit is not the highest of BitsStored bits (8.1.1), which does not change the values."""
+    """Return a note if HighBit is not the highest of BitsStored bits (8.1.1), which does not change the values."""
     counts = Counter(
         (shown(pixels.high_bit), int(pixels.options["bits_stored"]))
         for pixels in all_pixels
@@ -186,7 +186,7 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
     Parameters
     ----------
     stored : (rows, columns) array
-        As a decoder gives them, of at least as many bits; changed in place where it can be written to.
+        As a decoder gives them, of at least as many bits; changed in place if it is writable.
     pixels : Pixels
     exact : bool
         Whether the pixels are those that were compressed, although the transfer syntax allows others.
@@ -217,7 +217,7 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
 
 
 def overshot(beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return which pixels a lossy codec pushed beyond an end of the range of values; None where none are beyond it.
+    """Return the pixels that a lossy codec pushed beyond an end of the range of values; None without any beyond.
 
     Errors of a codec are small and go both ways, so a saturated body also has pixels just before the end, and those
     that overshot are connected with them. Overlays on air are just beyond the end too, without such pixels.

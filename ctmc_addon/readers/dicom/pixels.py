@@ -144,7 +144,7 @@ def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) 
 
 
 def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> list[bool]:
-    """Return which frames give the pixels that were compressed, by their own headers, before they are decoded.
+    """Check frames before they are decoded; return for each whether it gives exactly the compressed pixels.
 
     Raises
     ------

@@ -297,7 +297,7 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series.
+        Slices of one series.
     path : Path
         For errors.
 

@@ -35,7 +35,7 @@ class DicomSlices(SliceReader):
     slices : sequence of Slice
         Ordered as the stack is.
     lowest : float or None
-        What padding becomes; by default `padding_mark`.
+        New value of padding; by default `padding_mark`.
     """
 
     def __init__(self, slices: Sequence[Slice], stack: Stack, dtype: Any, lowest: float | None = None) -> None:
@@ -185,7 +185,7 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
     low : (rows, columns)
     high : (rows, columns)
     weight : float
-        Of `high`, 0 to 1.
+        Share of `high`, 0 to 1.
     out : (rows, columns)
         Is filled.
     """

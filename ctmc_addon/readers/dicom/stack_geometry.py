@@ -72,7 +72,7 @@ def stack_up(
     pixel_spacing : (row_mm, column_mm)
         PixelSpacing: between rows, then between columns.
     names : n str
-        What an error calls each slice.
+        Names of the slices for errors.
     strict : bool
         Refuse every unevenness instead of resampling.
 

@@ -29,7 +29,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
     Parameters
     ----------
     slices : sequence of Slice
-        Of one geometry.
+        Slices of one geometry.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def heights(slices: Sequence[Slice]) -> NDArray[np.float64]:
-    """Return where slices of one orientation stand along their normal, (n,) mm.
+    """Return the heights of slices of one orientation along their normal, (n,) mm.
 
     Parameters
     ----------

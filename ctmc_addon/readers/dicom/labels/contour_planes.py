@@ -61,7 +61,7 @@ class PlaneAssignment(NamedTuple):
 
     @property
     def between(self) -> int:
-        """Return how many slices lie between planes and are filled."""
+        """Return the number of filled slices between planes."""
         return sum(source.below != source.above for source in self.sources)
 
 

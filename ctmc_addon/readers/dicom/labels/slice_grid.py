@@ -31,19 +31,19 @@ class SliceGrid:
     Parameters
     ----------
     positions : (n, 3) float64
-        Of the first pixel of each slice that was scanned, LPS+ mm, along the normal.
+        First pixel of each scanned slice, LPS+ mm, along the normal.
     orientation : 6 floats
         Direction of a row, then of a column.
     spacing : (row_mm, column_mm)
         Between rows, then between columns.
     shape : (slices, rows, columns) int
-        Of the volume.
+        Shape of the volume.
     affine : (4, 4) float64
-        Of the volume, to RAS+ mm.
+        Index of the volume to RAS+ mm.
     source : (slices,) int64
         For every slice of the volume the scanned slice whose labels it has; they differ where a CT was resampled.
     origins : (slices, 3) float64
-        Of the first pixel of each slice of the volume, LPS+ mm, along the normal.
+        First pixel of each slice of the volume, LPS+ mm, along the normal.
     """
 
     positions: NDArray[np.float64]
@@ -147,7 +147,7 @@ def grid_of_ct(slices: Sequence[Slice], stack: Stack, spacing: Sequence[float]) 
     Parameters
     ----------
     slices : sequence of Slice
-        Of one geometry.
+        Slices of one geometry.
     stack : Stack
         Their order and direction.
     spacing : (row, column) float
@@ -215,7 +215,7 @@ def grid_of_frames(
 
 
 def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
-    """Return how many slices even grids through all heights have.
+    """Return the numbers of slices of even grids through all heights.
 
     Parameters
     ----------
