@@ -157,7 +157,7 @@ def test_slices_too_far_apart_are_refused_until_a_spacing_is_given(tmp_path, sav
 
 def test_slices_nearer_than_their_positions_tell_are_one_place(tmp_path, save_stack):
     save_stack(tmp_path, (0, 0.0005, 0.001), SpacingBetweenSlices=0.0005)
-    refused(tmp_path, "all 3 slices (0.dcm is one) stand at one place to within 0.001 mm")
+    refused(tmp_path, "all 3 slices (such as 0.dcm) are at one position to within 0.001 mm")
 
 
 def test_an_array_given_to_python_needs_axes_with_a_length():

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a compressed frame says of itself, looked at before it is decoded: is it whole, and how large is it?
+"""Check a compressed frame by its own headers before it is decoded: its end, its size and its coding.
 
 The decoders give a picture for half a frame too, and make room for whatever size a frame claims.
 JPEG's markers are those of ITU T.81 and T.87, JPEG 2000's those of ITU T.800.
@@ -11,18 +11,18 @@ from collections.abc import Iterator
 
 START, END = b"\xff\xd8", b"\xff\xd9"  # SOI and EOI; EOC of JPEG 2000 has the same value as EOI
 JPEG_2000 = b"\xff\x4f\xff\x51"  # SOC and SIZ
-BOXES = b"\x00\x00\x00\x0cjP"  # a JPEG 2000 file around the codestream, which DICOM forbids and some write
-MOST_BOXES = 4096  # bytes before the codestream in it
+BOXES = b"\x00\x00\x00\x0cjP"  # Some writers put a whole JPEG 2000 file here, which DICOM forbids.
+MOST_BOXES = 4096  # Bytes in which the codestream of such a file must begin.
 # Start of frame: all of 0xC0 to 0xCF that are not DHT, JPG and DAC; 0xF7 is JPEG-LS.
 FRAMES = {*range(0xC0, 0xD0), 0xF7} - {0xC4, 0xC8, 0xCC}
 WITHOUT_LENGTH = {0x01, *range(0xD0, 0xD9)}
-SCAN, CODING, TILE = 0xDA, 0x52, 0x90  # SOS of JPEG and JPEG-LS; COD and SOT of JPEG 2000
+SCAN, CODING, TILE = 0xDA, 0x52, 0x90  # SOS is JPEG's and JPEG-LS's, COD and SOT are JPEG 2000's.
 JPEG_LS_FRAME = 0xF7
-REVERSIBLE = 1  # the 5-3 transformation of JPEG 2000
+REVERSIBLE = 1  # JPEG 2000's code of the 5-3 transformation.
 
 
 def frame_damage(frame: bytes, rows: int, columns: int, samples: int) -> str:
-    r"""What is wrong with a JPEG, JPEG-LS or JPEG 2000 frame; empty where nothing is, or the frame is another kind.
+    r"""Describe the damage of a JPEG, JPEG-LS or JPEG 2000 frame; empty for a sound frame and for other kinds.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def codestream(frame: bytes) -> bytes:
 
 
 def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
-    """(rows, columns, samples of a pixel) in a frame's own header; zeros where it breaks off, None for another kind."""
+    """Return (rows, columns, samples of a pixel) of a frame's header: zeros if cut off, None for other kinds."""
     frame = codestream(frame)
     if frame.startswith(JPEG_2000):
         right, lower, left, upper = (int.from_bytes(frame[at : at + 4], "big") for at in (8, 12, 16, 20))
@@ -83,7 +83,7 @@ def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
 
 
 def jpeg_size(frame: bytes) -> tuple[int, int, int]:
-    """`codestream_size` of JPEG and JPEG-LS, whose start of frame follows other segments."""
+    """Return `codestream_size` of JPEG and JPEG-LS, whose start of frame follows other segments."""
     for marker, at, _ in segments_of(frame):
         if marker in FRAMES:
             rows, columns = (int.from_bytes(frame[offset : offset + 2], "big") for offset in (at + 3, at + 5))

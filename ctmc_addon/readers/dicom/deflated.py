@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM files that are deflated as a whole (PS3.5 A.5): small ones may unpack to more than any memory holds."""
+"""Guard against deflated DICOM files (PS3.5 A.5) that are small but unpack to more than memory holds."""
 
 from __future__ import annotations
 
@@ -7,13 +7,16 @@ import zlib
 from typing import IO
 
 DEFLATED = "1.2.840.10008.1.2.1.99"
-MOST_UNPACKED = 1 << 26  # bytes of a small deflated file, and how many times its size a larger one may have
-MOST_UNPACKED_RATIO = 50
+MOST_UNPACKED = 1 << 26  # A file may always unpack to this many bytes.
+MOST_UNPACKED_RATIO = 50  # A larger file may unpack to this multiple of its size.
 UNPACKED_PIECE = 1 << 20
 
 
 def unpacks_without_end(file: IO[bytes]) -> bool:
-    """Whether a deflated file unpacks to more than any image: pydicom does it at once; leaves `file` at its start."""
+    """Return whether a deflated file unpacks to more than any image, which pydicom would do at once.
+
+    `file` is left at its start.
+    """
     head = file.read(1024)
     unpacked, most = 0, 0
     if DEFLATED.encode() in head:

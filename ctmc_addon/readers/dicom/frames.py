@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where each frame of a DICOM file lies and how its values scale.
+"""Read the position and scale of each frame of a DICOM file.
 
 An enhanced multi-frame file keeps this in functional groups, per frame or shared by all
 (DICOM PS3.3 C.7.6.16); a single-frame file has it at the top. Positions are in LPS+ mm.
@@ -8,13 +8,10 @@ An enhanced multi-frame file keeps this in functional groups, per frame or share
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 MOST_MM = 1e6
-OWN_KEYWORDS = frozenset(  # in which a slice differs from the others of its series
-    ("SOPInstanceUID", "InstanceNumber", "ImagePositionPatient", "AcquisitionTime", "ContentTime", "TriggerTime")
-)
 
 
 class WrongGroups(ValueError):
@@ -22,7 +19,7 @@ class WrongGroups(ValueError):
 
 
 class Moment(NamedTuple):
-    """What tells a frame from others at its place: empty or None where the file does not say."""
+    """The times and numbers that tell a frame from others at its position; empty or None if missing."""
 
     temporal: str = ""  # number of the time point
     acquisition: str = ""  # number of the acquisition
@@ -31,7 +28,7 @@ class Moment(NamedTuple):
 
 
 class FrameGeometry(NamedTuple):
-    """Place, moment and scale of one frame; None where the file does not say."""
+    """The position, moment and scale of one frame; None if missing."""
 
     position: tuple[float, ...] | None  # (x, y, z) of the first pixel's center
     orientation: tuple[float, ...] | None  # direction of a row, then of a column
@@ -68,12 +65,6 @@ def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
         raise WrongGroups(f"{len(groups)} functional groups for {count} frames")
     frames = [(group, shared) for group in groups] if groups is not None else [(shared,)] * count
     return tuple(_geometry(dataset, frame, count == 1) for frame in frames)
-
-
-def moved_geometry(geometry: FrameGeometry, elements: Mapping[str, Any]) -> FrameGeometry:
-    """Return the geometry of a single-frame slice whose `OWN_KEYWORDS` alone differ from another's."""
-    moment = _moment(elements, lambda _sequence, _keyword, _top_level: None)
-    return geometry._replace(position=_numbers(elements.get("ImagePositionPatient"), 3), moment=moment)
 
 
 def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> FrameGeometry:
@@ -119,7 +110,7 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
 
 
 def _numbers(value: Any, count: int, most: float = MOST_MM) -> tuple[float, ...] | None:
-    """`count` numbers of a size up to `most`, or None where the file has none or others."""
+    """Return `count` numbers of at most `most`, or None if the file has other values."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
         return None
     if None in value:

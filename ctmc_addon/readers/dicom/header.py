@@ -1,9 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM headers: one pass over a file gives all that is needed of it, its pixels passed over.
+"""Read DICOM headers with pydicom, in one pass over each file that skips the pixels.
 
-Plain slices are read by plain_header.py, all others by pydicom.
-
-Only tags about the image and its place are asked for; nothing about the patient is read.
+Only elements about the image and its place are read, none about the patient.
 Positions are in DICOM's LPS+ mm. Clauses are those of DICOM PS3.3 and PS3.5.
 """
 
@@ -12,7 +10,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -21,36 +19,30 @@ from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .deflated import DEFLATED, unpacks_without_end
-from .frames import FrameGeometry, WrongGroups, frame_geometries, moved_geometry
+from .frames import FrameGeometry, WrongGroups, frame_geometries
 from .labels.classes import label_class
 from .pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
-from .plain_header import (
-    EXPLICIT_LITTLE,
-    IMPLICIT_LITTLE,
-    NOT_SLICES,
-    OTHERS,
-    PLAIN,
-    PlainHeader,
-    PlainHeaders,
-)
 
-PIXEL_KEYWORDS = ["PixelData", "FloatPixelData", "DoubleFloatPixelData"]
-CALLED_KEYWORDS = ["SeriesNumber", "SeriesDescription", "ConvolutionKernel"]
-KEYWORDS = [*(keyword for keyword, _ in PLAIN.values()), *OTHERS.values(), "PixelData"]
-LONGEST_CALLED = 64  # letters of a description
-LONGEST_VALUE = 1 << 16  # bytes; longer ones, the pixels above all, are passed over until they are asked for
-EXPLICIT_BIG = "1.2.840.10008.1.2.2"
-OPTIONS = {  # of pydicom's decoders, by keyword
-    "SamplesPerPixel": "samples_per_pixel",
-    "PhotometricInterpretation": "photometric_interpretation",
-    "Rows": "rows",
-    "Columns": "columns",
-    "BitsAllocated": "bits_allocated",
-    "BitsStored": "bits_stored",
-    "PixelRepresentation": "pixel_representation",
-}
-EXPORT = "export it again"  # the way out where a header, not the copy of a file, is wrong
+IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG = "1.2.840.10008.1.2", "1.2.840.10008.1.2.1", "1.2.840.10008.1.2.2"
 UNCOMPRESSED = (IMPLICIT_LITTLE, EXPLICIT_LITTLE, EXPLICIT_BIG, DEFLATED)
+NOT_SLICES = {"SEG", "RTSTRUCT", "RTDOSE", "RTPLAN", "SR", "PR", "KO", "REG", "DOC"}  # Files of these modalities.
+PIXEL_KEYWORDS = ("PixelData", "FloatPixelData", "DoubleFloatPixelData")
+CALLED_KEYWORDS = ("SeriesNumber", "SeriesDescription", "ConvolutionKernel")
+KEYWORDS = (
+    *("SpecificCharacterSet", "ImageType", "SOPClassUID", "SOPInstanceUID", "Modality", "SeriesInstanceUID"),
+    *("AcquisitionTime", "ContentTime", "TriggerTime", "AcquisitionNumber", "InstanceNumber"),
+    *("TemporalPositionIdentifier", "ImagePositionPatient", "ImageOrientationPatient", "FrameOfReferenceUID"),
+    *("SamplesPerPixel", "PhotometricInterpretation", "PlanarConfiguration", "NumberOfFrames", "Rows", "Columns"),
+    *("PixelSpacing", "BitsAllocated", "BitsStored", "HighBit", "PixelRepresentation"),
+    *("PixelPaddingValue", "PixelPaddingRangeLimit", "RescaleIntercept", "RescaleSlope", "RescaleType"),
+    *("ModalityLUTSequence", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
+    *("ExtendedOffsetTable", "ExtendedOffsetTableLengths"),
+    *CALLED_KEYWORDS,
+    *PIXEL_KEYWORDS,
+)
+LONGEST_CALLED = 64  # Letters of a description that are shown.
+LONGEST_VALUE = 1 << 16  # Longer values, in bytes, are skipped until they are needed; pixels are.
+EXPORT = "export it again"  # The remedy where the header is wrong, not the copy of the file.
 
 
 class Called(NamedTuple):
@@ -63,7 +55,7 @@ class Called(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ImageFile:
-    """What one DICOM file with an image says of it; carries no patient data."""
+    """The description of the image in one DICOM file, without patient data."""
 
     path: Path
     series: str
@@ -77,7 +69,7 @@ class ImageFile:
     scout: bool
     gray: bool
     hounsfield: bool
-    lookup: bool  # a modality look-up table in place of slope and intercept
+    lookup: bool  # a modality look-up table instead of slope and intercept
     pixels: Pixels
     frames: tuple[FrameGeometry, ...]
 
@@ -90,12 +82,12 @@ class Slice(NamedTuple):
 
     @property
     def geometry(self) -> FrameGeometry:
-        """Place and scale of this frame."""
+        """Return position and scale of this frame."""
         return self.image.frames[self.frame]
 
     @property
     def name(self) -> str:
-        """For errors: the file, and the frame where there are several."""
+        """Return the file's name for errors, with the frame if there are several."""
         several = len(self.image.frames) > 1
         return f"{self.image.path.name} frame {self.frame + 1}" if several else self.image.path.name
 
@@ -127,14 +119,14 @@ def has_other_suffix(path: Path) -> bool:
 
 
 def has_preamble(file: IO[bytes]) -> bool:
-    """Return whether 'DICM' stands where PS3.10 wants it; leaves `file` at its start."""
+    """Return whether the file has 'DICM' at the position of PS3.10; leave `file` at its start."""
     head = file.read(132)
     file.seek(0)
     return head[128:] == b"DICM"
 
 
 def looks_like_dataset(file: IO[bytes]) -> bool:
-    """Return whether the file begins like a DICOM dataset that lost its preamble; leaves `file` at its start."""
+    """Return whether the file begins like a DICOM dataset that lost its preamble; leave `file` at its start."""
     head = file.read(8)
     file.seek(0)
     if len(head) < 8 or head[:2] not in (b"\x02\x00", b"\x08\x00"):
@@ -144,7 +136,7 @@ def looks_like_dataset(file: IO[bytes]) -> bool:
 
 
 def pydicom_errors() -> tuple[type[Exception], ...]:
-    """Return what pydicom raises on broken files, when it reads them and when it converts a value."""
+    """Return the errors of pydicom on broken files, when it reads them and when it converts a value."""
     own = needed("pydicom.errors", "pydicom", "DICOM")
     library = (own.InvalidDicomError, own.BytesLengthException, struct.error, zlib.error)
     return (
@@ -154,101 +146,34 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
 
 
 @cache
-def tags(*keywords: str) -> frozenset[Any]:
-    """Return the tags of keywords, looked up once instead of once a file."""
-    return frozenset(map(needed("pydicom.tag", "pydicom", "DICOM").Tag, keywords))
+def tag_of(keyword: str) -> Any:
+    """Return pydicom's tag of a keyword, looked up once instead of once a file."""
+    return needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword)
 
 
-@cache
-def tag_number(keyword: str) -> int:
-    """Return the number of a keyword's tag."""
-    return int(needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword))
-
-
-class Elements:
-    """Values of a dataset by keyword; pydicom looks long for each that is not there, and most are not."""
+class DatasetValues:
+    """The values of a dataset by keyword; pydicom takes long to look for missing elements, and most are missing."""
 
     def __init__(self, dataset: Any) -> None:
         self.dataset = dataset
-        self.present = frozenset(map(int, dataset.keys()))
+        self.present = frozenset(dataset.keys())
 
     def __contains__(self, keyword: str) -> bool:
-        return tag_number(keyword) in self.present
+        return tag_of(keyword) in self.present
 
     def get(self, keyword: str, default: Any) -> Any:
         """Return a value, or the default where the dataset does not have it."""
-        number = tag_number(keyword)
-        return self.dataset[number].value if number in self.present else default
+        tag = tag_of(keyword)
+        return self.dataset[tag].value if tag in self.present else default
 
 
 def read_dataset(file: IO[bytes], **options: Any) -> Any:
     """Return the elements of `KEYWORDS`, as pydicom reads them."""
-    return needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=tags(*KEYWORDS), **options)
+    return needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=list(map(tag_of, KEYWORDS)), **options)
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
-    """The header of a DICOM image; None where the file is another DICOM object, or is called a picture or volume."""
-    return read_plain(path) or read_other(path)
-
-
-def read_plain(path: Path) -> ImageFile | Broken | None:
-    """The header of a plain slice, for which pydicom is not imported; None of any other file."""
-    return PlainSlices().read(path)
-
-
-class PlainSlices:
-    """Reads plain slices one after the other; what those of a series share is converted once."""
-
-    def __init__(self) -> None:
-        self.headers = PlainHeaders()
-        self.converted: ImageFile | Broken | None = None  # the last that was: a moved header shares the rest
-
-    def read(self, path: Path) -> ImageFile | Broken | None:
-        """Return what `read_plain` does."""
-        if has_other_suffix(path):
-            return None
-        with path.open("rb") as file:
-            plain = self.headers.read(file)
-        if plain is None:
-            return None
-        if plain.moved and isinstance(self.converted, ImageFile):
-            return moved_image(path, plain, self.converted)
-        self.converted = plain_image(path, plain)
-        return self.converted
-
-
-def plain_image(path: Path, plain: PlainHeader) -> ImageFile | Broken:
-    """Return the description of the image with a plain header."""
-    elements = plain.elements
-    series = elements.get("SeriesInstanceUID", None) or ""
-    options = {option: elements[keyword] for keyword, option in OPTIONS.items()}
-    options |= {"number_of_frames": 1, "pixel_keyword": "PixelData", "pixel_vr": plain.pixels.representation or None}
-    number = unusable_number(options)
-    if number:
-        return Broken(path, series, number, EXPORT)
-    padding = padding_ends(elements, options)
-    pixels = Pixels(
-        plain.syntax, plain.compressed, False, padding, plain.pixels.start, options, elements.get("HighBit")
-    )
-    end = plain.pixels.start + plain.pixels.length  # up to which the file reaches, else it would not be plain
-    damage = missing_pixels(pixels, plain.pixels.length, end)
-    return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
-
-
-def moved_image(path: Path, plain: PlainHeader, other: ImageFile) -> ImageFile:
-    """Return what `plain_image` does, where `OWN_KEYWORDS` alone differ from those of another image."""
-    elements = plain.elements
-    return replace(
-        other,
-        path=path,
-        uid=str(elements.get("SOPInstanceUID", None) or ""),
-        instance=int(elements.get("InstanceNumber", None) or 0),
-        frames=(moved_geometry(other.frames[0], elements),),
-    )
-
-
-def read_other(path: Path) -> ImageFile | Broken | None:
-    """`read_header` of a file that is not a plain slice, by pydicom."""
+    """Return the header of a DICOM image; None for another DICOM object, or a name that says picture or volume."""
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:
@@ -277,13 +202,13 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
             return Broken(path, "", "it unpacks to far more than its size tells of")
         dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
         syntax = syntax_of(dataset)
-        if syntax == DEFLATED:  # what was passed over cannot be found again in the file
+        if syntax == DEFLATED:  # skipped values cannot be found again in the file
             file.seek(0)
             dataset = read_dataset(file, force=not preamble)
-        elements = Elements(dataset)
+        elements = DatasetValues(dataset)
         series = str(elements.get("SeriesInstanceUID", None) or "")
-        kind = sop_class(dataset)
-        if not kind or (kind[0].isdigit() and not series):  # cut off before, or in the midst of it
+        kind = sop_class(elements)
+        if not kind or (kind[0].isdigit() and not series):  # cut off before or within it
             return Broken(path, series, stray=not preamble)
         is_image = "Image Storage" in kind and "Segmentation" not in kind
         if str(elements.get("Modality", "")) in NOT_SLICES or "Rows" not in elements:
@@ -298,7 +223,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         number = unusable_number(options)
         if number:
             return Broken(path, series, number, EXPORT)
-        pixels = pixels_of(dataset, syntax, options)
+        pixels = pixels_of(elements, syntax, options)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
         return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
     except WrongGroups as error:
@@ -308,39 +233,39 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
 
 
 def kind_in_words(path: Path) -> str:
-    """Return what a DICOM file says it stores, such as 'Encapsulated PDF'; empty where it is none, or does not say."""
+    """Return the kind of object in a DICOM file, such as 'Encapsulated PDF'; empty if unknown or not DICOM."""
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)
     try:
         with quiet(), path.open("rb") as file:
             if not (has_preamble(file) or looks_like_dataset(file)) or unpacks_without_end(file):
                 return ""
-            kind = sop_class(read_dataset(file, stop_before_pixels=True, force=True))
+            kind = sop_class(DatasetValues(read_dataset(file, stop_before_pixels=True, force=True)))
     except unreadable:
         return ""
     return "of a private kind" if kind[:1].isdigit() else kind.removesuffix(" Storage")
 
 
 def syntax_of(dataset: Any) -> str:
-    """Transfer syntax UID; of a file that does not say it, the one in which it was read."""
+    """Return the transfer syntax UID, or the one in which the file was read if it names none."""
     implicit, little = dataset.original_encoding
     assumed = IMPLICIT_LITTLE if implicit else EXPLICIT_LITTLE if little else EXPLICIT_BIG
     return str(dataset.file_meta.get("TransferSyntaxUID", None) or assumed)
 
 
 def one_line(value: Any) -> str:
-    """Text of an element for a line on a screen: printable, and at most 64 characters."""
+    """Return printable text of an element, at most 64 characters."""
     values = value if isinstance(value, (list, tuple)) or hasattr(value, "append") else [value]
     words = " ".join("" if item is None else str(item) for item in values).split()
     return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
 
 
-def sop_class(dataset: Any) -> str:
-    """Name of what the file says it stores, such as 'CT Image Storage'; empty where it does not say."""
-    kind = dataset.get("SOPClassUID", None) or dataset.file_meta.get("MediaStorageSOPClassUID", None)
+def sop_class(elements: DatasetValues) -> str:
+    """Return the name of the SOP class, such as 'CT Image Storage'; empty if the file has none."""
+    kind = elements.get("SOPClassUID", None) or elements.dataset.file_meta.get("MediaStorageSOPClassUID", None)
     return str(getattr(kind, "name", ""))
 
 
-def image_file(path: Path, elements: Elements | Mapping[str, Any], series: str, pixels: Pixels) -> ImageFile:
+def image_file(path: Path, elements: DatasetValues, series: str, pixels: Pixels) -> ImageFile:
     """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
@@ -369,7 +294,7 @@ def image_file(path: Path, elements: Elements | Mapping[str, Any], series: str, 
 
 
 def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
-    """Return how the pixels under `keyword` are stored, as pydicom's decoders take it."""
+    """Return the storage of the pixels under `keyword` as options of pydicom's decoders."""
     as_options = needed("pydicom.pixels", "pydicom", "DICOM").as_pixel_options
     vr = dataset.get_item(keyword, keep_deferred=True).VR
     options: dict[str, Any] = as_options(dataset, pixel_keyword=keyword, pixel_vr=vr)
@@ -377,15 +302,15 @@ def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
     return options | sizes
 
 
-def pixels_of(dataset: Any, syntax: str, options: Mapping[str, Any]) -> Pixels:
-    """Return how and where the pixels are stored."""
+def pixels_of(elements: DatasetValues, syntax: str, options: Mapping[str, Any]) -> Pixels:
+    """Return the storage of the pixels."""
     keyword = options["pixel_keyword"]
     return Pixels(
         syntax,
         syntax not in UNCOMPRESSED,
         keyword != "PixelData",
-        padding_ends(dataset, options),
-        dataset.get_item(keyword, keep_deferred=True).value_tell,
+        padding_ends(elements, options),
+        elements.dataset.get_item(keyword, keep_deferred=True).value_tell,
         options,
-        dataset.get("HighBit", None),
+        elements.get("HighBit", None),
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The series of a DICOM folder as lists show them: told apart by what the scanner's operator called them."""
+"""List the series of a DICOM folder, with the names that the scanner's operator gave them."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ from .pixels import output_types
 from .stack_geometry import SAME_MM
 from .times import heights, times_of
 
-SAME_DIRECTION = 1e-4  # of a unit vector: rounding in the files, 0.05 mm over 512 pixels
-ROUNDED_DEGREES = 5e-4  # smaller turns come from rounded directions
-LONGEST_FOLDER = 64  # letters
+SAME_DIRECTION = 1e-4  # Unit vectors that differ by less are equal: files round, by 0.05 mm over 512 pixels.
+ROUNDED_DEGREES = 5e-4  # Smaller turns come from rounded directions.
+LONGEST_FOLDER = 64  # Longer names of folders, in letters, are cut.
 
 
 def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, ...]:
@@ -33,7 +33,7 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
     series : mapping of str to sequence of Slice
         By SeriesInstanceUID.
     path : Path
-        What was opened.
+        The opened file or folder.
     """
     folders = {uid: {ct_slice.image.path.parent for ct_slice in slices} for uid, slices in series.items()}
     several = len(set().union(*folders.values())) > 1
@@ -63,10 +63,10 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
 
 
 def times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, float | None]:
-    """How many times the largest group of a series has, which of them is read by default, and mm between its slices.
+    """Return the number of times in the largest group of a series, the default time, and the mm between its slices.
 
-    By default it is the time that holds the file `path`, else the first of those with the most slices. A series that
-    cannot be read has one time; the reason is said when it is read.
+    The default is the time that holds the file `path`, else the first of those with the most slices. A series that
+    cannot be read has one time; reading it gives the reason.
     """
     group = largest_group(slices, path)
     if not group:
@@ -90,7 +90,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series.
+        Slices of one series.
     path : Path
         For errors.
 
@@ -109,7 +109,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
 
 
 def folder_of(folders: set[Path], path: Path) -> str:
-    """Return where a series' files lie, from `path` on: 'a/b', '.' for `path` itself, 'several folders'."""
+    """Return the folder of a series below `path`, such as 'a/b', '.' for `path` itself, or '2 folders'."""
     if len(folders) > 1:
         return f"{len(folders)} folders"
     folder = next(iter(folders))
@@ -129,7 +129,7 @@ def is_scout(ct_slice: Slice) -> bool:
 
 
 def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
-    """Slices of one size, orientation and spacing together."""
+    """Group slices by size, orientation and spacing."""
     groups: list[list[Slice]] = []
     for ct_slice in slices:
         group = next((group for group in groups if alike(group[0], ct_slice)), None)
@@ -160,12 +160,12 @@ def same_grid(first: Slice, second: Slice) -> bool:
 
 
 def turning(slices: Sequence[Slice], best: Sequence[Slice]) -> str:
-    """Return in words how slices turn against each other, where that leaves few in one direction; else ''.
+    """Describe how slices turn against each other if that leaves few in one direction; else return ''.
 
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series, all with a place, scouts left out.
+        Slices of one series with positions, without scouts.
     best : sequence of Slice
         The largest group of one direction.
     """
@@ -194,5 +194,5 @@ def axes_of(ct_slice: Slice) -> NDArray[np.float64]:
 
 
 def in_order(ct_slice: Slice) -> tuple[int, int]:
-    """Return what slices are sorted by before their positions are looked at."""
+    """Return the key by which slices are sorted before their positions are known."""
     return ct_slice.image.instance, ct_slice.frame

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A DICOM file by what it holds: an image of a series, a segmentation or a structure set."""
+"""Open a DICOM file by its content: an image of a series, a segmentation or a structure set."""
 
 from __future__ import annotations
 

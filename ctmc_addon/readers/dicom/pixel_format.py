@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a DICOM file stores its pixels: the numbers of its header checked, the range of a value, the bits that hold it.
+"""Check the numbers that describe a DICOM file's pixels, and take values from their bits.
 
 Clauses are those of DICOM PS3.5.
 """
@@ -14,20 +14,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .deflated import DEFLATED
-from .plain_header import UNDEFINED_LENGTH
+from .labels.elements import UNDEFINED_LENGTH
 
-SMALLEST_FRAME = 8  # bytes of a compressed frame: the header of its item
+SMALLEST_FRAME = 8  # A compressed frame has more bytes than this, the header of its item.
 WHOLE_BITS, FLOAT_BITS = (1, 8, 16, 32, 64), {"FloatPixelData": 32, "DoubleFloatPixelData": 64}
 # JPEG, JPEG-LS near-lossless, JPEG 2000 and HTJ2K, whose values may be a little beyond those that were compressed.
 LOSSY = {f"1.2.840.10008.1.2.4.{number}" for number in (50, 51, 81, 91, 203)}
-OVERSHOOT = 1 / 16  # of the range of values
-MOST_OVERSHOT = 4  # pixels beyond an end for each within the same distance before it: errors go both ways
-AROUND = 4  # pixels to each side in which those are counted
-FARTHEST = 16  # pixels from such values at which others overshot too
+OVERSHOOT = 1 / 16  # Lossy codecs overshoot by at most this share of the range of values.
+MOST_OVERSHOT = 4  # Overshot pixels for each one as near before the end, because errors go both ways.
+AROUND = 4  # Both are counted within this many pixels to each side.
+FARTHEST = 16  # Connected pixels up to this many away overshot too.
 
 
 class Pixels(NamedTuple):
-    """How and where a file stores its pixels."""
+    """The storage of a file's pixels."""
 
     syntax: str  # transfer syntax UID
     compressed: bool
@@ -35,11 +35,11 @@ class Pixels(NamedTuple):
     padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
     start: int  # byte of the file where they begin
     options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
-    high_bit: Any = None  # of the header; None where it has none
+    high_bit: Any = None  # of the header; None if it has none
 
 
 def unusable_number(options: Mapping[str, Any]) -> str:
-    """Return in words which number of a header no pixels can have; empty where all are usable.
+    """Describe the first number of a header that no pixels can have; return empty text if all are usable.
 
     Color images are not read, and of theirs the size alone is checked.
 
@@ -85,7 +85,7 @@ def shown(number: Any) -> str:
 
 
 def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
-    """Return a note where HighBit is not the highest of BitsStored bits (8.1.1), which does not change the values."""
+    """Return a note if HighBit is not the highest of BitsStored bits (8.1.1), which does not change the values."""
     counts = Counter(
         (shown(pixels.high_bit), int(pixels.options["bits_stored"]))
         for pixels in all_pixels
@@ -101,12 +101,12 @@ def high_bit_notes(all_pixels: Iterable[Pixels]) -> list[str]:
 
 
 def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
-    """Return in words which pixels are missing from a file; empty where none are.
+    """Describe the pixels that are missing from a file; return empty text if none are.
 
     Parameters
     ----------
     pixels : Pixels
-        What the header says of them.
+        Their description in the header.
     length : int
         Bytes of the pixel element.
     file_bytes : int
@@ -116,7 +116,7 @@ def missing_pixels(pixels: Pixels, length: int, file_bytes: int) -> str:
     if pixels.compressed:
         return f"{frames} frames in {file_bytes} bytes" if frames * SMALLEST_FRAME > file_bytes else ""
     if length == UNDEFINED_LENGTH:
-        return f"compressed pixels called {pixels.syntax}"
+        return f"compressed pixels under the uncompressed transfer syntax {pixels.syntax}"
     halved = "422" in str(options["photometric_interpretation"])  # two color samples for every second pixel
     size = options["rows"] * options["columns"] * (2 if halved else options.get("samples_per_pixel") or 1)
     needed_bytes = (frames * size * options["bits_allocated"] + 7) // 8
@@ -186,7 +186,7 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
     Parameters
     ----------
     stored : (rows, columns) array
-        As a decoder gives them, of at least as many bits; changed in place where it can be written to.
+        As a decoder gives them, of at least as many bits; changed in place if it is writable.
     pixels : Pixels
     exact : bool
         Whether the pixels are those that were compressed, although the transfer syntax allows others.
@@ -217,7 +217,7 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
 
 
 def overshot(beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
-    """Return which pixels a lossy codec pushed beyond an end of the range of values; None where none are beyond it.
+    """Return the pixels that a lossy codec pushed beyond an end of the range of values; None without any beyond.
 
     Errors of a codec are small and go both ways, so a saturated body also has pixels just before the end, and those
     that overshot are connected with them. Overlays on air are just beyond the end too, without such pixels.

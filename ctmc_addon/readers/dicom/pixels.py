@@ -1,5 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One DICOM frame's pixels: as they lie, or decoded by pydicom with pylibjpeg, then scaled into a slice of the volume.
+"""Read or decode the pixels of one DICOM frame, and scale them into a slice of the volume.
+
+pydicom and pylibjpeg decode; uncompressed pixels are read as they are stored.
 
 Rescaling happens in the type of the output (DICOM PS3.3 C.11.1: value = slope * stored + intercept).
 """
@@ -17,9 +19,8 @@ from ..optional_imports import needed, quiet, reason
 from .codestream import frame_damage, is_reversible
 from .deflated import DEFLATED
 from .frames import FrameGeometry
-from .header import PIXEL_KEYWORDS, ImageFile, pydicom_errors
+from .header import EXPLICIT_LITTLE, IMPLICIT_LITTLE, PIXEL_KEYWORDS, ImageFile, pydicom_errors
 from .pixel_format import value_bits
-from .plain_header import EXPLICIT_LITTLE, IMPLICIT_LITTLE
 
 # The types of pixels by their representation, 1 with a sign, and their bits.
 LITTLE_ENDIAN = {(sign, bits): np.dtype(f"<{'ui'[sign]}{bits // 8}") for sign in (0, 1) for bits in (8, 16, 32)}
@@ -37,7 +38,7 @@ class SliceRead(NamedTuple):
 
 
 def check_codec(image: ImageFile) -> None:
-    """Say which library is missing for a compressed file's transfer syntax, before anything is decoded."""
+    """Raise a `ReadError` before decoding if the library for a file's transfer syntax is missing."""
     pixels = needed("pydicom.pixels", "pydicom", "DICOM")
     name = syntax_name(image.pixels.syntax)
     try:
@@ -90,7 +91,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
             source: Any = file
             exact = [False] * len(frames)
             if syntax == DEFLATED:  # its pixels are at their place only when the file is unpacked
-                source = pydicom.dcmread(file, specific_tags=PIXEL_KEYWORDS)[options["pixel_keyword"]].value
+                source = pydicom.dcmread(file, specific_tags=list(PIXEL_KEYWORDS))[options["pixel_keyword"]].value
             else:
                 if image.pixels.compressed:
                     exact = checked_codestreams(image, frames, file)
@@ -111,8 +112,8 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         why = reason(error)
         if why.startswith("Unable to decode"):  # a list of what pydicom tried
             raise ReadError(
-                f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or of a "
-                "kind that pylibjpeg does not know; copy the file again, or export it uncompressed"
+                f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or "
+                "pylibjpeg does not support them; copy the file again, or export it uncompressed"
             ) from error
         raise ReadError(
             f"the pixels of {image.path.name} ({syntax_name(syntax)}) are truncated or damaged ({why}); copy it again"
@@ -143,7 +144,7 @@ def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) 
 
 
 def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> list[bool]:
-    """Return which frames give the pixels that were compressed, by their own headers, before they are decoded.
+    """Check frames before they are decoded; return for each whether it gives exactly the compressed pixels.
 
     Raises
     ------
@@ -172,13 +173,13 @@ def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> l
 
 
 def output_types(frames: list[FrameGeometry], floating: bool) -> tuple[Any, ...]:
-    """Types to try for the volume, the smallest first: integers stay integers where slopes allow it."""
+    """Return the types to try for the volume, the smallest first: integers stay integers if slopes allow it."""
     whole = all(frame.slope.is_integer() and frame.intercept.is_integer() for frame in frames)
     return (np.int16, np.int32, np.float32) if whole and not floating else (np.float32,)
 
 
 def padding_mark(dtype: Any) -> Any:
-    """Return what stands for padding until the lowest real value is known.
+    """Return the value that marks padding until the lowest real value is known.
 
     The type's own lowest value: a real pixel that holds it is then the lowest anyway.
     """

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A DICOM folder, file or DICOMDIR to values and affine: find the series, stack it, decode it.
+"""Read a DICOM folder, file or DICOMDIR as values and affine: find the series, stack it, decode it.
 
-What the headers say is read in header.py and frames.py, geometry is stack_geometry.py's, pixels are
-pixels.py's. No patient data is read; names of DICOM files stand in errors, never in notes.
+Headers are read in header.py and frames.py, stack_geometry.py does the geometry and pixels.py the pixels. No patient
+data is read. Errors name DICOM files, notes never do.
 """
 
 from __future__ import annotations
@@ -25,13 +25,11 @@ from ..value_kind import is_mask_steps
 from .header import (
     Broken,
     ImageFile,
-    PlainSlices,
     Slice,
     has_other_suffix,
     kind_in_words,
     may_be_dicom,
     read_header,
-    read_other,
 )
 from .listing import is_placed, is_scout, largest_group, listed, turning
 from .pixel_format import high_bit_notes
@@ -40,13 +38,13 @@ from .slices import values_steps
 from .stack_geometry import Stack, stack_up
 from .times import times_of
 
-MOST_LISTED = 12  # series in one note
-SHORTEST = 132  # bytes of a file that may be DICOM: its preamble
-STEEPEST = 1e9  # a larger RescaleSlope or RescaleIntercept is damage
+MOST_LISTED = 12  # More series are counted, not listed.
+SHORTEST = 132  # A DICOM file has at least the bytes of its preamble.
+STEEPEST = 1e9  # A larger RescaleSlope or RescaleIntercept is damage.
 
 
 class FolderContent(NamedTuple):
-    """What a folder holds: slices by series, and images that cannot be read."""
+    """The DICOM files of a folder: slices by series, and images that cannot be read."""
 
     series: dict[str, list[Slice]]
     broken: list[Broken]
@@ -89,7 +87,7 @@ class DicomSource(VolumeSource):
         return list(dict.fromkeys(ct_slice.image.path for ct_slice in taken))
 
     def _has_place(self, line: Series) -> bool:
-        """Whether slices of a series have positions; pictures without them make no volume."""
+        """Return whether slices of a series have positions; pictures without them make no volume."""
         return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
@@ -105,7 +103,7 @@ class DicomSource(VolumeSource):
         strays = self.content.strays
         if strays:
             plural = "s" * (strays > 1)
-            notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but something else")
+            notes.append(f"{strays} file{plural} left out, named like DICOM or without a suffix, but not DICOM")
         for image in {ct_slice.image.pixels.syntax: ct_slice.image for ct_slice in slices}.values():
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
@@ -127,7 +125,7 @@ class DicomSource(VolumeSource):
         )
 
     def _selected(self, requested_series: str) -> tuple[str, list[str]]:
-        """The UID of the series to read, and the note that lists the others."""
+        """Return the UID of the series to read, and the note that counts the others."""
         if not self.series:
             if self.content.broken:
                 raise truncated(self.content.broken[0])
@@ -148,7 +146,7 @@ class DicomSource(VolumeSource):
 
 
 def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
-    """Return how the slices become a volume, and words about a spacing of the file that cannot be used."""
+    """Return the stack of the slices, and words about a spacing that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
     if pixel_spacing is None or not is_spacing(pixel_spacing):
@@ -196,7 +194,7 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     (own,) = yield from stages.run("Reading header", each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
-        what = f"holds a DICOM object that is no CT: {kind}" if kind else "is not a DICOM image"
+        what = f"holds a DICOM object that is not a CT: {kind}" if kind else "is not a DICOM image"
         raise ReadError(f"{path.name} {what}; choose a CT slice or its folder")
     if isinstance(own, Broken):
         raise truncated(own)
@@ -224,21 +222,15 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
 
 
 def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
-    """`read_header` of each file, plain slices first: pydicom is imported only where there are others."""
-    stages = Stages({"Reading headers": 1, "Loading pydicom": 4})
-    reading = quiet_batches_steps(PlainSlices().read, files, "Reading headers", 16)
-    plain = yield from stages.run("Reading headers", reading)
-    rest = [file for file, header in zip(files, plain, strict=True) if header is None]
-    if any(map(may_be_dicom, rest)):
-        yield from imported_steps("pydicom", "pydicom", "DICOM")
-    others = iter(
-        (yield from stages.run("Loading pydicom", quiet_batches_steps(read_other, rest, "Reading headers", 16)))
-    )
-    return [next(others) if header is None else header for header in plain]
+    """Return `read_header` of each file; pydicom is imported only where one may be DICOM."""
+    stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
+    if any(map(may_be_dicom, files)):
+        yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
+    return (yield from stages.run("Reading headers", quiet_batches_steps(read_header, files, "Reading headers", 16)))
 
 
 def estimate_voxels(folder: Path) -> int:
-    """Voxels of a folder's slices if all are like the first; 0 where no image is found."""
+    """Return the voxels of a folder's slices if all are like the first; 0 if it has no image."""
     files = list(files_below(folder))
     with quiet():
         first = next((header for header in map(read_header, files) if isinstance(header, ImageFile)), None)
@@ -246,7 +238,7 @@ def estimate_voxels(folder: Path) -> int:
 
 
 def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
-    """Slices by series, in the order in which the series first appear."""
+    """Group slices by series, in the order in which the series first appear."""
     series: dict[str, list[Slice]] = {}
     broken = [header for header in headers if isinstance(header, Broken)]
     images = [header for header in headers if isinstance(header, ImageFile)]
@@ -260,7 +252,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     unsound, strays = [], 0
     for header in broken:
         own = slice_names.get((header.path.parent, name_pattern(header.path)), ()) if header.stray else (header.series,)
-        damage = "named like the slices, and something else" if header.path.stat().st_size else "0 bytes"
+        damage = "named like the slices, but not DICOM" if header.path.stat().st_size else "0 bytes"
         unsound += [
             header._replace(series=uid, damage=damage if header.stray else header.damage) for uid in sorted(own)
         ]
@@ -269,7 +261,7 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
 
 
 def name_pattern(path: Path) -> str:
-    """Return what the names of the slices of one export share: numbers stand as '#', and hexadecimal words too.
+    """Return the common part of the names in one export, with '#' for numbers and hexadecimal words.
 
     Examples
     --------
@@ -281,14 +273,14 @@ def name_pattern(path: Path) -> str:
 
 
 def is_named_dicom(path: Path) -> bool:
-    """Return whether a file that is no DICOM has a name that DICOM files have, and is too short without a suffix."""
+    """Return whether a file that is not DICOM has a suffix of DICOM, or none and too few bytes."""
     return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
 def check_whole(content: FolderContent, uid: str) -> None:
-    """Refuse a series with a broken file: a slice would be missing without a word."""
+    """Refuse a series with a broken file, because a slice would be missing silently."""
     for broken in content.broken:
-        cut_off = broken.series not in content.series and uid.startswith(broken.series)  # in the midst of its UID
+        cut_off = broken.series not in content.series and uid.startswith(broken.series)  # within its UID
         if broken.series == uid or cut_off:
             raise truncated(broken)
 
@@ -300,12 +292,12 @@ def truncated(broken: Broken) -> ReadError:
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
-    """Return the largest group of slices of one size, orientation and spacing, and notes of what was left out.
+    """Return the largest group of slices of one size, orientation and spacing, and notes about the others.
 
     Parameters
     ----------
     slices : sequence of Slice
-        Of one series.
+        Slices of one series.
     path : Path
         For errors.
 

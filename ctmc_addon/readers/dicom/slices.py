@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The slices of a DICOM volume: frames decoded in order, in one type, resampled where the stack is uneven.
+"""Decode the frames of a DICOM volume in order, in one type, and resample an uneven stack.
 
-The type, and the value that padding gets, hang on all frames. A read of everything finds them on its way; for a part
-of it the headers tell, or all frames are looked at first.
+The type and the value of padding depend on all frames. Reading the whole volume finds them on the way; for a part, the
+headers show them or all frames are decoded first.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from .pixels import DoesNotFit, SliceRead, fill_slice, output_types, padding_mar
 from .stack_geometry import Stack
 from .stored import StoredPixels
 
-PLANES = 8  # cleared of padding between two steps
+PLANES = 8  # Slices cleared of padding between two steps.
 
 
 class DicomSlices(SliceReader):
@@ -35,7 +35,7 @@ class DicomSlices(SliceReader):
     slices : sequence of Slice
         Ordered as the stack is.
     lowest : float or None
-        What padding becomes; by default `padding_mark`.
+        New value of padding; by default `padding_mark`.
     """
 
     def __init__(self, slices: Sequence[Slice], stack: Stack, dtype: Any, lowest: float | None = None) -> None:
@@ -64,7 +64,7 @@ class DicomSlices(SliceReader):
         self._pixels.close()
 
     def filled_steps(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> Steps[SliceRead]:
-        """Fill `out`; the lowest real value and the number of padding pixels that were seen.
+        """Fill `out`, and return the lowest real value and the number of padding pixels.
 
         An uneven stack is interpolated linearly along the normal, with two slices held at a time. No threads: plain
         pixels are there before a thread would be, and compressed ones come from another process.
@@ -142,7 +142,7 @@ def values_steps(
 
 
 def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any, SliceRead]]:
-    """The first type that holds all slices, and what padding there is: by their headers, or by a look at each."""
+    """Return the first type that holds all slices, and their padding, by their headers or by decoding each."""
     if fit_by_headers(slices, types[0]):
         return types[0], SliceRead(math.inf, 0)
     low, high, padded = math.inf, -math.inf, 0
@@ -185,7 +185,7 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
     low : (rows, columns)
     high : (rows, columns)
     weight : float
-        Of `high`, 0 to 1.
+        Share of `high`, 0 to 1.
     out : (rows, columns)
         Is filled.
     """
@@ -198,7 +198,7 @@ def between(low: NDArray[Any], high: NDArray[Any], weight: float, out: NDArray[A
 
 
 def padding_notes(seen: SliceRead) -> list[str]:
-    """Return the note that says what padding became, if there is any."""
+    """Return the note about the new value of padding, if there is any."""
     if not seen.padded:
         return []
     if seen.lowest == math.inf:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the slices of a stack lie: their order, gaps and tilt, and the affine that carries them.
+"""Order the slices of a stack, check their gaps and tilt, and make the affine.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
 DICOM PS3.3 C.7.6.2.1.1: the center of pixel (row r, column c) lies at
@@ -17,29 +17,29 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 
-SAME_MM = 0.001  # closer positions are the same slice twice
-EVEN_SHARE, EVEN_MM = 0.01, 0.01  # gaps this near to the median are even
-WIDEST_GAP = 3.0  # medians; beyond it slices are missing and would be invented
-NARROWEST_GAP = 0.25  # medians; finer an uneven stack is not resampled
-TILT_DEGREES = 0.1  # smaller angles come from rounded positions
+SAME_MM = 0.001  # Closer positions are the same slice twice.
+EVEN_SHARE, EVEN_MM = 0.01, 0.01  # Gaps this near to the median are even.
+WIDEST_GAP = 3.0  # In a wider gap, in medians, slices are missing.
+NARROWEST_GAP = 0.25  # An uneven stack is not resampled finer, in medians.
+TILT_DEGREES = 0.1  # Smaller angles come from rounded positions.
 
 
 @dataclass(frozen=True, eq=False)
 class Stack:
-    """How a stack of slices becomes a volume.
+    """The order, resampling and affine that make a volume of slices.
 
     Parameters
     ----------
     order : tuple of int
         Numbers of the given slices to read, along the normal; duplicates left out.
     below : (slices,) int64
-        For every slice of the volume the place in `order` of the slice it is made from, or lies above.
+        For every slice of the volume, the index in `order` of the slice that it is, or that it lies above.
     weight : (slices,) float64
         Share of the next slice in it; 0 where the slice is taken as it is.
     affine : (4, 4) float64
         Index (x, y, z) to RAS+ mm.
     notes : tuple of str
-        What was done to the stack.
+        The changes to the stack.
     """
 
     order: tuple[int, ...]
@@ -72,14 +72,14 @@ def stack_up(
     pixel_spacing : (row_mm, column_mm)
         PixelSpacing: between rows, then between columns.
     names : n str
-        What an error calls each slice.
+        Names of the slices for errors.
     strict : bool
         Refuse every unevenness instead of resampling.
 
     Raises
     ------
     ReadError
-        If fewer than two slices remain, slices are missing, or do not stand behind each other.
+        If fewer than two slices remain, slices are missing, or do not lie behind each other.
 
     Examples
     --------
@@ -94,7 +94,7 @@ def stack_up(
     if len(order) < 2:
         reason = f"there is one slice only ({names[order[0]]})"
         if len(along) > 1:
-            reason = f"all {len(along)} slices ({names[order[0]]} is one) stand at one place to within {SAME_MM:g} mm"
+            reason = f"all {len(along)} slices (such as {names[order[0]]}) are at one position to within {SAME_MM:g} mm"
         raise ReadError(
             f"{reason}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
         )
@@ -165,8 +165,8 @@ def _without_duplicates(along: NDArray[np.float64], order: NDArray[np.intp]) -> 
     dropped = len(order) - len(kept)
     if not dropped:
         return np.array(kept), []
-    text = "1 slice stands" if dropped == 1 else f"{dropped} slices stand"
-    return np.array(kept), [f"{text} where another already is; the first of each was kept"]
+    text = "1 slice is" if dropped == 1 else f"{dropped} slices are"
+    return np.array(kept), [f"{text} at the position of another; the first of each was kept"]
 
 
 def _aligned(
@@ -184,19 +184,19 @@ def _aligned(
     limit = 0.5 * min(pixel_spacing)
     if distance[worst] <= EVEN_MM:
         return []
-    text = f"{names[worst]} stands {distance[worst]:.2f} mm beside the line through the first and the last slice"
+    text = f"{names[worst]} is {distance[worst]:.2f} mm off the line through the first and the last slice"
     if strict or distance[worst] > limit:
         allowed = EVEN_MM if strict else limit
         raise ReadError(f"{text}, and at most {allowed:.2g} mm is allowed; choose slices of one acquisition")
     return [
-        f"slices stand up to {distance[worst]:.2f} mm beside the line through the first and the last, left as it is"
+        f"slices are up to {distance[worst]:.2f} mm off the line through the first and the last, and were not moved"
     ]
 
 
 def _resampling(
     along: NDArray[np.float64], names: Sequence[str], strict: bool
 ) -> tuple[NDArray[np.int64], NDArray[np.float64], list[str]]:
-    """Lower neighbor and weight of every slice of the volume, and what was done."""
+    """Return lower neighbor and weight of every slice of the volume, and notes."""
     gaps = np.diff(along)
     median = float(np.median(gaps))
     widest = int(np.argmax(gaps))
@@ -211,11 +211,11 @@ def _resampling(
     if (np.abs(gaps - median) <= even).all():
         regular = np.linspace(along[0], along[-1], len(along))
         drift = float(np.abs(along - regular).max())
-        notes = [f"slices stand up to {drift:.2f} mm from an even grid, left as it is"] if drift > even else []
+        notes = [f"slices are up to {drift:.2f} mm off an even grid, and were not moved"] if drift > even else []
         return np.arange(len(along)), np.zeros(len(along)), notes
     text = named_gaps(gaps)
     if strict:
-        raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading was asked for")
+        raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading refuses that")
     gap = max(float(gaps.min()), NARROWEST_GAP * median)
     count = max(2, round(float(along[-1] - along[0]) / gap) + 1)
     heights = np.linspace(along[0], along[-1], count)  # first and last stay where they are

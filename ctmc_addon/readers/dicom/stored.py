@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Stored pixels of slices one after the other: plain ones from here, compressed ones from a process that may die."""
+"""Give the stored pixels of slices in turn; compressed ones come from a process, which damaged files may end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..optional_imports import quiet
 from .header import UNCOMPRESSED, Slice
 from .pixels import stored_frames, syntax_name
 
-RLE = "1.2.840.10008.1.2.5"  # unpacked by pydicom's own Python
+RLE = "1.2.840.10008.1.2.5"  # pydicom unpacks RLE in Python.
 
 
 class StoredPixels:
@@ -76,7 +76,7 @@ class StoredPixels:
         self.asked = number
 
     def _picture_steps(self, process: DecodingProcess, step: Step) -> Steps[NDArray[Any]]:
-        """The pixels that were asked for."""
+        """Return the requested pixels."""
         assert self.asked is not None, "the caller asks"
         ct_slice, self.asked = self.slices[self.asked], None
         try:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several images at one place: copies of one, time points, cardiac phases, or scans between each other's slices.
+"""Separate images at the same positions: copies, time points, cardiac phases, or interleaved scans.
 
-Taken together they would give slices of one and the other in turn, or half the true gap. What tells them apart is
-tried in this order: the number of the time point, the number of the acquisition, and the order of trigger times,
+Read as one volume they would give slices of one and the other in turn, or half the true gap. They are separated by, in
+this order: the number of the time point, the number of the acquisition, and the order of trigger times,
 acquisition times or instance numbers where it is the same at every place.
 """
 
@@ -19,8 +19,8 @@ from ...core import ReadError
 from .header import Slice
 from .stack_geometry import SAME_MM, checked_normal, dot
 
-FEWEST = 3  # slices that make an acquisition; scanners that count every slice as one have fewer
-OVERLAP = 0.5  # of the shorter of two acquisitions that lies within the other
+FEWEST = 3  # Acquisitions of fewer slices come from scanners that count every slice as one.
+OVERLAP = 0.5  # Acquisitions overlap if they share more than this part of the shorter one.
 
 
 def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
@@ -29,7 +29,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
     Parameters
     ----------
     slices : sequence of Slice
-        Of one geometry.
+        Slices of one geometry.
 
     Raises
     ------
@@ -60,7 +60,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
 
 
 def heights(slices: Sequence[Slice]) -> NDArray[np.float64]:
-    """Return where slices of one orientation stand along their normal, (n,) mm.
+    """Return the heights of slices of one orientation along their normal, (n,) mm.
 
     Parameters
     ----------
@@ -72,7 +72,7 @@ def heights(slices: Sequence[Slice]) -> NDArray[np.float64]:
 
 
 def grouped(numbers: Iterable[int], keys: Sequence[str]) -> list[list[int]]:
-    """`numbers` with the same of `keys` together, the groups in the order of their keys."""
+    """Group `numbers` by their `keys`, in the order of the keys."""
     groups: dict[str, list[int]] = {}
     for number in numbers:
         groups.setdefault(keys[number], []).append(number)
@@ -95,9 +95,9 @@ def overlaps(first: NDArray[np.float64], second: NDArray[np.float64]) -> bool:
 
 
 def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[int]]:
-    """Numbers of the slices of each time, where every place has as many images and an order tells them apart.
+    """Return the slices of each time if every position has equally many images, and an order separates them.
 
-    Empty where it has one, or as many as differ from place to place.
+    Empty if each has one, or their number differs.
     """
     by_height: dict[int, list[int]] = {}
     images: set[tuple[int, str, int]] = set()
@@ -126,7 +126,7 @@ def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[i
 
 
 def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
-    """Return whether sorted keys of each place give times that cannot be mixed.
+    """Return whether sorted keys of each position give distinct times.
 
     They differ at each place, and each time ends before the next begins, or each place before the next.
     """

@@ -150,7 +150,7 @@ def test_duplicate_positions_are_dropped_and_said(tmp_path, save_stack):
     hu = save_stack(tmp_path, (0, 1, 2, 1, 2, 3))
     volume = read_volume(tmp_path)
     np.testing.assert_array_equal(volume.values, hu[[0, 1, 2, 5]])
-    assert said(volume, "2 slices stand where another already is")
+    assert said(volume, "2 slices are at the position of another")
 
 
 @pytest.mark.parametrize(

@@ -153,7 +153,7 @@ def test_a_file_named_like_the_slices_that_is_none_is_not_passed_over(tmp_path, 
     path.write_bytes(content)
     with pytest.raises(CtmcError) as refused:
         read_volume(tmp_path / "ct")
-    damage = "named like the slices, and something else" if content else "0 bytes"
+    damage = "named like the slices, but not DICOM" if content else "0 bytes"
     assert str(refused.value) == f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again"
     with pytest.raises(CtmcError, match="is a truncated or damaged DICOM file"):
         read_volume(path.with_name(name.format(9)))
@@ -165,7 +165,7 @@ def test_a_file_of_another_name_beside_the_slices_is_left_out_and_said(tmp_path,
         (tmp_path / name).write_bytes(b"")
     volume = read_volume(tmp_path)
     np.testing.assert_array_equal(volume.values, hu)
-    assert volume.notes == ("2 files left out, named like DICOM or without a suffix, but something else",)
+    assert volume.notes == ("2 files left out, named like DICOM or without a suffix, but not DICOM",)
 
 
 @pytest.mark.parametrize(

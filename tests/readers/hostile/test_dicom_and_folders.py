@@ -82,7 +82,7 @@ def test_slices_too_short_to_be_known_are_refused(tmp_path, save_stack):
     (tmp_path / "I2").write_bytes(bytes(100))
     with pytest.raises(CtmcError) as caught:
         read_volume(tmp_path)
-    damage = "named like the slices, and something else"
+    damage = "named like the slices, but not DICOM"
     assert str(caught.value) == f"I2 is a truncated or damaged DICOM file ({damage}); copy it again"
 
 

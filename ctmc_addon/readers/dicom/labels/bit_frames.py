@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Frames of segmentations that are read here and not by pydicom: plain, deflated, and masks of one bit in RLE.
+"""Read frames of segmentations without pydicom: uncompressed, deflated, and masks of one bit in RLE.
 
 DICOM PS3.5 8.1.1 (bits), A.4.13 (frames deflated each by itself), annex G (RLE).
 """
@@ -19,7 +19,7 @@ from .elements import Damaged
 from .label_file import inflated, opened
 
 DEFLATED_FRAMES = "1.2.840.10008.1.2.8.1"
-RLE_HEADER = 64  # bytes: the number of segments and where each begins
+RLE_HEADER = 64  # These bytes hold the number of segments and the start of each.
 
 
 def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
@@ -42,7 +42,7 @@ def read_frames(
 
 
 def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
-    """Return uncompressed frames; those of one bit follow each other without a gap, the lowest bit first."""
+    """Yield uncompressed frames; those of one bit follow each other without a gap, the lowest bit first."""
     bits, size = image.pixels.options["bits_allocated"], image.rows * image.columns
     left = b""  # the byte in which the frame before ended
     for number in range(image.pixels.options["number_of_frames"]):
@@ -54,7 +54,7 @@ def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
 
 
 def deflated_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
-    """Frames that are deflated each by itself."""
+    """Yield frames that are deflated each by itself."""
     bits = image.pixels.options["bits_allocated"]
     needed_bytes = (image.rows * image.columns * bits + 7) // 8
     for packed in encapsulated(file, image):
@@ -62,7 +62,7 @@ def deflated_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]
 
 
 def rle_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
-    """Masks of one bit in RLE: a byte for each pixel, as the standard means it, or for 8, as some write it."""
+    """Yield masks of one bit in RLE: a byte for each pixel, as in the standard, or for 8, as some write it."""
     size = image.rows * image.columns
     for packed in encapsulated(file, image):
         piece = unpacked_rle(packed, size)
@@ -72,7 +72,7 @@ def rle_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
 
 
 def packed_sizes(size: int) -> tuple[int, int]:
-    """Bytes of a frame of `size` pixels of a bit each, without and with the byte that makes their number even."""
+    """Return the bytes of a frame of `size` pixels of one bit, without and with the byte that makes them even."""
     count = (size + 7) // 8
     return count, count + count % 2
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which DICOM files hold labels in place of slices, by their first bytes."""
+"""Recognize DICOM files of labels by their first bytes."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ CLASSES = {
 }
 # SOPClassUID of the meta information or of the dataset, explicit or implicit.
 CLASS_ELEMENT = re.compile(rb"(?:\x02\x00\x02\x00|\x08\x00\x16\x00)(?:UI..|..\x00\x00)([0-9.]{10,64})", re.DOTALL)
-HEAD = 2048  # bytes in which it stands
+HEAD = 2048  # The element lies in these first bytes.
 
 
 def label_class(path: Path) -> str:
-    """'segmentation' or 'structure set' where a DICOM file is one, else empty."""
+    """Return 'segmentation' or 'structure set' for such a DICOM file, else empty text."""
     try:
         with path.open("rb") as file:
             head = file.read(HEAD)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The planes of structures to pixels of the volume's slices, one structure and one pair of planes at a time."""
+"""Fill the planes of structures on the volume's slices, one structure and one pair of planes at a time."""
 
 from __future__ import annotations
 
@@ -14,33 +14,37 @@ from ....core.segmentation import Outline, between_planes_steps
 from ...labels.contours import Filled, edges_of, filled_steps
 from ...labels.label_map import LabelMap, limited
 from ...labels.overlaps import United, united_steps
-from .contour_planes import Layout, Plane, Source
+from .contour_planes import Plane, PlaneAssignment, Source
 from .slice_grid import SliceGrid
 
-MOST_CROSSINGS = 1 << 26  # of edges with rows of pixels; real sets have some millions
+MOST_CROSSINGS = 1 << 26  # Edges of real sets cross rows of pixels some million times.
 
 
 def fill_steps(
-    label_map: LabelMap, structures: Sequence[Sequence[Plane]], layouts: Sequence[Layout], grid: SliceGrid, name: str
+    label_map: LabelMap,
+    structures: Sequence[Sequence[Plane]],
+    assignments: Sequence[PlaneAssignment],
+    grid: SliceGrid,
+    name: str,
 ) -> Steps[list[str]]:
-    """Paint every structure, and return the notes: which slices were filled between contours, and what was united.
+    """Paint every structure; return notes about slices filled between contours and about united contours.
 
     Parameters
     ----------
     label_map : LabelMap
         Its labels count the structures from 1.
-    structures, layouts
-        The planes of each structure, and which slice takes which of them.
+    structures, assignments
+        The planes of each structure, and the slices that take them.
     grid : SliceGrid
     name : str
         The file, for an error.
     """
-    total = max(1, sum(len(layout.sources) for layout in layouts))
+    total = max(1, sum(len(assignment.sources) for assignment in assignments))
     done = crossings = 0
     united, apart = Counter[int](), Counter[int]()  # labels: planes, slices
-    for label, (planes, layout) in enumerate(zip(structures, layouts, strict=True), 1):
+    for label, (planes, assignment) in enumerate(zip(structures, assignments, strict=True), 1):
         filled: dict[int, Filled] = {}
-        for numbers, group in groupby(layout.sources, lambda source: (source.below, source.above)):
+        for numbers, group in groupby(assignment.sources, lambda source: (source.below, source.above)):
             for number in numbers:
                 if number not in filled:
                     crossings += int(edges_of(planes[number].contours, grid.shape[1]).crossings.sum())
@@ -64,8 +68,8 @@ def fill_steps(
             yield Step(done / total, "Filling contours")
     return [
         *_overlap_notes(label_map, united),
-        *_between_notes(label_map, layouts, grid.slice_mm, apart),
-        *_gap_notes(label_map, layouts),
+        *_between_notes(label_map, assignments, grid.slice_mm, apart),
+        *_gap_notes(label_map, assignments),
     ]
 
 
@@ -107,14 +111,16 @@ def _paint_between_steps(
 
 def _overlap_notes(label_map: LabelMap, united: Counter[int]) -> list[str]:
     named = _counted(label_map, united)
-    return [f"contours that overlap in part were united (planes: {named})"] if named else []
+    return [f"partly overlapping contours were united (planes: {named})"] if named else []
 
 
-def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: float, apart: Counter[int]) -> list[str]:
+def _between_notes(
+    label_map: LabelMap, assignments: Sequence[PlaneAssignment], slice_mm: float, apart: Counter[int]
+) -> list[str]:
     by_distance: dict[str, Counter[int]] = {}
-    for label, layout in enumerate(layouts, 1):
-        if layout.between:
-            by_distance.setdefault(f"{layout.apart_mm:.3g}", Counter())[label] = layout.between
+    for label, assignment in enumerate(assignments, 1):
+        if assignment.between:
+            by_distance.setdefault(f"{assignment.apart_mm:.3g}", Counter())[label] = assignment.between
     notes = [
         f"contours lie {mm} mm apart and slices {slice_mm:.3g} mm; slices between contours were filled by distance: "
         f"{_counted(label_map, between)}"
@@ -126,9 +132,11 @@ def _between_notes(label_map: LabelMap, layouts: Sequence[Layout], slice_mm: flo
     return notes
 
 
-def _gap_notes(label_map: LabelMap, layouts: Sequence[Layout]) -> list[str]:
+def _gap_notes(label_map: LabelMap, assignments: Sequence[PlaneAssignment]) -> list[str]:
     named = [
-        f"{label_map.name(label)} {gap:.3g} mm" for label, layout in enumerate(layouts, 1) for gap in layout.gaps_mm
+        f"{label_map.name(label)} {gap:.3g} mm"
+        for label, assignment in enumerate(assignments, 1)
+        for gap in assignment.gaps_mm
     ]
     if not named:
         return []

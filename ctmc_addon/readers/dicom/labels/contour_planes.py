@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The planes that a structure's contours lie in, and which slice takes which of them.
+"""Find the planes of a structure's contours, and assign them to slices.
 
 Contours need not lie on slices. A slice with a plane on it takes that plane as it is drawn. One between two planes
 takes the body between them, unless the planes are much farther apart than the structure's others: that is a gap.
@@ -39,7 +39,7 @@ class Plane(NamedTuple):
 
 
 class Source(NamedTuple):
-    """The planes that a slice of the volume takes: the same one twice where it takes one as it is drawn."""
+    """The two planes of a slice, the same one twice if the slice takes it as drawn."""
 
     slice_: int
     below: int
@@ -47,8 +47,8 @@ class Source(NamedTuple):
     share: float  # of the way from the plane below to the one above
 
 
-class Layout(NamedTuple):
-    """How the planes of one structure become slices."""
+class PlaneAssignment(NamedTuple):
+    """The slices that take the planes of one structure."""
 
     sources: list[Source]  # by slice
     apart_mm: float  # usual distance of planes with filled slices between; 0 where there are none
@@ -61,7 +61,7 @@ class Layout(NamedTuple):
 
     @property
     def between(self) -> int:
-        """Return how many slices lie between planes and are filled."""
+        """Return the number of filled slices between planes."""
         return sum(source.below != source.above for source in self.sources)
 
 
@@ -85,9 +85,9 @@ def planes_of(contours: Iterable[Contour], slice_mm: float) -> tuple[list[Plane]
     return planes, copies
 
 
-def layouts_of(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[Layout]:
-    """Return the layout of each structure's planes on the slices of the volume."""
-    layouts = []
+def assigned_planes(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[PlaneAssignment]:
+    """Assign each structure's planes to slices of the volume."""
+    assignments = []
     for planes in structures:
         heights = np.array([plane.height for plane in planes])
         joined = are_joined(np.diff(grid.scanned_numbers(heights)))
@@ -97,8 +97,8 @@ def layouts_of(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> list[L
         gaps = [not taken.issuperset(between.tolist()) for between in inner]
         mm = np.diff(heights)
         filled = sorted({source.below for source in sources if source.below != source.above})
-        layouts.append(Layout(sources, lower_median(mm[filled]), mm[gaps].tolist()))
-    return layouts
+        assignments.append(PlaneAssignment(sources, lower_median(mm[filled]), mm[gaps].tolist()))
+    return assignments
 
 
 def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
@@ -126,7 +126,7 @@ def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 def sources_of(
     planes: NDArray[np.float64], joined: NDArray[np.bool_], slices: NDArray[np.float64], slice_mm: float
 ) -> list[Source]:
-    """Return the slices that take planes, and which.
+    """Return the slices that take planes, with their planes.
 
     Parameters
     ----------
@@ -180,7 +180,7 @@ def pairs(heights: NDArray[np.float64]) -> Iterable[tuple[float, float]]:
 
 
 def lower_median(values: NDArray[np.float64]) -> float:
-    """Return the median, of the middle two the lower; 0 of nothing.
+    """Return the median, the lower of the middle two; 0 of no values.
 
     Examples
     --------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The elements of a DICOM dataset by their place in the file, for sequences too long for pydicom.
+"""Walk through the elements of a DICOM dataset, for sequences that are too long for pydicom.
 
 A segmentation has an item for every frame and a structure set one for every contour, tens of thousands of each.
-pydicom makes objects of all elements in them, about 1 ms a frame; here only what is asked for is read.
+pydicom makes objects of all elements in them, about 1 ms a frame; the walker reads requested elements only.
 Little endian, implicit and explicit: DICOM PS3.5, clauses 7.1 and 7.5.
 """
 
@@ -15,22 +15,22 @@ from typing import IO, Any, NamedTuple
 from ....core import Step, Steps
 
 ITEM, ITEM_END, SEQUENCE_END = 0xFFFEE000, 0xFFFEE00D, 0xFFFEE0DD
-UNDEFINED = 0xFFFFFFFF
-PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)  # float, double, integer; nothing behind them is read
+UNDEFINED_LENGTH = 0xFFFFFFFF
+PIXELS = (0x7FE00008, 0x7FE00009, 0x7FE00010)  # Float, double and integer pixels end the walk.
 LONG_FORM = frozenset((b"OB", b"OD", b"OF", b"OL", b"OV", b"OW", b"SQ", b"SV", b"UC", b"UN", b"UR", b"UT", b"UV"))
-LONGEST_VALUE = 1 << 16  # bytes of a value that is read
-DEEPEST = 16  # sequences within sequences
+LONGEST_VALUE = 1 << 16  # A longer value, in bytes, is damage.
+DEEPEST = 16  # Sequences nested deeper are damage.
 MOST_ITEMS = 2_000_000
 ITEMS_PER_STEP = 256
 
-# What to read: a tag leads to VALUE (its bytes), LOCATION (where its bytes are) or to the tags of a sequence's items.
+# Requests map a tag to VALUE (its bytes), LOCATION (the position of its bytes) or the requests within a sequence.
 VALUE, LOCATION = "value", "location"
 Requested = Mapping[int, Any]
 Found = dict[int, Any]
 
 
 class ValueLocation(NamedTuple):
-    """Where a value stands in the file."""
+    """The position of a value in the file."""
 
     vr: str  # empty where the file does not say it
     start: int
@@ -38,11 +38,11 @@ class ValueLocation(NamedTuple):
 
 
 class Damaged(Exception):
-    """The file ends too early or breaks the rules of its encoding; the text says where."""
+    """The file ends too early or breaks the rules of its encoding; the text names the byte."""
 
 
-class Elements:
-    """Reads the elements of an open file.
+class ElementWalker:
+    """A walker through the elements of an open file.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ class Elements:
         self.items = 0
 
     def dataset_steps(self, requested: Requested) -> Steps[Found]:
-        """Return the wanted elements, and the place of the pixels; steps within long sequences."""
+        """Return the requested elements and the position of the pixels, with steps within long sequences."""
         found: Found = {}
         while self.at < self.size:
             tag, vr, length = self._header(self.implicit)
@@ -80,12 +80,12 @@ class Elements:
         return found
 
     def _items(self, length: int, requested: Requested, vr: str, depth: int) -> Iterator[Found]:
-        """The items of the sequence whose value begins here."""
+        """Yield the items of the sequence whose value begins here."""
         if depth > DEEPEST:
-            raise Damaged(f"more than {DEEPEST} sequences within each other")
+            raise Damaged(f"more than {DEEPEST} nested sequences")
         stop = self._stop(length)
         # PS3.5 6.2.2: a sequence of unknown type and length has implicit elements.
-        implicit = self.implicit or (vr == "UN" and length == UNDEFINED)
+        implicit = self.implicit or (vr == "UN" and length == UNDEFINED_LENGTH)
         while self.at < stop:
             tag, _, item_length = self._header(implicit)
             if tag == SEQUENCE_END:
@@ -113,10 +113,10 @@ class Elements:
         return found
 
     def _take(self, found: Found, tag: int, vr: str, length: int, inner: Any, depth: int) -> None:
-        """Read or pass over one element whose header was read."""
+        """Read or skip one element after its header."""
         if isinstance(inner, Mapping):
             found[tag] = list(self._items(length, inner, vr, depth + 1))
-        elif length == UNDEFINED:
+        elif length == UNDEFINED_LENGTH:
             for _ in self._items(length, {}, vr, depth + 1):
                 pass
         else:
@@ -132,7 +132,7 @@ class Elements:
             self.at = end
 
     def _header(self, implicit: bool) -> tuple[int, str, int]:
-        """Tag, type and length of the element that begins here; the items of a sequence have no type."""
+        """Read tag, VR and length of the element that begins here; items of a sequence have no VR."""
         head = self._read(8)
         group, element, length = struct.unpack("<HHI", head)
         tag = group << 16 | element
@@ -146,24 +146,24 @@ class Elements:
         piece = self.file.read(count)
         self.at += count
         if len(piece) < count:
-            raise Damaged(f"the end of the file in the midst of an element, after {self.size} bytes")
+            raise Damaged(f"the end of the file within an element, after {self.size} bytes")
         return piece
 
     def _stop(self, length: int) -> int:
-        """Where a value of `length` bytes that begins here ends; the file's end where the length is not known."""
-        if length == UNDEFINED:
+        """Return the end of a value of `length` bytes that begins here; the file's end if it is undefined."""
+        if length == UNDEFINED_LENGTH:
             return self.size
         if self.at + length > self.size:
             raise Damaged(f"{self.size - self.at} of {length} bytes of a value at byte {self.at}")
         return self.at + length
 
     def _check_end(self, stop: int, length: int) -> None:
-        if self.at != stop or length == UNDEFINED:
+        if self.at != stop or length == UNDEFINED_LENGTH:
             raise Damaged(f"a sequence that does not end where it should, at byte {stop}")
 
 
 def after_meta(file: IO[bytes]) -> tuple[str, int]:
-    """Transfer syntax UID and where the dataset begins; the UID is empty where the file has no meta information.
+    """Return the transfer syntax UID and the start of the dataset; the UID is empty without meta information.
 
     PS3.10, clause 7.1: 128 bytes, 'DICM', then group 2 in explicit little endian.
     """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Elements of segmentations and structure sets, and their values.
+"""Open segmentations and structure sets, and convert the values of their elements.
 
-Only what makes labels is asked for; nothing about the patient is read.
+Only elements that make labels are read, none about the patient.
 """
 
 from __future__ import annotations
@@ -19,17 +19,16 @@ from numpy.typing import NDArray
 from ....core import ReadError
 from ...optional_imports import needed, quiet, reason
 from ..deflated import DEFLATED, unpacks_without_end
-from ..header import EXPLICIT_BIG
-from ..plain_header import IMPLICIT_LITTLE
-from .elements import Damaged, Elements, Found, after_meta
+from ..header import EXPLICIT_BIG, IMPLICIT_LITTLE
+from .elements import Damaged, ElementWalker, Found, after_meta
 from .references import Reference
 
-MOST_SHOWN = 20  # letters of a damaged value in an error
+MOST_SHOWN = 20  # An error shows this many letters of a damaged value.
 
 
 @contextmanager
-def opened(path: Path) -> Iterator[tuple[Elements, str]]:
-    """The elements of a file and its transfer syntax; a `Damaged` within is a `ReadError` that names the file."""
+def opened(path: Path) -> Iterator[tuple[ElementWalker, str]]:
+    """Give a file's walker and transfer syntax; turn `Damaged` into a `ReadError` that names the file."""
     try:
         with path.open("rb") as file:
             syntax, start = after_meta(file)
@@ -46,13 +45,13 @@ def opened(path: Path) -> Iterator[tuple[Elements, str]]:
             implicit = syntax == IMPLICIT_LITTLE or (not syntax and not head.isalpha())
             size = stream.seek(0, 2)
             stream.seek(0 if syntax == DEFLATED else start)
-            yield Elements(stream, size, implicit), syntax
+            yield ElementWalker(stream, size, implicit), syntax
     except Damaged as error:
         raise ReadError(f"{path.name} is truncated or damaged ({error}); copy or export it again") from error
 
 
 def inflated(packed: bytes, most: int = 0) -> bytes:
-    """Return what was deflated without a header.
+    """Unpack bytes that were deflated without a header.
 
     Parameters
     ----------
@@ -76,7 +75,7 @@ def decimals(value: bytes) -> NDArray[np.float64]:
     try:
         return np.fromiter(map(float, words), np.float64, len(words))
     except ValueError as error:
-        raise Damaged(f"'{shown(value)}' where numbers belong") from error
+        raise Damaged(f"'{shown(value)}' instead of numbers") from error
 
 
 def numbers(value: bytes, count: int) -> tuple[float, ...]:
@@ -96,7 +95,7 @@ def numbers(value: bytes, count: int) -> tuple[float, ...]:
     """
     found = tuple(decimals(value).tolist())
     if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
-        raise Damaged(f"{len(found)} numbers such as {found[0]:g} where {count} in mm belong")
+        raise Damaged(f"{len(found)} numbers such as {found[0]:g} instead of {count} in mm")
     return found
 
 
@@ -105,7 +104,7 @@ def whole(value: bytes) -> int:
     try:
         return int(value.rstrip(b"\0"))
     except ValueError as error:  # of too many digits too
-        raise Damaged(f"'{shown(value)}' where a whole number belongs") from error
+        raise Damaged(f"'{shown(value)}' instead of a whole number") from error
 
 
 def shown(value: bytes) -> str:
@@ -155,7 +154,7 @@ def texts(found: Found) -> Any:
 
 
 def reference_of(found: Found, series: list[Found], instances: int, uids: str = "") -> Reference:
-    """Return what a dataset says of the series that it belongs to.
+    """Return the reference of a dataset to its series.
 
     Parameters
     ----------

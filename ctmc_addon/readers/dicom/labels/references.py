@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The series that a segmentation or structure set was drawn on, looked for near the file.
+"""Find the series that a segmentation or structure set was drawn on, near its file.
 
-Looked through are the file's folder, the folders in it, and those beside it: as exports and archives lay them out.
+The search covers the file's folder, the folders in it and its neighbors, as exports and archives arrange them.
 """
 
 from __future__ import annotations
@@ -23,20 +23,20 @@ from ..stack_geometry import stack_up
 from ..times import times_of
 from .slice_grid import SliceGrid, grid_of_ct
 
-DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # folders in folders that are looked through
-MOST_FILES = 20_000  # files that are looked at
+DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # Folders are searched this many levels deep.
+MOST_FILES = 20_000  # The search ends after this many files.
 FEWEST_SLICES = 2
 
 
 class Reference(NamedTuple):
-    """What a file says of the series it belongs to; empty where it does not say it."""
+    """The series that a file refers to; fields are empty if missing."""
 
     series: frozenset[str]
     instances: frozenset[str]
     frame_of_reference: str
 
     def matches(self, images: list[ImageFile]) -> list[ImageFile]:
-        """Return the images of the referenced series; of several the one with most of the slices that are named."""
+        """Return the images of the referenced series; if several match, of the one with most named slices."""
         candidates = [image for image in images if image.gray and not image.scout]
         named = [image for image in candidates if image.uid in self.instances]
         of_series = [image for image in candidates if image.series in self.series]
@@ -62,7 +62,7 @@ def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
 
 
 def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, list[str]]:
-    """Return the grid of the volume that these slices make, and what was done to make it."""
+    """Return the grid of the volume of these slices, and notes about it."""
     slices, notes = one_geometry(slices, path)
     slices = max(times_of(slices), key=len)  # all times stand at the same places
     spacing = slices[0].geometry.spacing
@@ -76,7 +76,7 @@ def grid_of(slices: list[Slice], path: Path, strict: bool) -> tuple[SliceGrid, l
 
 
 def below(folder: Path, deepest: int) -> Iterator[Path]:
-    """Yield the files of a folder and of those in it; hidden ones and what cannot be listed are passed over.
+    """Yield the files of a folder and its folders, except hidden and unreadable ones.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def below(folder: Path, deepest: int) -> Iterator[Path]:
 
 
 def neighbors(folder: Path) -> Iterator[Path]:
-    """Files of the folders beside `folder`; none where those would be a home's or the whole disk's."""
+    """Yield files of the folders next to `folder`, unless those are a home's or the whole disk's."""
     folder = folder.resolve()
     around = folder.parent
     if around in (folder, around.parent, Path.home().parent, Path.home()):

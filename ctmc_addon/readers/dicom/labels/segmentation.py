@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM segmentations: frames of masks or labels, put together to one label volume.
+"""Read DICOM segmentations: frames of masks or labels become one label volume.
 
-A frame holds one segment at one place, or in a label map all segments there; empty frames may be left out. Positions
+A frame holds one segment at one position, or in a label map all segments there; empty frames may be missing. Positions
 are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups).
 """
 
@@ -23,17 +23,17 @@ from ..pixels import check_codec
 from ..stored import StoredPixels
 from .bit_frames import plain_frames
 from .references import found_steps, grid_of
-from .segmentation_header import Header, header_steps
+from .segmentation_header import SegmentationHeader, header_steps
 from .slice_grid import SliceGrid, grid_of_frames
 
 
 class SegmentationSource(VolumeSource):
-    """One DICOM segmentation, on the grid of its CT where that lies near."""
+    """One DICOM segmentation, on the grid of its CT if that lies near."""
 
     format = "DICOM SEG"
     has_geometry = True
 
-    def __init__(self, path: Path, header: Header, slices: list[Slice]) -> None:
+    def __init__(self, path: Path, header: SegmentationHeader, slices: list[Slice]) -> None:
         self.header, self.slices = header, slices
         grid = self._grid(False)[0]
         most = max(header.names, default=1)
@@ -42,7 +42,7 @@ class SegmentationSource(VolumeSource):
         super().__init__(path, (Series(1, header.image.series, count, (columns, rows), "SEG", dtype),), [path])
 
     def _grid(self, strict: bool) -> tuple[SliceGrid, NDArray[np.int64], list[str]]:
-        """The grid of the volume, slice, row and column at which each frame begins in it, and what was assumed."""
+        """Return the grid of the volume, the slice, row and column at which each frame begins, and notes."""
         image, frames = self.header.image, self.header.frames
         size = (image.rows, image.columns)
         notes: list[str] = []
@@ -103,18 +103,20 @@ def open_steps(path: Path) -> Steps[SegmentationSource]:
     return SegmentationSource(path, header, slices)
 
 
-def paint(label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], header: Header, segment: int) -> None:
+def paint(
+    label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], header: SegmentationHeader, segment: int
+) -> None:
     """Write the label of one frame into the label map.
 
     Parameters
     ----------
     label_map : LabelMap
     at : (slice, row, column) int
-        Where the frame's first pixel is.
+        The position of the frame's first pixel.
     stored : (rows, columns) uint8 or uint16
         Pixels of the frame.
-    header : Header
-        It says what the pixels mean.
+    header : SegmentationHeader
+        It has the meaning of the pixels.
     segment : int
         Number of the frame's segment; a label map has its numbers in the pixels.
     """
@@ -128,11 +130,11 @@ def paint(label_map: LabelMap, at: tuple[int, int, int], stored: NDArray[Any], h
 
 
 def check_single(offsets: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:
-    """Refuse several frames of one segment at one place: time points, of which a volume has one."""
+    """Refuse several frames of one segment at one position, because a volume has one time point."""
     keys = np.column_stack([offsets, segments])
     several = len(keys) - len(np.unique(keys, axis=0))
     if several:
         raise ReadError(
-            f"{name} has {several} frames of a segment where it has another already, such as time points; "
-            "export each as a file of its own"
+            f"{name} has {several} further frame{'s' * (several > 1)} of a segment at the same position, such as time "
+            "points; export each time point as a file of its own"
         )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a DICOM segmentation says of its frames and segments, checked before anything is made of it.
+"""Read and check the description of frames and segments in a DICOM segmentation.
 
 Positions are in LPS+ mm. DICOM PS3.3 C.8.20 (segmentation), C.7.6.16 (functional groups).
 """
@@ -46,20 +46,20 @@ WANTED = {
     0x52009230: FRAME_GROUP,
 }
 SAME_WAY = 1e-4
-TYPES = {"BINARY": (1, 8), "FRACTIONAL": (8,), "LABELMAP": (8, 16)}  # bits of a pixel
+TYPES = {"BINARY": (1, 8), "FRACTIONAL": (8,), "LABELMAP": (8, 16)}  # A pixel may have these bits.
 
 
 class Frames(NamedTuple):
-    """Where the frames of a file lie, LPS+ mm."""
+    """The positions of the frames of a file, LPS+ mm."""
 
     positions: NDArray[np.float64]  # (n, 3)
     segments: NDArray[np.int64]  # (n,), 0 in a label map
     orientation: tuple[float, ...]
     spacing: tuple[float, ...]  # between rows, between columns
-    gap: float  # between slices, 0 where the file does not say it
+    gap: float  # between slices, 0 if missing
 
 
-class Header(NamedTuple):
+class SegmentationHeader(NamedTuple):
     """The description of a segmentation in its file."""
 
     image: ImageFile
@@ -72,8 +72,8 @@ class Header(NamedTuple):
     reference: Reference
 
 
-def header_steps(path: Path) -> Steps[Header]:
-    """Return what the file says of its frames and segments, checked."""
+def header_steps(path: Path) -> Steps[SegmentationHeader]:
+    """Read and check the description of frames and segments."""
     with opened(path) as (elements, syntax):
         found = yield from elements.dataset_steps(WANTED)
         kind = uid(found.get(0x00620001, b"")).upper()
@@ -90,11 +90,11 @@ def header_steps(path: Path) -> Steps[Header]:
     unknown = sorted(set(frames.segments.tolist()) - set(names)) if kind != "LABELMAP" else []
     if unknown:
         raise ReadError(f"{path.name} has frames of segment {unknown[0]}, which it does not describe; export it again")
-    return Header(image, kind, largest / 2, padding, names, colors, frames, reference)
+    return SegmentationHeader(image, kind, largest / 2, padding, names, colors, frames, reference)
 
 
 def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> ImageFile:
-    """Size and place of the pixels."""
+    """Return size and position of the pixels."""
     pixels = found.get(PIXELS[-1])
     if pixels is None:
         raise ReadError(f"{path.name} is a truncated segmentation: it has no pixels; copy it again")
@@ -141,13 +141,13 @@ def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> Ima
 
 
 def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tuple[dict[int, str], dict[int, RGB]]:
-    """Names and colors of the segments by number; a map's number 0 is what lies around them."""
+    """Return names and colors of the segments by number; in a label map 0 is the background."""
     names: dict[int, str] = {}
     colors: dict[int, RGB] = {}
     for item in found.get(0x00620002, ()):
         number = unsigned(item.get(0x00620004, b""))
         if not number or number[0] in names:
-            raise ReadError(f"{name} has two segments of one number or one without; export it again")
+            raise ReadError(f"{name} has two segments with one number, or one without a number; export it again")
         names[number[0]] = clean_name(decoded(item.get(0x00620005, b"")), f"segment {number[0]}")
         cielab = unsigned(item.get(0x0062000D, b""))
         if len(cielab) == 3:
@@ -158,7 +158,7 @@ def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tup
 
 
 def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frames:
-    """Place and segment of every frame, its own or shared by all."""
+    """Return position and segment of every frame, its own or shared by all."""
     groups = found.get(0x52009230, [])
     if len(groups) != count:
         raise Damaged(f"{len(groups)} functional groups for {count} frames")
@@ -203,7 +203,7 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
 def one_way(
     ways: set[tuple[tuple[float, ...], tuple[float, ...]]], name: str
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """Orientation and spacing of all frames, or a `ReadError` where there are several."""
+    """Return the orientation and spacing of all frames; raise a `ReadError` if there are several."""
     first = min(ways)
     for orientation, spacing in ways:
         turn = max(abs(a - b) for a, b in zip(orientation, first[0], strict=True))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The grid on which a segmentation or structure set becomes labels: that of its CT, or one made of its own frames.
+"""Make the grid for the labels of a segmentation or structure set, from its CT or its own frames.
 
 Positions and directions are in DICOM's patient space (LPS+ mm), the affine leads to RAS+ mm.
 """
@@ -18,8 +18,8 @@ from ....core import ReadError
 from ..header import Slice
 from ..stack_geometry import SAME_MM, Stack, checked_normal, dot
 
-EVEN = 0.1  # shares of a gap that a frame may stand beside its place
-ON_PIXEL = 0.1  # pixels that a frame may lie beside those of the grid
+EVEN = 0.1  # A frame may be off its slice by this share of a gap.
+ON_PIXEL = 0.1  # A frame may be off the grid by this share of a pixel.
 MOST_SLICES = 65536
 FINEST_MM = 1e-3
 
@@ -31,19 +31,19 @@ class SliceGrid:
     Parameters
     ----------
     positions : (n, 3) float64
-        Of the first pixel of each slice that was scanned, LPS+ mm, along the normal.
+        First pixel of each scanned slice, LPS+ mm, along the normal.
     orientation : 6 floats
         Direction of a row, then of a column.
     spacing : (row_mm, column_mm)
         Between rows, then between columns.
     shape : (slices, rows, columns) int
-        Of the volume.
+        Shape of the volume.
     affine : (4, 4) float64
-        Of the volume, to RAS+ mm.
+        Index of the volume to RAS+ mm.
     source : (slices,) int64
         For every slice of the volume the scanned slice whose labels it has; they differ where a CT was resampled.
     origins : (slices, 3) float64
-        Of the first pixel of each slice of the volume, LPS+ mm, along the normal.
+        First pixel of each slice of the volume, LPS+ mm, along the normal.
     """
 
     positions: NDArray[np.float64]
@@ -68,7 +68,7 @@ class SliceGrid:
     def located(
         self, points: NDArray[np.float64]
     ) -> tuple[NDArray[np.intp], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        """The nearest scanned slice of each point (n, 3), its column and row there, and the way to it along the normal.
+        """Return the nearest scanned slice of each point (n, 3), its column and row, and the way along the normal.
 
         Columns and rows are pixels and not rounded; the way is in mm.
         """
@@ -127,9 +127,9 @@ class SliceGrid:
         spacing: Sequence[float],
         size: tuple[int, int],
     ) -> NDArray[np.int64] | None:
-        """Slice, first row and first column of frames of `size` (rows, columns), (n, 3); None if they do not fit."""
+        """Return (n, 3) slice, first row and column of frames of `size` (rows, columns); None if they do not fit."""
         turn = max(abs(a - b) for a, b in zip(orientation, self.orientation, strict=True))
-        reach = ON_PIXEL / max(size)  # what a frame's far end may be beside
+        reach = ON_PIXEL / max(size)  # by which a frame's far end may be off
         scale = max(abs(a / b - 1) for a, b in zip(spacing, self.spacing, strict=True))
         if turn > reach or scale > reach:
             return None
@@ -147,7 +147,7 @@ def grid_of_ct(slices: Sequence[Slice], stack: Stack, spacing: Sequence[float]) 
     Parameters
     ----------
     slices : sequence of Slice
-        Of one geometry.
+        Slices of one geometry.
     stack : Stack
         Their order and direction.
     spacing : (row, column) float
@@ -178,7 +178,7 @@ def grid_of_frames(
     gap_hint: float,
     name: str,
 ) -> tuple[SliceGrid, list[str]]:
-    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and what was assumed.
+    """Return an even grid through frames at `positions` (n, 3), slices without a frame included, and notes.
 
     `gap_hint` is the distance between slices that the file tells, 0 where it tells none. A `ReadError` that calls the
     file `name` where the frames do not stand on an even grid.
@@ -198,14 +198,14 @@ def grid_of_frames(
         count = next((count for count in counts(height, gap_hint) if count), 0)
         if not count:
             raise ReadError(
-                f"the frames of {name} do not stand at even distances, and the series that it refers to is not beside "
-                "it; put the two in one folder"
+                f"the frames of {name} are not evenly spaced, and the series that it refers to is not near it; "
+                "put the two in one folder"
             )
         step, start = (ends[1] - ends[0]) / (count - 1), ends[0]
         share = (height - height[0]) / total
         off = positions[first] - (ends[0] + share[:, None] * (ends[1] - ends[0]))
         if math.sqrt(float((off * off).sum(axis=1).max())) > 0.5 * min(spacing):
-            raise ReadError(f"the frames of {name} do not stand behind each other; export it with frames of one size")
+            raise ReadError(f"the frames of {name} do not lie behind each other; export it with frames of one size")
     slices = np.arange(count, dtype=np.int64)
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start
@@ -215,7 +215,7 @@ def grid_of_frames(
 
 
 def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
-    """Return how many slices even grids through all heights have.
+    """Return the numbers of slices of even grids through all heights.
 
     Parameters
     ----------

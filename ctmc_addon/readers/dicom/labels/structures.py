@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM structure sets: contours of a radiotherapy plan, filled on the slices of the CT that they were drawn on.
+"""Read DICOM structure sets: contours of a radiotherapy plan, filled on the slices of their CT.
 
 A contour within another of the same region is a hole, drawn with a keyhole or as one of its own. Contours that overlap
 in part are united, but for those of type CLOSEDPLANAR_XOR. Slices between contours take the body between them, as
@@ -23,8 +23,8 @@ from ...optional_imports import imported_steps
 from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from .contour_filling import fill_steps
-from .contour_planes import Contour, Layout, Plane, layouts_of, planes_of
-from .elements import LOCATION, VALUE, Damaged, Elements, Found, ValueLocation
+from .contour_planes import Contour, Plane, PlaneAssignment, assigned_planes, planes_of
+from .elements import LOCATION, VALUE, Damaged, ElementWalker, Found, ValueLocation
 from .label_file import decimals, opened, reference_of, texts, uid, whole
 from .references import Reference, found_steps, grid_of
 from .slice_grid import SliceGrid
@@ -46,10 +46,10 @@ WANTED = {
 XOR = "CLOSEDPLANAR_XOR"
 CLOSED = ("CLOSED_PLANAR", XOR)
 OPEN = ("POINT", "OPEN_PLANAR", "OPEN_NONPLANAR")
-LONGEST_CONTOUR = 1 << 26  # bytes of numbers in words
-MOST_BYTES = 1 << 29  # of all contours
+LONGEST_CONTOUR = 1 << 26  # A longer contour, in bytes of decimal text, is damage.
+MOST_BYTES = 1 << 29  # All contours of a set may have this many bytes.
 MOST_MM = 1e6
-PLANAR = 0.25  # shares of the gap between slices by which a contour may leave its plane
+PLANAR = 0.25  # A contour may leave its plane by this share of the gap between slices.
 CONTOURS_PER_STEP = 64
 
 LeftOut = Counter[tuple[str, str]]  # why, and the region's name
@@ -60,10 +60,10 @@ class Region(NamedTuple):
 
     name: str
     color: RGB | None
-    contours: list[tuple[str, ValueLocation]]  # type, and where the positions stand
+    contours: list[tuple[str, ValueLocation]]  # type, and location of the positions
 
 
-class Header(NamedTuple):
+class StructureHeader(NamedTuple):
     """The description of the regions in a structure set."""
 
     series: str
@@ -77,7 +77,7 @@ class StructureSource(VolumeSource):
     format = "DICOM RTSTRUCT"
     has_geometry = True
 
-    def __init__(self, path: Path, header: Header, slices: list[Slice]) -> None:
+    def __init__(self, path: Path, header: StructureHeader, slices: list[Slice]) -> None:
         self.header, self.slices = header, slices
         count, rows, columns = grid_of(slices, path, False)[0].shape
         dtype = "uint8" if len(header.regions) < 256 else "uint16"
@@ -92,16 +92,16 @@ class StructureSource(VolumeSource):
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
         label_map = LabelMap(grid.shape, names, colors, self.path.name, budget=request.budget)
-        layouts = layouts_of(structures, grid)
-        for (_, region), planes, layout in zip(numbered, structures, layouts, strict=True):
-            count_unused(region.name, planes, layout, grid, left_out)
-        if not any(layout.sources for layout in layouts):
+        assignments = assigned_planes(structures, grid)
+        for (_, region), planes, assignment in zip(numbered, structures, assignments, strict=True):
+            count_unused(region.name, planes, assignment, grid, left_out)
+        if not any(assignment.sources for assignment in assignments):
             reasons = "; ".join(left_out_notes(left_out))
             raise ReadError(
                 f"{self.path.name} has no contours to fill on its CT ({reasons}); choose another structure set"
             )
         notes += yield from stages.run(
-            "Filling contours", fill_steps(label_map, structures, layouts, grid, self.path.name)
+            "Filling contours", fill_steps(label_map, structures, assignments, grid, self.path.name)
         )
         notes += left_out_notes(left_out)
         notes += label_map.overlap_note("regions")
@@ -112,21 +112,21 @@ class StructureSource(VolumeSource):
 
 
 def open_steps(path: Path) -> Steps[StructureSource]:
-    """Read the file's header, and those of the images near it; a `ReadError` where its CT is not there."""
+    """Read the file's header, and those of the images near it; raise a `ReadError` if its CT is missing."""
     stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
     yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
     header = yield from stages.run("Reading headers", header_steps(path))
     slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
     if not slices:
         raise ReadError(
-            f"{path.name} holds contours, and the CT series that they were drawn on is neither in its folder, nor "
-            "in the folders in it or beside it; put the two in one folder"
+            f"{path.name} holds contours, and the CT series that they were drawn on is not in its folder, a "
+            "folder in it or a neighboring folder; put the two in one folder"
         )
     return StructureSource(path, header, slices)
 
 
-def header_steps(path: Path) -> Steps[Header]:
-    """Return what the file says of its regions, and where their contours stand."""
+def header_steps(path: Path) -> Steps[StructureHeader]:
+    """Read the description of the regions, and locate their contours."""
     with opened(path) as (elements, _):
         found = yield from elements.dataset_steps(WANTED)
         decoded = texts(found)
@@ -147,7 +147,7 @@ def header_steps(path: Path) -> Steps[Header]:
         raise ReadError(f"{path.name} has no contours; choose another structure set")
     if sum(location.length for region in regions for _, location in region.contours) > MOST_BYTES:
         raise ReadError(f"{path.name} has more than {MOST_BYTES} bytes of contours; export fewer regions")
-    return Header(uid(found.get(0x0020000E, b"")), regions, reference)
+    return StructureHeader(uid(found.get(0x0020000E, b"")), regions, reference)
 
 
 def images_of(found: Found) -> list[Found]:
@@ -156,13 +156,13 @@ def images_of(found: Found) -> list[Found]:
 
 
 def color_of(item: Found) -> RGB | None:
-    """ROIDisplayColor; None where it is none, as nothing else hangs on it."""
+    """Return ROIDisplayColor; None if it is not a color, because nothing else depends on it."""
     words = item.get(0x3006002A, b"").rstrip(b"\0 ").split(b"\\")
     return rgb_of_bytes([word.decode("ascii", "replace") for word in words])
 
 
 def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
-    """Type and place of every contour of a region."""
+    """Return type and location of every contour of a region."""
     contours = item.get(0x30060040, ())
     return [
         (uid(contour.get(0x30060042, b"")).upper(), contour[0x30060050])
@@ -171,8 +171,8 @@ def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
     ]
 
 
-def planes_steps(path: Path, header: Header, grid: SliceGrid) -> Steps[tuple[list[list[Plane]], LeftOut]]:
-    """Return the planes of every region, and how many of its contours were left out and why."""
+def planes_steps(path: Path, header: StructureHeader, grid: SliceGrid) -> Steps[tuple[list[list[Plane]], LeftOut]]:
+    """Return the planes of every region, and counts of omitted contours by reason."""
     structures, left_out = [], LeftOut()
     total = sum(len(region.contours) for region in header.regions)
     done, slice_mm = 0, grid.slice_mm
@@ -211,10 +211,12 @@ def type_text(kind: str, name: str) -> str:
     return f"contours in {name} of type '{clean_name(kind, '')}', which DICOM does not define"
 
 
-def count_unused(region: str, planes: list[Plane], layout: Layout, grid: SliceGrid, left_out: LeftOut) -> None:
+def count_unused(
+    region: str, planes: list[Plane], assignment: PlaneAssignment, grid: SliceGrid, left_out: LeftOut
+) -> None:
     """Count the contours of planes that no slice takes."""
     first, last = grid.heights[[0, -1]].tolist()
-    for number in set(range(len(planes))) - layout.used:
+    for number in set(range(len(planes))) - assignment.used:
         outside = not first <= planes[number].height <= last
         why = "contours above or below all slices" if outside else "contours of planes that lie closer than the slices"
         left_out[why, region] += len(planes[number].contours)
@@ -230,14 +232,14 @@ def left_out_notes(left_out: LeftOut) -> list[str]:
     return notes
 
 
-def positions_of(elements: Elements, location: ValueLocation) -> NDArray[np.float64]:
-    """Return the positions (n, 3) of one contour, mm; numbers in words, x, y and z in turn."""
+def positions_of(elements: ElementWalker, location: ValueLocation) -> NDArray[np.float64]:
+    """Return the positions (n, 3) of one contour, mm; the file has x, y and z in turn as decimal text."""
     if location.length > LONGEST_CONTOUR:
         raise Damaged(f"a contour of {location.length} bytes, and at most {LONGEST_CONTOUR} are read")
     elements.file.seek(location.start)
     values = decimals(elements.file.read(location.length))
     if len(values) % 3:
-        raise Damaged(f"a contour of {len(values)} numbers, which are no positions")
+        raise Damaged(f"a contour of {len(values)} numbers, which are not positions")
     if not (np.abs(values) <= MOST_MM).all():  # nor NaN
-        raise Damaged("a contour with positions that are no number or farther than any patient")
+        raise Damaged("a contour with positions that are not numbers or are outside any patient")
     return values.reshape(-1, 3)

@@ -193,7 +193,7 @@ def test_contours_that_overlap_in_part_are_united_on_slices_and_between(read):
     pairs = [contour for z in (0, 3, 6, 9) for contour in (box(z), box(z, left=10))]
     volume = read(np.arange(6) * 2.0, box=pairs, other=[box(z, top=22) for z in (0, 3, 6, 9)])
     assert counts(volume) == [18 * 12] * 5 + [0]
-    assert "contours that overlap in part were united (planes: box 4)" in volume.notes
+    assert "partly overlapping contours were united (planes: box 4)" in volume.notes
 
 
 def test_contours_by_exclusive_or_leave_their_overlap_out(read):

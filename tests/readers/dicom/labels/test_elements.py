@@ -10,13 +10,13 @@ import pydicom
 import pytest
 
 from ctmc_addon.core import finish
-from ctmc_addon.readers.dicom.labels.elements import DEEPEST, LOCATION, VALUE, Damaged, Elements, after_meta
+from ctmc_addon.readers.dicom.labels.elements import DEEPEST, LOCATION, VALUE, Damaged, ElementWalker, after_meta
 
 POSITION = {0x52009230: {0x00209113: {0x00200032: VALUE}, 0x0062000A: {0x0062000B: VALUE}}}
 
 
 def read(content, wanted, implicit=False):
-    return finish(Elements(io.BytesIO(content), len(content), implicit).dataset_steps(wanted))
+    return finish(ElementWalker(io.BytesIO(content), len(content), implicit).dataset_steps(wanted))
 
 
 @pytest.mark.parametrize("syntax", ["1.2.840.10008.1.2", "1.2.840.10008.1.2.1"])
@@ -27,11 +27,11 @@ def test_items_are_those_of_pydicom(tmp_path, save_segmentation, syntax, undefin
     save_segmentation(path, frames, syntax=syntax, undefined=undefined)
     with path.open("rb") as file:
         assert after_meta(file)[0] == syntax
-        elements = Elements(file, path.stat().st_size, syntax == "1.2.840.10008.1.2")
+        elements = ElementWalker(file, path.stat().st_size, syntax == "1.2.840.10008.1.2")
         steps = list(elements.dataset_steps(POSITION))
         assert len(steps) == 2
         after_meta(file)
-        found = finish(Elements(file, path.stat().st_size, elements.implicit).dataset_steps(POSITION))
+        found = finish(ElementWalker(file, path.stat().st_size, elements.implicit).dataset_steps(POSITION))
     dataset = pydicom.dcmread(path)
     groups = dataset.PerFrameFunctionalGroupsSequence
     assert len(found[0x52009230]) == len(groups) == 600
@@ -61,7 +61,7 @@ def test_sequences_within_each_other_without_end_are_refused():
     assert read(content, {}) == {}  # passed over
     wanted = {}
     wanted[0x00081115] = wanted  # as deep as the file goes
-    with pytest.raises(Damaged, match=f"more than {DEEPEST} sequences"):
+    with pytest.raises(Damaged, match=f"more than {DEEPEST} nested sequences"):
         read(content, wanted)
 
 
@@ -72,8 +72,8 @@ def test_sequences_within_each_other_without_end_are_refused():
         (element(0x00081115, b"SQ", element(0x00080005, b"CS", b"ab")), "no item"),
         (element(0x00081115, b"SQ", item(b"", 0xFFFFFFFF), 0xFFFFFFFF), "does not end"),
         (element(0x00081115, b"SQ", item(element(0x00080005, b"CS", b"ab"), 4)), "does not end|midst"),
-        (b"\x08\x00\x05", "midst of an element"),
-        (element(0x00080005, b"UT", b"", 0), "midst of an element"),
+        (b"\x08\x00\x05", "within an element"),
+        (element(0x00080005, b"UT", b"", 0), "within an element"),
     ],
 )
 def test_what_breaks_the_rules_is_said(content, words):

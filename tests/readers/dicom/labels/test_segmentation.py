@@ -243,10 +243,10 @@ def test_headers_that_cannot_be_are_refused_in_a_sentence(tmp_path, save_segment
 @pytest.mark.parametrize(
     ("heights", "words"),
     [
-        ((0, 1, 2.5), "do not stand at even distances"),
-        ((0, 1, 1e9), "numbers such as 0 where 3 in mm belong"),
-        ((0, 123456, 1), "where 3 in mm belong"),
-        ((0, 1, 1), "2 frames of a segment|1 frames of a segment"),
+        ((0, 1, 2.5), "are not evenly spaced"),
+        ((0, 1, 1e9), "numbers such as 0 instead of 3 in mm"),
+        ((0, 123456, 1), "instead of 3 in mm"),
+        ((0, 1, 1), "2 further frames of a segment|1 further frame of a segment"),
     ],
 )
 def test_places_that_make_no_grid_are_refused_in_a_sentence(tmp_path, save_segmentation, heights, words):

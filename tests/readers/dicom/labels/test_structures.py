@@ -232,12 +232,12 @@ def test_the_number_of_a_region_that_is_none_is_refused_in_a_sentence(ct, save_s
     with pytest.raises(CtmcError) as refused:
         read_volume(path)
     assert str(refused.value) == (
-        f"rt.dcm is truncated or damaged ('{words.decode()}' where a whole number belongs); copy or export it again"
+        f"rt.dcm is truncated or damaged ('{words.decode()}' instead of a whole number); copy or export it again"
     )
 
 
 def test_a_number_of_5000_digits_is_damage():
-    with pytest.raises(Damaged, match=r"^'999999[9]*\.\.\.' where a whole number belongs$"):
+    with pytest.raises(Damaged, match=r"^'999999[9]*\.\.\.' instead of a whole number$"):
         whole(b"9" * 5000)
 
 
