@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a summary knows of each output: a row with a column for each field, units in the names."""
+"""The row of a summary for each output, with a column for each field and units in the names."""
 
 from __future__ import annotations
 
@@ -61,12 +61,16 @@ class SummaryRow:
         self.thumbnail = folder is not None and self.status == DONE and thumbnail_path(folder, self.case).is_file()
 
     def columns(self) -> dict[str, Any]:
-        """Return what stands in the CSV and the JSON."""
+        """Return the cells of the CSV and the JSON."""
         known = _columns(Place.BATCH, self.values)
         return {name: known[name] if name in known else getattr(self, name) for name in COLUMNS}
 
+    def plain(self) -> dict[str, Any]:
+        """Return the row as the JSON has it: its cells, and those of each of several surfaces."""
+        return self.columns() | ({"surfaces": self.label_rows()} if self.surfaces else {})
+
     def label_rows(self) -> list[dict[str, Any]]:
-        """Return what stands in the CSV of labels and in the JSON, for each of several surfaces."""
+        """Return the cells of the CSV of labels and of the JSON, for each of several surfaces."""
         cells = [surface | _columns(Place.LABELS, surface) for surface in self.surfaces]
         return [{name: surface[name] for name in LABEL_COLUMNS} for surface in cells]
 

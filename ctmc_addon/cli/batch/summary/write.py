@@ -32,13 +32,10 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         as a spreadsheet that has summary.csv open keeps others from it on Windows.
     """
     mark_outliers(rows)
-    cases = [row.columns() for row in rows]
-    of_labels = [row.label_rows() for row in rows]
-    plain = [case | ({"surfaces": of} if of else {}) for case, of in zip(cases, of_labels, strict=True)]
-    labels = [{"case": row.case, **surface} for row, of in zip(rows, of_labels, strict=True) for surface in of]
+    labels = [{"case": row.case, **surface} for row in rows for surface in row.label_rows()]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
-        (write_json, AS_JSON, (plain,)),
-        (write_csv, AS_CSV, (cases, COLUMNS)),
+        (write_json, AS_JSON, ([row.plain() for row in rows],)),
+        (write_csv, AS_CSV, ([row.columns() for row in rows], COLUMNS)),
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
