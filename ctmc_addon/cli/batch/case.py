@@ -77,7 +77,7 @@ Ask = Callable[[int], None]
 
 def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
     """Make every output of a case; a JSON says what came of each."""
-    case = Case(task, unfinished, ask)
+    case = CaseWork(task, unfinished, ask)
     for output in task["outputs"]:
         start = time.perf_counter()
         try:
@@ -144,8 +144,8 @@ def since(start: float) -> float:
     return round(time.perf_counter() - start, 3)
 
 
-class Case:
-    """One case on its way: its volume is read once for all outputs of the same file."""
+class CaseWork:
+    """The work on one case: its volume is read once for all outputs of the same file."""
 
     def __init__(self, task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
         self.task = task

@@ -52,7 +52,7 @@ def run(_args: argparse.Namespace) -> None:
     if first is None:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
-    batch = Batch(asked, own_output(), Path(first["temporary"]))
+    batch = BatchPipe(asked, own_output(), Path(first["temporary"]))
     try:
         batch.take(first)
         threading.Thread(target=batch.listen, daemon=True).start()
@@ -61,7 +61,7 @@ def run(_args: argparse.Namespace) -> None:
         shutil.rmtree(batch.temporary, ignore_errors=True)
 
 
-def do_cases(batch: Batch) -> None:
+def do_cases(batch: BatchPipe) -> None:
     """Do one task after the other, until there is none or this process has grown."""
     while (task := batch.tasks.get()) is not None:
         unfinished = own_unfinished_folder(task)
@@ -80,7 +80,7 @@ def do_cases(batch: Batch) -> None:
             return
 
 
-class Batch:
+class BatchPipe:
     """The batch at the other end of standard input and output.
 
     Parameters
