@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes that make the cases of a batch, several one after the other: started, looked after, and what ended them.
+"""Start and watch the processes that make the cases of a batch, each several cases one after the other.
 
 A process that crashes, or is killed for its memory, takes nothing with it but the case that it was making.
 """
@@ -27,10 +27,11 @@ from .files import RUNNING, WAITING, failed_record, read_record, record_path, re
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
-TICK = 0.05  # seconds between two looks at the processes
-PATIENCE = 5.0  # seconds that a process gets to leave by itself
-LOOK = 0.5  # seconds between two looks whether the batch still lives
-KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
+# All in seconds.
+TICK = 0.05  # A batch waits no longer for a message of its processes.
+PATIENCE = 5.0  # A process that does not leave by itself within this time is killed.
+LOOK = 0.5  # A cluster's worker looks this often whether the batch still lives.
+KEPT_SECONDS = 10.0  # A cluster's worker keeps a process without a case this long.
 
 ENDED = "ended"
 Task = Mapping[str, Any]
@@ -84,7 +85,7 @@ class CaseProcess:
         threading.Thread(target=self.listen, daemon=True).start()
 
     def listen(self) -> None:
-        """Hand on what the process says, until it ends."""
+        """Queue the words of the process until it ends."""
         assert self.process.stdout is not None
         try:
             with self.process.stdout as stream:
@@ -183,7 +184,8 @@ def settle(task: Task, error: str, seconds: float | None = None, printed: str = 
                     path.unlink(missing_ok=True)
 
 
-_idle: list[CaseProcess] = []  # of a cluster's worker
+# The processes that a cluster's worker keeps.
+_idle: list[CaseProcess] = []
 _lock = threading.Lock()
 
 
@@ -199,7 +201,7 @@ def run_task(task: Task) -> None:
     kept = False
     try:
         process.begin(task)
-        words = last_words(process, task)
+        words = _last_words(process, task)
         process.settle(ended=words is None)
         kept = words == OVER
     finally:
@@ -214,8 +216,11 @@ def run_task(task: Task) -> None:
     timer.start()
 
 
-def last_words(process: CaseProcess, task: Task) -> str | None:
-    """Return what a process says at the end of its case, None if it has ended, as long as there is the batch."""
+def _last_words(process: CaseProcess, task: Task) -> str | None:
+    """Return the words of a process at the end of its case, None if it has ended.
+
+    Raises a `CtmcError` if the batch ends before.
+    """
     while True:
         words, has_said = None, False
         with suppress(queue.Empty):

@@ -63,7 +63,7 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
     simplified = work.run("Simplifying", timing.simplified_steps(mesh, unique(args.levels, first=0)))
     test = timing.rotation_test_steps(simplified, engine, args.rounds, args.step, size)
     frames = timing.frames_of(args.step)
-    turn = turn_text(frames, args.step)
+    turn = _turn_text(frames, args.step)
     name = next(kind.label for kind in ENGINES.values() if kind.identifier == engine)
     rows = _rows_of(work.run("Rotating", quiet_steps(test)), name, size, frames)
     facts += [
@@ -82,12 +82,12 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
     return ExperimentTable("Rotation", facts, _columns(args.rounds), rows, plot)
 
 
-def turn_text(frames: int, step_degrees: float) -> str:
+def _turn_text(frames: int, step_degrees: float) -> str:
     """Return how far the frames turn the surface.
 
     Examples
     --------
-    >>> turn_text(18, 20.0), turn_text(51, 7.0)
+    >>> _turn_text(18, 20.0), _turn_text(51, 7.0)
     ('one turn', '357 degrees')
     """
     degrees = frames * step_degrees

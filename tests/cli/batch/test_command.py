@@ -160,7 +160,7 @@ def test_a_crash_takes_nothing_with_it_but_its_case(tmp_path, monkeypatch, scrip
 def test_a_case_that_dies_at_once_says_why_however_late_it_begins(tmp_path, monkeypatch):
     in_place_of_a_case(monkeypatch, "raise ValueError('x')")
     begin = CaseProcess.begin
-    monkeypatch.setattr(CaseProcess, "begin", lambda self, task: (self.process.wait(60), begin(self, task)))
+    monkeypatch.setattr(CaseProcess, "begin", lambda self, *task: (self.process.wait(60), begin(self, *task)))
     assert [event.status for event in run_here([plain_task(tmp_path, "a")], 1, [0], None) if event][-1] == "ended"
     record = json.loads((tmp_path / "a.json").read_text("utf-8"))
     assert record["error"] == "the case's process ended with exit code 1: ValueError: x"

@@ -37,7 +37,7 @@ def html_text(rows: Sequence[SummaryRow], over: bool) -> str:
 
 
 def _page_content(rows: Sequence[SummaryRow]) -> dict[str, Any]:
-    """Return what the script shows: the rows of summary.json with texts and links, and totals of each label."""
+    """Return the data of the script: the rows of summary.json with texts and links, and totals of each label."""
     shown = measures_in(Place.PAGE)
     return {
         "title": counts(rows),
@@ -88,7 +88,7 @@ def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
     memory = [row.memory_bytes / (1 << 20) for row in done if row.memory_bytes is not None]
     measured: list[tuple[str, Sequence[float], Callable[[float], str]]] = [
         *((each.head, known(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
-        ("seconds", seconds, short),
+        ("seconds", seconds, _short),
     ]
     lines = [
         [name, str(len(values)), *(text(fact(values)) for fact in (sum, statistics.median, min, max))]
@@ -96,17 +96,17 @@ def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
         if values
     ]
     if memory:  # Its sum says nothing.
-        facts = (short(fact(memory)) for fact in (statistics.median, min, max))
+        facts = (_short(fact(memory)) for fact in (statistics.median, min, max))
         lines.append(["memory, MiB", str(len(memory)), "", *facts])
     return lines
 
 
-def short(number: float) -> str:
+def _short(number: float) -> str:
     """Return a number for a person.
 
     Examples
     --------
-    >>> short(1234567.0), short(1423.64), short(0.51234)
+    >>> _short(1234567.0), _short(1423.64), _short(0.51234)
     ('1234567', '1423.6', '0.512')
     """
     if number == int(number):

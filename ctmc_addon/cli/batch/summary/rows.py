@@ -51,7 +51,7 @@ class SummaryRow:
         surfaces = record.get("surfaces", ())
         kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS)))
         self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
-        self.values = {each.name: of_all(each, record) for each in measures_in(SHOWN)}
+        self.values = {each.name: _of_all(each, record) for each in measures_in(SHOWN)}
         first = surfaces[0] if surfaces else record
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = first.get("spacing_mm") or (None, None, None)
         self.memory_bytes = record.get("memory_bytes")
@@ -99,7 +99,7 @@ def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:
     return {column: cell for each in measures_in(place) for column, cell in each.cells(values.get(each.name)).items()}
 
 
-def of_all(about: Measure, record: Mapping[str, Any]) -> Any:
+def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
     """Return a measure of an output: as its JSON says it, or that of its surfaces combined."""
     if about.name in record:
         return record[about.name]

@@ -15,7 +15,7 @@ from .page import html_text
 from .rows import COLUMNS, LABEL_COLUMNS, SummaryRow
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
-LABELS_FILE = "labels.csv"  # written where a case has several labels
+LABELS_FILE = "labels.csv"  # It is written if a case has several labels.
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -41,7 +41,7 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     if labels:
         files.append((write_csv, LABELS_FILE, (labels, ("case", *LABEL_COLUMNS))))
     else:
-        remove_labels_file(folder)
+        _remove_labels_file(folder)
     for write, name, content in files:
         try:
             write(folder / name, *content)
@@ -50,7 +50,7 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
                 raise
 
 
-def remove_labels_file(folder: Path) -> None:
+def _remove_labels_file(folder: Path) -> None:
     """Remove a table of labels that an older run left; any other file of that name stays."""
     path = folder / LABELS_FILE
     with suppress(OSError, UnicodeDecodeError):
