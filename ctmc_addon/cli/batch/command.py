@@ -75,7 +75,7 @@ FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
 # While a batch runs, its summary is written no more often than this, and takes no more than this share of the time.
 SUMMARY_SECONDS, SUMMARY_SHARE = 1.0, 0.1
 MOST_ABSENT = 3  # The table names no more absent cases.
-OTSU = "without --label or --threshold a surface is that of Otsu's threshold; --label 1 2 or --label all takes labels"
+OTSU = "without --label or --threshold, Otsu's threshold makes one surface; use --label 1 2 or --label all for labels"
 
 
 def add_parser(commands: Any) -> None:
@@ -224,7 +224,7 @@ def _batch_steps(
                     next_write, is_written = _write_now(folder, rows, over == len(tasks)), True
                 yield Step(over / total, counts(list(rows.values())))
     finally:
-        # What was interrupted is to be done again, and the table does not say that it runs.
+        # Interrupted cases wait to be made again.
         stopped = [row for row in rows.values() if row.status == RUNNING]
         for row in stopped:
             row.status = WAITING
@@ -263,7 +263,7 @@ def _task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> di
 def _remaining_steps(
     tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, SummaryRow]
 ) -> Steps[list[dict[str, Any]]]:
-    """Return the tasks with the outputs that are still to be made; the rows of the others are filled."""
+    """Return the tasks with the outputs that are still missing; the rows of the others are filled."""
     left = []
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
@@ -300,7 +300,7 @@ def _started(
             task["threads"] = task["threads"] or 1
         events = cluster.run(tasks)
     elif not tasks:
-        events = run_here([], 1, [], None)  # nothing to be done, and nothing to be said of how
+        events = run_here([], 1, [], None)
     else:
         by_name = {case.name: case for case in cases}
         thumbnails = not args.no_thumbnails and has_blender()
@@ -322,7 +322,7 @@ def _labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
     if not unused:
         return []
     which = f"{len(unused)} of {len(cases)} case{'s' * (len(cases) != 1)}, such as {unused[0].name}"
-    return [("labels", f"lie beside {which}, and are not used: {OTSU}")]
+    return [("labels", f"found beside {which}, but not used: {OTSU}")]
 
 
 def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:

@@ -306,7 +306,7 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
 
 
 def fits(running: Sequence[CaseProcess], need: int, limit: int | None) -> bool:
-    """Return whether so many bytes fit beside what is reserved for others; alone everything does."""
+    """Return whether `need` bytes fit beside those reserved for others; anything fits where nothing runs."""
     return not running or limit is None or sum(process.reserved_bytes for process in running) + need <= limit
 
 

@@ -128,7 +128,7 @@ class BatchPipe:
         self.say(word)
 
     def ask(self, needed_bytes: int) -> None:
-        """Say that this process will need so many bytes in all, and wait until the batch has room for them."""
+        """Tell the batch the bytes that this process will need in all, and wait until there is room for them."""
         self.granted.clear()
         self.say(f"{NEEDS} {needed_bytes}")
         self.granted.wait()

@@ -26,7 +26,7 @@ class Column:
 
 
 def figures(title: str, key: str, digits: int, unit: float = 1.0) -> Column:
-    """Return a column of numbers, each `row[key] / unit` with so many decimal digits; '-' stands for none."""
+    """Return a column of numbers, `row[key] / unit` with `digits` decimal digits, and '-' for None."""
     return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{digits}f}")
 
 

@@ -44,7 +44,7 @@ def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absen
     assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]
 
 
-REMEDY = "without --label or --threshold a surface is that of Otsu's threshold; --label 1 2 or --label all takes labels"
+REMEDY = "without --label or --threshold, Otsu's threshold makes one surface; use --label 1 2 or --label all for labels"
 
 
 def spoken(done):
@@ -55,7 +55,7 @@ def spoken(done):
 def test_labels_beside_a_ct_that_are_not_asked_for_are_said_before_and_after_the_work(ctmc, phantom_folder, tmp_path):
     words = ("batch", phantom_folder, "--no-thumbnails")
     done = ctmc(*words, "-o", tmp_path / "otsu")
-    said = f"labels lie beside 1 of 1 case, such as segmentation-4.nii.gz, and are not used: {REMEDY}"
+    said = f"labels found beside 1 of 1 case, such as segmentation-4.nii.gz, but not used: {REMEDY}"
     assert [words for words in spoken(done) if words.startswith("labels")] == [said] * 2
     assert "labels" not in ctmc(*words, "-o", tmp_path / "bone", "--threshold", 200).out
 
