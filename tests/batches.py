@@ -2,6 +2,7 @@
 """Small batches for tests: their cases, and what their folder says."""
 
 import json
+import re
 import struct
 import sys
 import time
@@ -28,6 +29,11 @@ def wait_until(condition, seconds=90):
 
 def summary(folder):
     return json.loads((folder / "summary.json").read_text("utf-8"))
+
+
+def page_content(page):
+    """What the script of a summary's page shows."""
+    return json.loads(re.search(r'<script type="application/json" id="batch">(.*?)</script>', page, re.DOTALL)[1])
 
 
 def states(folder):

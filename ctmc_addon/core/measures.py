@@ -155,13 +155,6 @@ class Measure:
             return sizes_text(value if isinstance(value, Sequence) else (value,), self.unit)
         return f"{value}" if isinstance(value, int) else number_text(value)
 
-    def sort_key(self, value: Any) -> float | None:
-        """Return the number by which a table is sorted: of several the largest; None to sort by the text."""
-        if value is None or isinstance(value, int):
-            return None
-        parts = value.values() if isinstance(value, Mapping) else value if isinstance(value, Sequence) else (value,)
-        return float(max(parts))
-
     @property
     def head(self) -> str:
         """The head of a column or line for a person, such as 'volume', 'mean HU' and 'Euler number'."""

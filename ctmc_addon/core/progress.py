@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far long work is: a generator yields `Step`s and returns its result.
+"""Progress of long work: a generator yields `Step`s and returns its result.
 
 Whoever drives the generator decides what a step means: a panel redraws, a command line prints,
 `finish` drains. Closing the generator cancels the work. Every function that must be drained is called `*_steps`.
 
-A window shall draw and answer between two steps, so on millions of triangles they are about 0.1 s apart at most.
+A window draws and answers between two steps, so on millions of triangles they are about 0.1 s apart at most.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ class Step(NamedTuple):
 
 
 Steps = Generator[Step, None, T]
-PAUSE = Step()  # of work that does not know how far it is
+PAUSE = Step()  # The step of work that does not know how far it is.
 
 
 def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
@@ -106,49 +106,9 @@ class Stages:
     def run(self, name: str, steps: Steps[T]) -> Steps[T]:
         """The same steps as the stage `name` of the whole; a stage that is run again adds to its seconds."""
         low, high = self.shares[name]
-        done = seconds = 0.0
-        clock = time.perf_counter
-        try:
-            while True:
-                start = clock()
-                try:
-                    fraction, own = next(steps)
-                except StopIteration as end:
-                    self.seconds[name] = self.seconds.get(name, 0.0) + seconds + clock() - start
-                    result: T = end.value
-                    return result
-                seconds += clock() - start
-                if fraction > done:  # a pause does not know how far it is, and nothing goes back
-                    done = fraction
-                yield Step(low + (high - low) * done, own or name)
-        finally:
-            steps.close()
-
-
-def timed_steps(steps: Steps[T]) -> Steps[tuple[T, float]]:
-    """The same steps; returns their result and the seconds they worked, without what their driver did meanwhile.
-
-    Examples
-    --------
-    >>> def half_steps():
-    ...     yield Step(0.5)
-    ...     return 42
-    >>> result, seconds = finish(timed_steps(half_steps()))
-    >>> result
-    42
-    """
-    seconds = 0.0
-    try:
-        while True:
-            start = time.perf_counter()
-            try:
-                step = next(steps)
-            except StopIteration as end:
-                return end.value, seconds + time.perf_counter() - start
-            seconds += time.perf_counter() - start
-            yield step
-    finally:
-        steps.close()
+        result, seconds = yield from timed_steps(steps, low, high, name)
+        self.seconds[name] = self.seconds.get(name, 0.0) + seconds
+        return result
 
 
 def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
@@ -161,16 +121,34 @@ def equal_part(steps: Steps[T], number: int, count: int) -> Steps[T]:
     >>> list(equal_part(half_steps(), 1, 2))
     [Step(fraction=0.75, message='Half')]
     """
-    low, done = number / count, 0.0
+    result, _ = yield from timed_steps(steps, number / count, (number + 1) / count)
+    return result
+
+
+def timed_steps(steps: Steps[T], low: float = 0.0, high: float = 1.0, name: str = "") -> Steps[tuple[T, float]]:
+    """The same steps, from `low` to `high` of a larger work; returns their result and the seconds they worked.
+
+    Time that their driver takes is not counted. `name` is the message of steps that have none.
+
+    Examples
+    --------
+    >>> def half_steps():
+    ...     yield Step(0.5)
+    ...     return 42
+    >>> result, seconds = finish(timed_steps(half_steps()))
+    >>> result
+    42
+    """
+    done = seconds = 0.0
     try:
         while True:
+            start = time.perf_counter()
             try:
-                fraction, own = next(steps)
+                fraction, message = next(steps)
             except StopIteration as end:
-                result: T = end.value
-                return result
-            if fraction > done:
-                done = fraction
-            yield Step(low + done / count, own)
+                return end.value, seconds + time.perf_counter() - start
+            seconds += time.perf_counter() - start
+            done = max(done, fraction)  # A pause does not know how far it is, and nothing goes back.
+            yield Step(low + (high - low) * done, message or name)
     finally:
         steps.close()

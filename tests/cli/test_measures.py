@@ -10,6 +10,7 @@ import re
 import nibabel
 import numpy as np
 import pytest
+from batches import page_content
 
 from ctmc_addon.core import MEASURES, FinishedSurface, Place, measure, measures_in
 from ctmc_addon.core.mesh import Measures, SurfaceDistance, TriangleQuality
@@ -146,11 +147,13 @@ def test_a_batch_has_each_of_its_measures_of_labels(batch):
     folder = batch["several"]
     rows, [plain] = rows_of(folder / "labels.csv"), json.loads((folder / "summary.json").read_text("utf-8"))
     surfaces = json.loads((folder / f"{plain['case']}.json").read_text("utf-8"))["surfaces"]
-    page = (folder / "summary.html").read_text("utf-8")
-    for each in measures_in(Place.LABELS):
-        assert f"<th>{each.head}</th>" in page
-        for row, of_label, surface in zip(rows, plain["surfaces"], surfaces, strict=True):
-            assert f"<td>{each.text(surface[each.name])}</td>" in page, each.name
+    page = page_content((folder / "summary.html").read_text("utf-8"))
+    assert page["surface_heads"] == [each.head for each in measures_in(Place.LABELS)]
+    for at, each in enumerate(measures_in(Place.LABELS)):
+        for shown, row, of_label, surface in zip(
+            page["rows"][0]["surfaces"], rows, plain["surfaces"], surfaces, strict=True
+        ):
+            assert shown["texts"][at] == each.text(surface[each.name]), each.name
             for column, value in each.cells(surface[each.name]).items():
                 assert value is not None, column
                 assert row[column] == str(value), column
@@ -161,17 +164,15 @@ def test_a_batch_has_each_of_its_measures_on_its_page(batch):
     folder = batch["one"]
     [plain] = json.loads((folder / "summary.json").read_text("utf-8"))
     record = json.loads((folder / f"{plain['case']}.json").read_text("utf-8"))
-    page = (folder / "summary.html").read_text("utf-8")
-    heads, cells = page.partition("<table id=cases>")[2].split("<tbody>")
-    for each in measures_in(Place.PAGE):
-        value = record[each.name]
-        key = "" if isinstance(value, int) else f' data-key="{each.sort_key(value)}"'
-        assert re.search(f"<th[^>]*>{each.head}</th>", heads), each.name
-        assert re.search(f"<td[^>]*{key}>{re.escape(each.text(value))}</td>", cells), each.name
+    page = page_content((folder / "summary.html").read_text("utf-8"))
+    [shown] = page["rows"]
+    assert plain.items() <= shown.items()
+    for about, text, each in zip(page["measures"], shown["texts"], measures_in(Place.PAGE), strict=True):
+        assert (about["head"], text) == (each.head, each.text(record[each.name]))
+        assert {name: shown[name] for name in about["columns"]} == each.cells(record[each.name])
+    totals = {name: facts for name, *facts in page["cohorts"][0]["totals"]}
     for each in measures_in(Place.TOTALS):
-        text = each.text(record[each.name])
-        of_all = f"<td>1</td>{f'<td>{text}</td>' * 4}"
-        assert f"<tr><th>{each.head}</th>{of_all}</tr>" in page, each.name
+        assert totals[each.head] == ["1", *[each.text(record[each.name])] * 4], each.name
 
 
 def test_a_batch_has_each_of_its_measures_on_the_terminal(ctmc, case, tmp_path):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One case of a batch: its volume is read once; every output is put in its place with a JSON, as is an error."""
+"""Make one case of a batch: read its volume once, and put every output in its place with a JSON, errors too."""
 
 from __future__ import annotations
 
@@ -76,8 +76,8 @@ Ask = Callable[[int], None]
 
 
 def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
-    """Make every output of a case; a JSON says what came of each."""
-    case = Case(task, unfinished, ask)
+    """Make every output of a case; each gets a JSON with its measures or its error."""
+    case = CaseWork(task, unfinished, ask)
     for output in task["outputs"]:
         start = time.perf_counter()
         try:
@@ -85,10 +85,10 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
                 raise CtmcError(f"ctmc here is {VERSION} and the batch's is {task['version']}; install the same")
             case.make(output, start)
         except AbsentLabelError as error:
-            case.put_absent(output, with_flags(str(error)), since(start))
+            case.put_absent(output, with_flags(str(error)), _since(start))
         except (CtmcError, MemoryError) as error:
             sentence = NO_MEMORY if isinstance(error, MemoryError) else with_flags(str(error))
-            record = failed_record(task, output, sentence, since(start))
+            record = failed_record(task, output, sentence, _since(start))
             with CHANGING_FOLDERS:
                 if not batch_is_over(task):
                     write_json(record_path(Path(task["folder"]), output["name"]), record)
@@ -139,13 +139,13 @@ def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
     return AnnouncedBudget(task["threads"], announce=announce)
 
 
-def since(start: float) -> float:
-    """Seconds since `start`, to a millisecond."""
+def _since(start: float) -> float:
+    """Return the seconds since `start`, to a millisecond."""
     return round(time.perf_counter() - start, 3)
 
 
-class Case:
-    """One case on its way: its volume is read once for all outputs of the same file."""
+class CaseWork:
+    """The work on one case: its volume is read once for all outputs of the same file."""
 
     def __init__(self, task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
         self.task = task
@@ -162,9 +162,9 @@ class Case:
         task, name = self.task, output["name"]
         settings = settings_of(output)
         volume = self.read(settings, bool(output["labels"]))
-        choices, absent = present_labels(volume, settings, output["labels"])
+        choices, absent = _present_labels(volume, settings, output["labels"])
         reading = Stage("Reading", time.perf_counter() - start)
-        thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and can_render() else None
+        thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and _can_render() else None
         outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.output_fields(output))
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
@@ -177,7 +177,7 @@ class Case:
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         if len(output["labels"]) > 1 and not surfaces.are_several:  # the one that the case has: a row of labels.csv too
             surfaces = replace(surfaces, names=surfaces.titles)
-        report = report_of(surfaces)
+        report = _report_of(surfaces)
         notes = [with_flags(without_folders(note, task)) for note in report["notes"]]
         hu = self.hu_inside(surfaces, volume) if task.get("hu") else []
         if hu is None:
@@ -196,7 +196,7 @@ class Case:
             "run": task["run"],
             **({"absent_labels": absent} if absent else {}),
             **({"labels_as_one": True} if volume.kind == ValueKind.LABEL and is_otsu(settings) and not choices else {}),
-            "seconds": since(start),
+            "seconds": _since(start),
             "memory_bytes": peak_bytes(),
             "files": names,
             "file_bytes": {name: size_of(file) for name, file in zip(names, files, strict=True)},
@@ -288,7 +288,7 @@ class Case:
         return self.volume
 
 
-def present_labels(
+def _present_labels(
     volume: Volume, settings: ReconstructionSettings, choices: Sequence[int | str]
 ) -> tuple[list[int | str], list[int | str]]:
     """Return which of several labels the volume has, and which are absent: a table may name what no voxel has.
@@ -316,8 +316,8 @@ def present_labels(
     return present, absent
 
 
-def report_of(surfaces: Surfaces) -> dict[str, Any]:
-    """Return what a JSON says of surfaces; of several also how many triangles they have together."""
+def _report_of(surfaces: Surfaces) -> dict[str, Any]:
+    """Return the report of surfaces for a JSON; of several with the sum of their triangles."""
     report = surfaces.report()
     if not surfaces.are_several:
         return report
@@ -331,7 +331,7 @@ def report_of(surfaces: Surfaces) -> dict[str, Any]:
     return report | of_several | {"stages": []}
 
 
-def can_render() -> bool:
+def _can_render() -> bool:
     """Return whether there is a Blender with the engine for thumbnails; without it there are none."""
     if not has_blender():
         return False

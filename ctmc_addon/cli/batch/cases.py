@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the cases of a batch are: folders, files, globs and manifests become paths, names and settings.
+"""Find the cases of a batch: folders, files, globs and manifests become paths, names and settings.
 
 Only names and first bytes are looked at; nothing is read yet.
 """
@@ -21,14 +21,14 @@ from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffi
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
 from .manifest import CaseInput, manifest_inputs
 
-DEEPEST = 6  # folders within folders that are searched for cases
-LARGEST_VALUE = 8  # bytes
+DEEPEST = 6  # Folders are searched for cases to this depth.
+LARGEST_VALUE = 8  # No voxel takes more bytes.
 TAKEN = ("summary", "labels")
 
 
 @dataclass(frozen=True)
 class Output:
-    """What a case writes: the stem of its files, and how its surface is made, or its surfaces of several labels."""
+    """One output of a case: the stem of its files, and how its surface is made, or its surfaces of several labels."""
 
     name: str
     settings: ReconstructionSettings
@@ -76,30 +76,30 @@ def collect(
     """
     sources: list[CaseInput] = []
     for word in inputs:
-        sources += inputs_of(word, None if aside is None else aside.resolve())
+        sources += _inputs_of(word, None if aside is None else aside.resolve())
     # A glob or a folder's list brings the labels of LiTS along; they belong to their volumes.
     labels = {readers.segmentation_sibling(source.path) for source in sources if not source.where}
     sources = [source for source in sources if source.where or source.path not in labels]
-    cases = [case_of(source, settings, reading) for source in sources]
-    require_different_files(cases)
+    cases = [_case_of(source, settings, reading) for source in sources]
+    _require_different_files(cases)
     return cases
 
 
-def inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
+def _inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
     """Return the volumes that one input stands for."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
     if not input_path.exists() and glob.has_magic(word):
-        paths = paths_of(word, aside)
+        paths = _paths_of(word, aside)
         if not paths:
             raise ReadError(f"no file or folder fits '{word}'; check the pattern")
-        return [source for path in paths for source in inputs_at(path, aside)]
-    return inputs_at(readers.existing_path(input_path), aside)
+        return [source for path in paths for source in _inputs_at(path, aside)]
+    return _inputs_at(readers.existing_path(input_path), aside)
 
 
-def paths_of(pattern: str, aside: Path | None) -> list[Path]:
-    """Return what fits a pattern, in natural order, without the folder to pass over and what is in it.
+def _paths_of(pattern: str, aside: Path | None) -> list[Path]:
+    """Return the paths that fit a pattern, in natural order, without the folder to pass over and its content.
 
     A pattern that begins in that folder, or below it, means what is there.
     """
@@ -111,21 +111,21 @@ def paths_of(pattern: str, aside: Path | None) -> list[Path]:
     return [path for path in paths if aside not in (path.resolve(), *path.resolve().parents)]
 
 
-def inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
+def _inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
     """Return the volumes in a folder, or the one that a file is."""
     if not input_path.is_dir() or readers.folder_format(input_path):
         return [CaseInput(input_path, readers.volume_name(input_path))]
-    volumes = volumes_in(input_path, aside, DEEPEST)
+    volumes = _volumes_in(input_path, aside, DEEPEST)
     return [CaseInput(volume_path, name) for volume_path, name in volumes] or [CaseInput(input_path, stem(input_path))]
 
 
-def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
+def _volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
     """Volumes and their names: a folder's volume files, else itself if it holds slices, else those of its folders.
 
     A folder with one volume names it; of several, each also keeps its own name. One with none stays in the list: that
     nothing is in it should be said, not passed over.
     """
-    files = volume_files(folder)
+    files = _volume_files(folder)
     if files:
         return [(file, stem(file)) for file in files]
     if readers.holds_slices(folder):
@@ -134,13 +134,13 @@ def volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pat
     entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     for inner in entries if deepest else []:
         if inner.is_dir() and inner.resolve() != aside:
-            volumes = volumes_in(inner, aside, deepest - 1) or [(inner, "")]
+            volumes = _volumes_in(inner, aside, deepest - 1) or [(inner, "")]
             is_single = len(volumes) == 1
             nested += [(path, inner.name if is_single else f"{inner.name}-{name}") for path, name in volumes]
     return nested
 
 
-def volume_files(folder: Path) -> list[Path]:
+def _volume_files(folder: Path) -> list[Path]:
     """Files and folders that are a volume each, in natural order, without labels that belong to one of them."""
     entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     files = [entry for entry in entries if entry.is_file()]
@@ -156,7 +156,7 @@ def volume_files(folder: Path) -> list[Path]:
     return [file for file in volumes if file not in labels]
 
 
-def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
+def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
     """Return the case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
     choices = choices_of(values)
@@ -175,11 +175,11 @@ def case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpti
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
     for output in outputs:
-        require_file_name(output.name, source.where)
+        _require_file_name(output.name, source.where)
     return Case(source.name, source.path, replace(reading, **source.reading), outputs)
 
 
-def require_different_files(cases: Sequence[Case]) -> None:
+def _require_different_files(cases: Sequence[Case]) -> None:
     """Refuse two outputs with one name."""
     seen: dict[str, Case] = {}
     for case in cases:
@@ -187,13 +187,13 @@ def require_different_files(cases: Sequence[Case]) -> None:
             key = file_key(output.name)
             if key in seen:
                 raise OutputError(
-                    f"two cases would write the same file {output.name}: {short(seen[key])} and {short(case)}; "
+                    f"two cases would write the same file {output.name}: {_short(seen[key])} and {_short(case)}; "
                     "give them names in the column 'case' of a manifest"
                 )
             seen[key] = case
 
 
-def require_file_name(name: str, where: str) -> None:
+def _require_file_name(name: str, where: str) -> None:
     """Refuse a name with which no file can be written everywhere; `where` in a manifest it stands, if in one."""
     remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
     line = f"{where}: " if where else ""
@@ -208,7 +208,7 @@ def require_file_name(name: str, where: str) -> None:
         raise OutputError(f"{line}{name!r} cannot be a file's name everywhere: {problem}; {remedy}")
 
 
-def short(case: Case) -> str:
+def _short(case: Case) -> str:
     """Return the last two names of the case's path."""
     return "/".join(case.path.parts[-2:])
 

@@ -15,8 +15,8 @@ from ..scheduler import PATIENCE, Scheduler
 from .files import RUNNING
 from .process import ENDED, Event, Events, Task, run_task, settle
 
-TICK = 0.2  # seconds between two looks at the futures
-LOOK = 1.0  # seconds between two questions to the scheduler about who does what
+# Seconds between two looks at the futures, and between two questions to the scheduler about the tasks at work.
+TICK, LOOK = 0.2, 1.0
 
 
 class Cluster(Scheduler):
@@ -64,7 +64,7 @@ class Cluster(Scheduler):
         return [index for index, future in futures.items() if future.key in taken]
 
     def problem(self, future: Any) -> str:
-        """Why a task did not come to its end, in one sentence."""
+        """Return a sentence about why a task did not end."""
         if future.status != "error":
             return f"the scheduler {self.address} lost this case; run the batch again with --resume"
         error = future.exception(timeout=PATIENCE)

@@ -72,10 +72,10 @@ if TYPE_CHECKING:
     from .cluster import Cluster
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in SURFACE_SUFFIXES)
-SUMMARY_SECONDS = 1.0  # between two summaries of a batch that runs, at least
-SUMMARY_SHARE = 0.1  # of its time, at most
-MOST_ABSENT = 3  # named in the table
-OTSU = "without --label or --threshold a surface is that of Otsu's threshold; --label 1 2 or --label all takes labels"
+# While a batch runs, its summary is written no more often than this, and takes no more than this share of the time.
+SUMMARY_SECONDS, SUMMARY_SHARE = 1.0, 0.1
+MOST_ABSENT = 3  # The table names no more absent cases.
+OTSU = "without --label or --threshold, Otsu's threshold makes one surface; use --label 1 2 or --label all for labels"
 
 
 def add_parser(commands: Any) -> None:
@@ -84,8 +84,8 @@ def add_parser(commands: Any) -> None:
         "batch",
         help="make surfaces from many volumes",
         description="Make a surface for each of many cases, several side by side, and a summary of them all. "
-        "Of LiTS, volume-N is a case and segmentation-N beside it has its labels. A case that does not have a label is "
-        "absent, which is a failure with --strict alone.",
+        "In LiTS, volume-N is a case and segmentation-N beside it has its labels. A case without the label is absent, "
+        "which is a failure only with --strict.",
     )
     parser.add_argument(
         "inputs",
@@ -93,24 +93,30 @@ def add_parser(commands: Any) -> None:
         metavar="INPUT",
         help="folder of volumes or slices, file, glob, or a .csv with the columns input, case and any setting",
     )
-    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="where to write; made with its parents")
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder, created if needed")
     add_reading(parser, names=False)
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
-    group.add_argument("--output-format", choices=FORMATS, default="stl", help="of the surfaces (default stl)")
+    group.add_argument(
+        "--output-format", choices=FORMATS, default="stl", help="file format of the surfaces (default stl)"
+    )
     group.add_argument(
         "--space", choices=SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
     )
-    group.add_argument("--no-thumbnails", action="store_true", help="no small pictures in summary.html")
-    group.add_argument("--html", action="store_true", help="a page of each case too, linked from summary.html")
+    group.add_argument("--no-thumbnails", action="store_true", help="leave thumbnails out of summary.html")
+    group.add_argument("--html", action="store_true", help="also make a page of each case, linked from summary.html")
     group.add_argument(
-        "--hu", action="store_true", help="mean HU inside each label; reads the CT beside the labels (LiTS) too"
+        "--hu",
+        action="store_true",
+        help="measure mean HU inside each label; also reads the CT beside the labels (LiTS)",
     )
     again = group.add_mutually_exclusive_group()
-    again.add_argument("--resume", action="store_true", help="do only what is missing, failed or no longer fits")
-    again.add_argument("--overwrite", action="store_true", help="do everything again in a folder that is not empty")
+    again.add_argument(
+        "--resume", action="store_true", help="make only outputs that are missing, failed or out of date"
+    )
+    again.add_argument("--overwrite", action="store_true", help="make everything again in a folder that is not empty")
     group.add_argument(
-        "--verify", action="store_true", help="tell changed inputs by a hash of their content, not by size and time"
+        "--verify", action="store_true", help="detect changed inputs by content hash instead of size and date"
     )
     group = parser.add_argument_group("work")
     group.add_argument(
@@ -120,7 +126,10 @@ def add_parser(commands: Any) -> None:
         help="cases at once (default: as processors and memory allow)",
     )
     group.add_argument(
-        "--threads", type=at_least(1), metavar="N", help="of each case (default: the processors shared out)"
+        "--threads",
+        type=at_least(1),
+        metavar="N",
+        help="threads of each case (default: processors divided by cases at once)",
     )
     group.add_argument(
         "--scheduler", metavar="ADDRESS", help="send the cases to a dask.distributed cluster, such as tcp://host:8786"
@@ -130,25 +139,25 @@ def add_parser(commands: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> None:
-    """Collect the cases, do those that are to be done, and print the table; an error if any case failed."""
+    """Collect the cases, make what is left to make, and print the table; an error if any case failed."""
     folder = Path(args.output)
     cases = collect(args.inputs, given_settings(args), reading_of(args), folder)
     if not args.scheduler:  # on a cluster the workers need it, not this machine
-        require_blender_for(cases, args.output_format)
+        _require_blender_for(cases, args.output_format)
     if not (args.resume or args.overwrite):
         require_empty(folder, "go on with --resume, start again with --overwrite, or choose another")
-    cluster = connected(args.scheduler) if args.scheduler else None
+    cluster = _connected(args.scheduler) if args.scheduler else None
     try:
         made_folder(folder)
         require_writable(folder / "summary.json")
-        plan_outputs(cases, folder, [f".{args.output_format}", *([PAGE] if args.html else [])])
+        _plan_outputs(cases, folder, [f".{args.output_format}", *([PAGE] if args.html else [])])
         remove_unfinished(folder)
         with unfinished_folder(folder) as unfinished, Progress() as progress:
-            rows = progress.finish(batch_steps(cases, folder, unfinished, args, cluster))
+            rows = progress.finish(_batch_steps(cases, folder, unfinished, args, cluster))
     finally:
         if cluster is not None:
             cluster.close()
-    print(f"\n{table_of(rows, labels_not_used(cases))}\n\n{counts(rows)}; see summary.html", flush=True)
+    print(f"\n{_table_of(rows, _labels_not_used(cases))}\n\n{counts(rows)}; see summary.html", flush=True)
     failed = [row.case for row in rows if row.status not in (DONE, ABSENT)]
     absent = [row.case for row in rows if row.status == ABSENT and reading_of(args).strict]
     what = [f"{len(failed)} of {amount(rows)} failed: {', '.join(failed)}"] if failed else []
@@ -159,8 +168,8 @@ def run(args: argparse.Namespace) -> None:
         raise CtmcError("; ".join(what))
 
 
-def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
-    """Say before the start that Blender is needed and missing."""
+def _require_blender_for(cases: Sequence[Case], output_format: str) -> None:
+    """Raise an error before the start if Blender is needed and missing."""
     outputs = Outputs((Path(f"a.{output_format}"),))
     for case in cases:
         for output in case.outputs:
@@ -169,7 +178,7 @@ def require_blender_for(cases: Sequence[Case], output_format: str) -> None:
                 require_blender(purpose)
 
 
-def plan_outputs(cases: Sequence[Case], folder: Path, suffixes: Sequence[str]) -> None:
+def _plan_outputs(cases: Sequence[Case], folder: Path, suffixes: Sequence[str]) -> None:
     """Raise an `OutputError` before the start if a file of an input would be replaced."""
     add_inputs(case.path for case in cases if case.path.is_file())
     has_labels = any(output.labels for case in cases for output in case.outputs)
@@ -184,38 +193,38 @@ def plan_outputs(cases: Sequence[Case], folder: Path, suffixes: Sequence[str]) -
                     plan_output(file)
 
 
-def connected(address: str) -> Cluster:
+def _connected(address: str) -> Cluster:
     """Return a connection to a dask.distributed scheduler."""
     from .cluster import Cluster
 
     return Cluster(address)
 
 
-def batch_steps(
+def _batch_steps(
     cases: Sequence[Case], folder: Path, unfinished: str, args: argparse.Namespace, cluster: Cluster | None
 ) -> Steps[list[SummaryRow]]:
-    """Do the cases that are to be done; returns a row for every output, in the order of the cases."""
+    """Run the tasks that are left; returns a row for every output, in the order of the cases."""
     rows = {output.name: SummaryRow(output.name, of_case=case.name) for case in cases for output in case.outputs}
     run = uuid.uuid4().hex[:12]
-    tasks = [task_of(case, folder, args, run) | {"unfinished": unfinished} for case in cases]
+    tasks = [_task_of(case, folder, args, run) | {"unfinished": unfinished} for case in cases]
     if args.resume:
-        tasks = yield from remaining_steps(tasks, folder, rows)
-    events = started(tasks, cases, args, cluster)
+        tasks = yield from _remaining_steps(tasks, folder, rows)
+    events = _started(tasks, cases, args, cluster)
     total, over = max(len(tasks), 1), 0
-    next_write, is_written = write_now(folder, rows, not tasks), True
+    next_write, is_written = _write_now(folder, rows, not tasks), True
     try:
         with closing(events):
             for event in events:
                 if event is not None:
                     over += event.status == ENDED
-                    update_rows(event, rows, folder)
-                    print_ended(event, rows)
+                    _update_rows(event, rows, folder)
+                    _print_ended(event, rows)
                     is_written = False
                 if not is_written and (over == len(tasks) or time.monotonic() >= next_write):
-                    next_write, is_written = write_now(folder, rows, over == len(tasks)), True
+                    next_write, is_written = _write_now(folder, rows, over == len(tasks)), True
                 yield Step(over / total, counts(list(rows.values())))
     finally:
-        # What was interrupted is to be done again, and the table does not say that it runs.
+        # Interrupted cases wait to be made again.
         stopped = [row for row in rows.values() if row.status == RUNNING]
         for row in stopped:
             row.status = WAITING
@@ -224,15 +233,15 @@ def batch_steps(
     return list(rows.values())
 
 
-def write_now(folder: Path, rows: Mapping[str, SummaryRow], over: bool) -> float:
+def _write_now(folder: Path, rows: Mapping[str, SummaryRow], over: bool) -> float:
     """Write the summary, and return when it may be written again: of thousands of rows it takes a while."""
     start = time.monotonic()
     write_summary(folder, list(rows.values()), over)
     return start + max(SUMMARY_SECONDS, (time.monotonic() - start) / SUMMARY_SHARE)
 
 
-def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dict[str, Any]:
-    """Return what a process needs to know of its case, as plain data."""
+def _task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dict[str, Any]:
+    """Return the task of a case as plain data, for the process that makes it."""
     return {
         "run": run,
         "case": case.name,
@@ -251,10 +260,10 @@ def task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> dic
     }
 
 
-def remaining_steps(
+def _remaining_steps(
     tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, SummaryRow]
 ) -> Steps[list[dict[str, Any]]]:
-    """Return the tasks with the outputs that are still to be made; the rows of the others are filled."""
+    """Return the tasks with the outputs that are still missing; the rows of the others are filled."""
     left = []
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
@@ -275,13 +284,13 @@ def remaining_steps(
     return left
 
 
-def started(
+def _started(
     tasks: list[dict[str, Any]],
     cases: Sequence[Case],
     args: argparse.Namespace,
     cluster: Cluster | None,
 ) -> Events:
-    """Say what is about to be done and how, and begin it."""
+    """Print the number of cases and how many run at once, and begin them."""
     done_before = len(cases) - len(tasks)
     facts = [("cases", f"{len(cases)}" + (f", {done_before} done before" if done_before else ""))]
     if cluster is not None:
@@ -291,7 +300,7 @@ def started(
             task["threads"] = task["threads"] or 1
         events = cluster.run(tasks)
     elif not tasks:
-        events = run_here([], 1, [], None)  # nothing to be done, and nothing to be said of how
+        events = run_here([], 1, [], None)
     else:
         by_name = {case.name: case for case in cases}
         thumbnails = not args.no_thumbnails and has_blender()
@@ -302,18 +311,18 @@ def started(
             task["threads"] = task["threads"] or max(1, processors() // jobs)
         facts.append(("at once", f"{jobs}, {reason}"))
         events = run_here(tasks, jobs, needs, limit)
-    print(listing([*facts, *labels_not_used(cases)]), flush=True)
+    print(listing([*facts, *_labels_not_used(cases)]), flush=True)
     return events
 
 
-def labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
-    """Return what is to be said of cases with labels beside them that ask for neither these nor a threshold."""
+def _labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
+    """Return facts about cases with labels beside them that ask for neither these nor a threshold."""
     without = [case for case in cases if not case.outputs[0].labels and is_otsu(case.outputs[0].settings)]
     unused = [labels for case in without if (labels := readers.segmentation_sibling(case.path)) is not None]
     if not unused:
         return []
     which = f"{len(unused)} of {len(cases)} case{'s' * (len(cases) != 1)}, such as {unused[0].name}"
-    return [("labels", f"lie beside {which}, and are not used: {OTSU}")]
+    return [("labels", f"found beside {which}, but not used: {OTSU}")]
 
 
 def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
@@ -329,17 +338,17 @@ def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
     return need
 
 
-def print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
+def _print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
     """Print a line for each output of a case that has ended, where output goes to a file and no bar is drawn."""
     if event.status == ENDED and not sys.stdout.isatty():
         for output in event.task["outputs"]:
             row = rows[output["name"]]
-            facts = [fact for fact in numbers_of(row) if fact]
+            facts = [fact for fact in _numbers_of(row) if fact]
             facts += ["all labels as one"] * row.labels_as_one
             print("  ".join([row.status, row.case, *(facts if row.status == DONE else [row.error or ""])]), flush=True)
 
 
-def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
+def _update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
     """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
@@ -349,16 +358,16 @@ def update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> N
             rows[name].fill(read_record(folder, name), folder)
 
 
-def numbers_of(row: SummaryRow) -> list[str]:
+def _numbers_of(row: SummaryRow) -> list[str]:
     """Return measures and seconds of an output for a person."""
     seconds = "" if row.seconds is None else f"{row.seconds:.1f}"
     return [*map(row.text, measures_in(Place.LINE)), seconds]
 
 
-def table_of(rows: Sequence[SummaryRow], facts: Sequence[tuple[str, str]] = ()) -> str:
+def _table_of(rows: Sequence[SummaryRow], facts: Sequence[tuple[str, str]] = ()) -> str:
     """Return the summary for a terminal, errors and other facts below."""
     lines = [["case", "status", *(each.head for each in measures_in(Place.LINE)), "seconds"]]
-    lines += [[row.case, row.status, *numbers_of(row)] for row in rows]
+    lines += [[row.case, row.status, *_numbers_of(row)] for row in rows]
     absent = [row.case for row in rows if row.status == ABSENT]
     errors = [(row.case, row.error) for row in rows if row.error and row.status != ABSENT]
     errors += facts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files of a batch: what a case leaves behind, and how a later run sees that a case is done.
+"""The files of a batch: the outputs of a case, and how a later run sees that a case is done.
 
 A case's JSON is written last. It carries a key of the input, the settings and the version, so whoever finds it knows
 whether the surface beside it is still the one that is asked for. What is being written lies in a hidden folder of the
@@ -27,12 +27,12 @@ from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, o
 from ..arguments import label_for_checks
 
 WAITING, RUNNING = "waiting", "running"
-DONE, ABSENT, FAILED = "done", "absent", "failed"  # absent: the case has no such label
-UNFINISHED = ".ctmc-run-"  # and the machine and process of the batch
+DONE, ABSENT, FAILED = "done", "absent", "failed"  # A case that does not have the label is absent.
+UNFINISHED = ".ctmc-run-"  # The name goes on with the machine and process of the batch.
 THUMBNAILS = "thumbnails"
 BLOCK = 1 << 20
-PATIENCE, TICK = 5.0, 0.02  # seconds for removing what is not finished, and between two tries
-SHORTEST_NAME = 5  # letters of a file's name that may tell of whom it is
+PATIENCE, TICK = 5.0, 0.02  # Seconds to remove unfinished files, and between two tries.
+SHORTEST_NAME = 5  # Shorter names of files, in letters, cannot identify a patient.
 
 
 def record_path(folder: Path, name: str) -> Path:
@@ -117,7 +117,7 @@ def put_output(
         for path, target in moves:
             made_folder(target.parent)
             path.replace(target)
-        remove_older(folder, name, older, {target for _, target in moves})
+        _remove_older(folder, name, older, {target for _, target in moves})
         if thumbnail is None:
             thumbnail_path(folder, name).unlink(missing_ok=True)
     except OSError as error:
@@ -125,7 +125,7 @@ def put_output(
     write_json(record_path(folder, name), record)
 
 
-def remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> None:
+def _remove_older(folder: Path, name: str, older: Any, kept: Container[Path]) -> None:
     """Remove the files of an output that an older run wrote and this one does not."""
     for file in map(str, older if isinstance(older, list) else []):
         path = folder / name / file.rpartition("/")[2]
@@ -149,7 +149,7 @@ def read_record(folder: Path, name: str) -> dict[str, Any] | None:
 
 
 def remove_unfinished(folder: Path) -> None:
-    """Remove what runs that were killed had not finished."""
+    """Remove unfinished files of runs that were killed."""
     for each in (folder, folder / THUMBNAILS):
         remove_leftovers(each)
 
@@ -174,10 +174,10 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
                 )
         yield own.name
     finally:
-        remove_in_use(own)
+        _remove_in_use(own)
 
 
-def remove_in_use(folder: Path) -> None:
+def _remove_in_use(folder: Path) -> None:
     """Remove a folder in which others may still write for a moment."""
     end = time.monotonic() + PATIENCE
     shutil.rmtree(folder, ignore_errors=True)
@@ -191,14 +191,14 @@ def remove_own_unfinished(unfinished: Path) -> None:
 
     The folder of a batch that lives stays: by it the other cases know that the batch lives.
     """
-    remove_in_use(unfinished)
+    _remove_in_use(unfinished)
     if not may_be_in_use(unfinished.parent.name):
         with suppress(OSError):  # not empty while other cases of the run work there
             unfinished.parent.rmdir()
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a JSON must carry, besides the key of the input, to stand for this output."""
+    """Return the part of a JSON that must fit for it to stand for this output, besides the key of the input."""
     reading = options_of(task)
     return {
         "version": VERSION,
@@ -258,7 +258,7 @@ def is_otsu(settings: ReconstructionSettings) -> bool:
 
 
 def size_of(path: Path) -> int | None:
-    """Bytes of a file, None if it is not there."""
+    """Return the bytes of a file, None if it is not there."""
     try:
         return path.stat().st_size
     except OSError:
@@ -297,7 +297,7 @@ def failed_record(
 
 
 def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
-    """What tells whether an input has changed: of all its files the names, sizes and times, or a hash of the content.
+    """Return a key that changes with the input: a hash of the names, sizes and times of its files, or of their content.
 
     Returns
     -------
@@ -343,16 +343,19 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     'x.nii is empty; see y.nii, 1/2 mm'
     """
     paths = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
-    for path in sorted({*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)}, key=depth):
+    for path in sorted(
+        {*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)},
+        key=lambda path: -len(str(path)),
+    ):
         if path.name and path.is_absolute():
             text = text.replace(str(path), path.name)
-    text = without_slices(text, task)
+    text = _without_slices(text, task)
     text = re.sub(r"(?:(?<![\w.:/\\])(?:[A-Za-z]:)?|(?<=:)(?=[\\/][^\\/]))[\\/](?:[^\\/\s'\"]+[\\/])+", "", text)
     return " ".join(text.split())
 
 
-def without_slices(text: str, task: Mapping[str, Any]) -> str:
-    """The sentence with the files of the input's folder called 'file 3 of 20': names of slices often are identifiers.
+def _without_slices(text: str, task: Mapping[str, Any]) -> str:
+    """Return a sentence that calls files of the input's folder 'file 3 of 20': names of slices often are identifiers.
 
     A file that names the case stays as it is.
     """
@@ -360,7 +363,7 @@ def without_slices(text: str, task: Mapping[str, Any]) -> str:
     folder = path if path.is_dir() else path.parent
     if not folder.is_dir() or (folder != path and path.name.startswith(str(task.get("case", path.name)))):
         return text
-    numbers, count = slice_numbers(folder, task.get("run"), task.get("case"))
+    numbers, count = _slice_numbers(folder, task.get("run"), task.get("case"))
     for name, number in numbers.items():
         if name in text:
             text = re.sub(rf"(?<![\w.-]){re.escape(name)}(?![\w-])", f"file {number} of {count}", text)
@@ -368,7 +371,7 @@ def without_slices(text: str, task: Mapping[str, Any]) -> str:
 
 
 @lru_cache(maxsize=1)
-def slice_numbers(folder: Path, _run: str | None, _case: str | None) -> tuple[dict[str, int], int]:
+def _slice_numbers(folder: Path, _run: str | None, _case: str | None) -> tuple[dict[str, int], int]:
     """Return the number of each file in a folder by its name, the longest name first, and how many files there are.
 
     Names that are too short to tell of whom they are are left out. A folder is looked through once for each case.
@@ -379,8 +382,3 @@ def slice_numbers(folder: Path, _run: str | None, _case: str | None) -> tuple[di
         if len(file.name) >= SHORTEST_NAME:
             numbers.setdefault(file.name, number)
     return {name: numbers[name] for name in sorted(numbers, key=len, reverse=True)}, number
-
-
-def depth(path: Path) -> int:
-    """Sort key: the longest path first."""
-    return -len(str(path))

@@ -23,13 +23,13 @@ from ..described_flags import value_reader
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
-LONGEST_PLACE = 20  # letters before a byte that is not UTF-8, which say where it stands
+LONGEST_PLACE = 20  # A message shows this many letters before a byte that is not UTF-8.
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
 
 @dataclass(frozen=True)
 class CaseInput:
-    """One input, the name of its case, and what it says for itself."""
+    """One input, the name of its case, and its own settings."""
 
     path: Path
     name: str
@@ -52,34 +52,34 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise ReadError(f"{not_utf8(error.object, error.start, path.name)}; save it as 'CSV UTF-8'") from error
+        raise ReadError(f"{_not_utf8(error.object, error.start, path.name)}; save it as 'CSV UTF-8'") from error
     except OSError as error:
         raise ReadError(f"{path.name} cannot be read ({error.strerror}); check its permissions") from error
     inputs: list[CaseInput] = []
     columns: list[tuple[str, str, Parse]] = []
-    for where, cells in rows_of(text, path.name):
+    for where, cells in _rows_of(text, path.name):
         if not any(cells):
             continue
         if not columns:
-            columns = [column_of(cell, where) for cell in cells]
-            require_columns([column[1] for column in columns], where)
+            columns = [_column_of(cell, where) for cell in cells]
+            _require_columns([column[1] for column in columns], where)
         elif len(cells) > len(columns) and any(cells[len(columns) :]):
             raise ReadError(f"{where} has {len(cells)} cells and there are {len(columns)} columns; quote a comma")
         else:
-            inputs.append(input_of(columns, cells, path.parent, where))
+            inputs.append(_input_of(columns, cells, path.parent, where))
     if not inputs:
         raise ReadError(f"{path.name} names no case; it needs a line of columns and a line for each case")
     return inputs
 
 
-def not_utf8(content: bytes, at: int, name: str) -> str:
+def _not_utf8(content: bytes, at: int, name: str) -> str:
     """Return which byte of a manifest is not UTF-8, and where it stands."""
     lines = content[:at].decode("utf-8", "replace").split("\n")
     behind = f" behind {lines[-1][-LONGEST_PLACE:]!r}" if lines[-1] else ""
     return f"{name}, line {len(lines)}: the byte 0x{content[at]:02x}{behind} is not UTF-8"
 
 
-def rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
+def _rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
     """Yield where each row ends, such as 'cases.csv, line 3', and its cells without spaces around them."""
     first = text.partition("\n")[0]
     # Spreadsheets write semicolons where the comma is the decimal sign.
@@ -95,49 +95,49 @@ def rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
         yield f"{name}, line {lines.line_num}", [cell.strip() for cell in cells]
 
 
-def column_of(title: str, where: str) -> tuple[str, str, Parse]:
-    """Return what kind of column a title names ('', 'settings' or 'reading'), its name, and how a cell is read."""
+def _column_of(title: str, where: str) -> tuple[str, str, Parse]:
+    """Return a column by its title: its kind ('', 'settings' or 'reading'), its name and the parser of its cells."""
     columns: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
     for name, about in SETTINGS.items():
-        columns[name] = columns[underscored(word_of(name))] = ("settings", name, parse_of(name, about))
+        columns[name] = columns[_underscored(_word_of(name))] = ("settings", name, _parse_of(name, about))
     columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
     for name, about in READING.items():
-        columns[name] = ("reading", name, parse_of(name, about))
-    column = columns.get(underscored(title.lower()), ("", "", str))
+        columns[name] = ("reading", name, _parse_of(name, about))
+    column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
             f"{where}: unknown column '{title}'; the columns are input, case, "
-            f"{', '.join([*map(word_of, SETTINGS), *(name.replace('_', '-') for name in READING)])}"
+            f"{', '.join([*map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING)])}"
         )
     return column
 
 
-def word_of(name: str) -> str:
+def _word_of(name: str) -> str:
     """Return the title of a column: a setting's flag without its dashes, else the name itself.
 
     Examples
     --------
-    >>> word_of("min_part_mm3"), word_of("keep_parts"), word_of("case")
+    >>> _word_of("min_part_mm3"), _word_of("keep_parts"), _word_of("case")
     ('min-part', 'keep-parts', 'case')
     """
     return flag_of(name, SETTINGS[name]).lstrip("-") if name in SETTINGS else name
 
 
-def underscored(title: str) -> str:
+def _underscored(title: str) -> str:
     """Return a title as names are written: 'keep_parts' of '--keep-parts'."""
     return title.lstrip("-").replace("-", "_")
 
 
-def require_columns(names: list[str], where: str) -> None:
+def _require_columns(names: list[str], where: str) -> None:
     """Refuse a manifest without inputs, or one that says a thing twice."""
     if "input" not in names:
         raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
     for name in names:
         if names.count(name) > 1:
-            raise ReadError(f"{where}: column '{word_of(name)}' is there twice; keep one")
+            raise ReadError(f"{where}: column '{_word_of(name)}' is there twice; keep one")
 
 
-def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
+def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
     """Read one line of the manifest."""
     values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
@@ -146,7 +146,7 @@ def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Pa
         try:
             values[kind][name] = parse(cell)
         except argparse.ArgumentTypeError as error:
-            raise SettingsError(f"{where}: {word_of(name)} cannot be '{cell}'; {error}") from error
+            raise SettingsError(f"{where}: {_word_of(name)} cannot be '{cell}'; {error}") from error
     if "input" not in values[""]:
         raise ReadError(f"{where}: the input is missing; give a file or a folder")
     path = folder / values[""]["input"]
@@ -155,16 +155,16 @@ def input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Pa
     return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], where)
 
 
-def parse_of(name: str, about: Setting) -> Parse:
-    """Return how a setting's cell is read."""
+def _parse_of(name: str, about: Setting) -> Parse:
+    """Return the parser of a setting's cells."""
     if about.type is bool:
-        return switch
+        return _switch
     if about.choices:
         return str
     return label_choices if name == "label" else value_reader(name, about)
 
 
-def switch(cell: str) -> bool:
+def _switch(cell: str) -> bool:
     """Read a truth value from a cell."""
     if cell.lower() not in SWITCHES:
         raise argparse.ArgumentTypeError("write true or false")

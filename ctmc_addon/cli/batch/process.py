@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Processes that make the cases of a batch, several one after the other: started, looked after, and what ended them.
+"""Start and watch the processes that make the cases of a batch, each several cases one after the other.
 
 A process that crashes, or is killed for its memory, takes nothing with it but the case that it was making.
 """
@@ -27,10 +27,11 @@ from .files import RUNNING, WAITING, failed_record, read_record, record_path, re
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
-TICK = 0.05  # seconds between two looks at the processes
-PATIENCE = 5.0  # seconds that a process gets to leave by itself
-LOOK = 0.5  # seconds between two looks whether the batch still lives
-KEPT_SECONDS = 10.0  # that a cluster's worker keeps a process without a case
+# All in seconds.
+TICK = 0.05  # A batch waits no longer for a message of its processes.
+PATIENCE = 5.0  # A process that does not leave by itself within this time is killed.
+LOOK = 0.5  # A cluster's worker looks this often whether the batch still lives.
+KEPT_SECONDS = 10.0  # A cluster's worker keeps a process without a case this long.
 
 ENDED = "ended"
 Task = Mapping[str, Any]
@@ -43,7 +44,8 @@ class Event(NamedTuple):
     status: str
 
 
-Events = Generator[Event | None, None, None]  # yields events, and None while nothing happens
+Events = Generator[Event | None, None, None]  # It yields None while nothing happens.
+Messages = queue.Queue[tuple["CaseProcess", "str | None"]]  # A process and what it says; None where it has ended.
 
 
 class CaseProcess:
@@ -52,12 +54,14 @@ class CaseProcess:
     Parameters
     ----------
     messages : queue
-        Gets this process and what it says; None where it has ended.
+        Gets this process and what it says.
     """
 
-    def __init__(self, messages: queue.Queue[tuple[CaseProcess, str | None]]) -> None:
-        self.task: Task | None = None
+    def __init__(self, messages: Messages) -> None:
+        self.task: Task = {}
         self.start = 0.0
+        self.reserved_bytes = 0
+        self.asked_bytes = 0  # The memory that the case asks for and waits to get.
         self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
         self.errors_before = 0  # bytes that earlier cases wrote, as the process says at the end of each
         # For temporary files. The process removes it at its end, `stop` if it was killed.
@@ -81,7 +85,7 @@ class CaseProcess:
         threading.Thread(target=self.listen, daemon=True).start()
 
     def listen(self) -> None:
-        """Hand on what the process says, until it ends."""
+        """Queue the words of the process until it ends."""
         assert self.process.stdout is not None
         try:
             with self.process.stdout as stream:
@@ -97,11 +101,16 @@ class CaseProcess:
         finally:
             self.messages.put((self, None))
 
-    def begin(self, task: Task) -> None:
-        """Let the process make a case."""
-        self.task = task
+    def begin(self, task: Task, reserved_bytes: int = 0) -> None:
+        """Let the process make a case with so much memory."""
+        self.task, self.reserved_bytes, self.asked_bytes = task, reserved_bytes, 0
         self.start = time.perf_counter()
-        self.say({**task, "more": True, "temporary": self.folder})
+        self.say({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})
+
+    def grant(self) -> None:
+        """Let the case go on with the memory that it asks for."""
+        self.reserved_bytes, self.asked_bytes = self.asked_bytes, 0
+        self.say(GO)
 
     def say(self, content: Any) -> None:
         """Send a line of JSON."""
@@ -112,14 +121,12 @@ class CaseProcess:
 
     def settle(self, ended: bool) -> None:
         """Give every output of the case its record, now that the case is over or the process has ended."""
-        assert self.task is not None
         error, printed = "the case left no record", ""
         if ended:
             error = f"the case's process {ending(self.process, self.errors, self.errors_before, 'try fewer jobs')}"
             self.errors.seek(self.errors_before)
             printed = self.errors.read().decode("utf-8", "replace")
         settle(self.task, error, time.perf_counter() - self.start, printed)
-        self.task = None
 
     def stop(self) -> None:
         """End the process; what it had not finished goes with it."""
@@ -177,7 +184,8 @@ def settle(task: Task, error: str, seconds: float | None = None, printed: str = 
                     path.unlink(missing_ok=True)
 
 
-_idle: list[CaseProcess] = []  # of a cluster's worker
+# The processes that a cluster's worker keeps.
+_idle: list[CaseProcess] = []
 _lock = threading.Lock()
 
 
@@ -193,7 +201,7 @@ def run_task(task: Task) -> None:
     kept = False
     try:
         process.begin(task)
-        words = last_words(process, task)
+        words = _last_words(process, task)
         process.settle(ended=words is None)
         kept = words == OVER
     finally:
@@ -208,8 +216,11 @@ def run_task(task: Task) -> None:
     timer.start()
 
 
-def last_words(process: CaseProcess, task: Task) -> str | None:
-    """Return what a process says at the end of its case, None if it has ended, as long as there is the batch."""
+def _last_words(process: CaseProcess, task: Task) -> str | None:
+    """Return the words of a process at the end of its case, None if it has ended.
+
+    Raises a `CtmcError` if the batch ends before.
+    """
     while True:
         words, has_said = None, False
         with suppress(queue.Empty):
@@ -228,14 +239,6 @@ def _stop_if_idle(process: CaseProcess, start: float) -> None:
     process.stop()
 
 
-class Running(NamedTuple):
-    """A process that makes a case, with its memory: what is reserved, and what it asks for and waits to get."""
-
-    process: CaseProcess
-    reserved_bytes: int
-    asked_bytes: int | None = None
-
-
 def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int | None) -> Events:
     """Do the tasks on this machine, some at once.
 
@@ -252,37 +255,30 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
         Memory that they may need together; a task that needs more runs alone.
     """
     waiting = deque(zip(tasks, needs, strict=True))
-    messages: queue.Queue[tuple[CaseProcess, str | None]] = queue.Queue()
-    running: list[Running] = []
+    messages: Messages = queue.Queue()
+    running: list[CaseProcess] = []
     processes: list[CaseProcess] = []
     idle: list[CaseProcess] = []
     try:
         while waiting or running:
             while granted := first_to_grant(running, limit):
-                running[running.index(granted)] = Running(granted.process, granted.asked_bytes or 0)
-                granted.process.say(GO)
-            if running and all(one.asked_bytes is not None for one in running):
+                granted.grant()
+            if running and all(process.asked_bytes for process in running):
                 last = running.pop()
-                assert last.process.task is not None
-                assert last.asked_bytes is not None
-                waiting.appendleft((last.process.task, last.asked_bytes))
-                yield Event(last.process.task, WAITING)
-                processes.remove(last.process)
-                last.process.stop()
+                waiting.appendleft((last.task, last.asked_bytes))
+                yield Event(last.task, WAITING)
+                processes.remove(last)
+                last.stop()
                 continue
-            while waiting and len(running) < jobs:
-                task, need = waiting[0]
-                if not fits(running, need, limit):
-                    break
-                waiting.popleft()
+            while waiting and len(running) < jobs and fits(running, waiting[0][1], limit):
+                task, need = waiting.popleft()
                 if not idle:
                     idle.append(CaseProcess(messages))
                     processes.append(idle[-1])
-                process = idle.pop()
-                process.begin({**task, "reserved": need})
-                running.append(Running(process, need))
+                running.append(idle.pop())
+                running[-1].begin(task, need)
                 yield Event(task, RUNNING)
-            for process in idle:  # what it keeps is for those that run
+            for process in idle:  # Those that run need the memory that it keeps.
                 process.close()
             idle = []
             try:
@@ -290,25 +286,18 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
             except queue.Empty:
                 yield None
                 continue
-            at = next((at for at, one in enumerate(running) if one.process is process), None)
-            if at is None:  # it was put back, or leaves
-                if words is None and process in processes:
-                    processes.remove(process)
-                    process.stop()
-                continue
             if words is not None and words.startswith(NEEDS):
-                running[at] = running[at]._replace(asked_bytes=int(words.removeprefix(NEEDS)))
+                process.asked_bytes = int(words.removeprefix(NEEDS))
                 continue
-            del running[at]
-            done_task = process.task
-            assert done_task is not None
-            process.settle(ended=words is None)
-            if words == OVER:
-                idle.append(process)
-            elif words is None:
+            if process in running:
+                running.remove(process)
+                process.settle(ended=words is None)
+                if words == OVER:
+                    idle.append(process)
+                yield Event(process.task, ENDED)
+            if words is None and process in processes:  # It is not if it was put back.
                 processes.remove(process)
                 process.stop()
-            yield Event(done_task, ENDED)
     finally:
         for process in processes:
             process.close()
@@ -316,15 +305,15 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
             process.stop()
 
 
-def fits(running: Sequence[Running], need: int, limit: int | None) -> bool:
-    """Return whether so many bytes fit beside what is reserved for others; alone everything does."""
-    return not running or limit is None or sum(one.reserved_bytes for one in running) + need <= limit
+def fits(running: Sequence[CaseProcess], need: int, limit: int | None) -> bool:
+    """Return whether `need` bytes fit beside those reserved for others; anything fits where nothing runs."""
+    return not running or limit is None or sum(process.reserved_bytes for process in running) + need <= limit
 
 
-def first_to_grant(running: Sequence[Running], limit: int | None) -> Running | None:
+def first_to_grant(running: Sequence[CaseProcess], limit: int | None) -> CaseProcess | None:
     """Return the first case whose memory there is room for now, of those that ask."""
-    for one in running:
-        others = [other for other in running if other is not one]
-        if one.asked_bytes is not None and fits(others, one.asked_bytes, limit):
-            return one
+    for process in running:
+        others = [other for other in running if other is not process]
+        if process.asked_bytes and fits(others, process.asked_bytes, limit):
+            return process
     return None

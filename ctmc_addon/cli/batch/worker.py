@@ -35,7 +35,7 @@ from .case import CHANGING_FOLDERS, do_case
 from .files import own_unfinished_folder, remove_own_unfinished
 
 COMMAND = "batch-case"
-MARK = "ctmc-batch-case "  # begins what is said on standard output: Blender prints there too
+MARK = "ctmc-batch-case "  # Every line for the batch begins with this, because Blender prints on standard output too.
 OVER, LEAVING, NEEDS = "over", "leaving", "needs"
 GO = "go"
 
@@ -52,16 +52,16 @@ def run(_args: argparse.Namespace) -> None:
     if first is None:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
-    batch = Batch(asked, own_output(), Path(first["temporary"]))
+    batch = BatchPipe(asked, own_output(), Path(first["temporary"]))
     try:
         batch.take(first)
         threading.Thread(target=batch.listen, daemon=True).start()
-        do_cases(batch)
+        _do_cases(batch)
     finally:
         shutil.rmtree(batch.temporary, ignore_errors=True)
 
 
-def do_cases(batch: Batch) -> None:
+def _do_cases(batch: BatchPipe) -> None:
     """Do one task after the other, until there is none or this process has grown."""
     while (task := batch.tasks.get()) is not None:
         unfinished = own_unfinished_folder(task)
@@ -75,12 +75,12 @@ def do_cases(batch: Batch) -> None:
         give_back()
         # A batch of another installation may wait for the end of this process.
         leaving = case_process_is_large(resident_bytes()) or not task.get("more")
-        batch.end_task(LEAVING if leaving else f"{OVER} {written_errors()}")
+        batch.end_task(LEAVING if leaving else f"{OVER} {_written_errors()}")
         if leaving:
             return
 
 
-class Batch:
+class BatchPipe:
     """The batch at the other end of standard input and output.
 
     Parameters
@@ -128,7 +128,7 @@ class Batch:
         self.say(word)
 
     def ask(self, needed_bytes: int) -> None:
-        """Say that this process will need so many bytes in all, and wait until the batch has room for them."""
+        """Tell the batch the bytes that this process will need in all, and wait until there is room for them."""
         self.granted.clear()
         self.say(f"{NEEDS} {needed_bytes}")
         self.granted.wait()
@@ -138,7 +138,7 @@ class Batch:
         say(self.output, f"{MARK}{words}\n".encode("ascii"))
 
 
-def written_errors() -> int:
+def _written_errors() -> int:
     """Return the bytes in the file that standard error goes to: the next case's errors begin behind them.
 
     The batch cannot look itself: the process may have died, and written why, by then.

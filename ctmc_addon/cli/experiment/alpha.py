@@ -12,7 +12,6 @@ import numpy as np
 
 from ...core import (
     SIMPLIFICATION,
-    Budget,
     Reconstruction,
     ReconstructionSettings,
     Stages,
@@ -20,17 +19,14 @@ from ...core import (
     Steps,
     TriangleMesh,
     equal_part,
-    reconstruct_steps,
     simplify_steps,
 )
-from ...core.mesh import roughness, triangle_shapes
+from ...core.mesh import SurfaceDistance, roughness, triangle_shapes
 from ..arguments import UsageError, flags_checked
 from ..blender_host import objects_of, quiet_steps, require_blender
-from ..commands.reconstruct import input_steps
-from ..terminal import Progress
-from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin
-from .plot import Panel, panel_of, write_plot
-from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, plain, unique
+from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of
+from .plot import Plot, series
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, ExperimentTable, Row, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
@@ -46,28 +42,31 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         "--alphas", nargs="+", type=float, default=[0.0, 0.25, 0.75, 1.0], metavar="A", help="(default 0 0.25 0.75 1)"
     )
     parser.add_argument(
-        "--pictures", action=argparse.BooleanOptionalAction, default=True, help="a picture of every alpha (default)"
+        "--pictures",
+        action=argparse.BooleanOptionalAction,
+        default=True,
+        help="render a picture of every alpha (default)",
     )
 
 
-def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """Return the table; its pictures are written to `folder`."""
+def table_of(args: argparse.Namespace, work: Work, folder: Path) -> ExperimentTable:
+    """Return the table; the pictures of the alphas are written to `folder`."""
     if args.pictures:
         require_blender("rendering pictures")
-    settings = bare_settings_from(args)
-    require_alpha(settings)
+    settings = settings_of(args)
+    if settings.threshold is None and (settings.label is None or not settings.alpha_matters):
+        raise UsageError(
+            "alpha moves vertices between gray values, and a bare label has none: "
+            "give --threshold T, or --label N with --smoothing constrained"
+        )
     with flags_checked():
         variants = [replace(settings, alpha=alpha) for alpha in unique(args.alphas)]
-    stages = Stages(STAGES)
-    with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        full = settings.without(SIMPLIFICATION)
-        result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
-        meshes, rows = progress.finish(stages.run("Measuring", alpha_steps(result, variants)))
-        pictures = []
-        if args.pictures:
-            pictures = progress.finish(stages.run("Rendering", pictures_steps(result, variants, meshes, folder)))
-    write_plot(folder / "plot.png", panels(rows))
+    volume = work.read(settings)
+    result = work.reconstruct(volume, settings.without(SIMPLIFICATION))
+    meshes, distances = work.run("Measuring", _alphas_steps(result, variants))
+    alphas = [variant.alpha_number for variant in variants]
+    rows = [_row_of(*each) for each in zip(alphas, meshes, distances, strict=True)]
+    pictures = work.run("Rendering", _pictures_steps(result, alphas, meshes, folder)) if args.pictures else []
     facts = [
         *facts_of(volume, settings, result.threshold, result.notes),
         ("roughness", "mean angle between neighboring triangles, degrees"),
@@ -75,25 +74,21 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         ("below 5 deg", "share of the triangles with an angle below 5 degrees"),
         ("radius ratio", "median of circumradius / (2 inradius): 1 is equilateral"),
         ("compared", "with the linear surface (alpha 1) before any simplification"),
-        measuring_fact(),
+        MEASURING,
     ]
-    return Table("Alpha", facts, COLUMNS, rows, [("plot.png", "Roughness, shape and distance over alpha"), *pictures])
+    charts = {
+        "Roughness, degrees": series(rows, roughness="roughness_deg"),
+        "Triangle shape (1 = equilateral)": series(rows, **{"mean": "shape_mean", "1st percentile": "shape_worst"}),
+        "Distance to alpha 1, mm": series(rows, mean="mean_mm", maximum="max_mm"),
+    }
+    plot = Plot("Roughness, shape and distance over alpha", "alpha", [f"{alpha:g}" for alpha in alphas], charts)
+    return ExperimentTable("Alpha", facts, COLUMNS, rows, plot, pictures)
 
 
-def require_alpha(settings: ReconstructionSettings) -> None:
-    """Raise `UsageError` where alpha does nothing, or where nobody said what the surface is to be."""
-    require_builtin(settings)
-    if settings.threshold is None and (settings.label is None or not settings.alpha_matters):
-        raise UsageError(
-            "alpha moves vertices between gray values, and a bare label has none: "
-            "give --threshold T, or --label N with --smoothing constrained"
-        )
-
-
-def alpha_steps(
+def _alphas_steps(
     result: Reconstruction, variants: Sequence[ReconstructionSettings]
-) -> Steps[tuple[list[TriangleMesh], list[Row]]]:
-    """Return the surface of `result` at the alpha of each of the settings, simplified as they say, and its measures."""
+) -> Steps[tuple[list[TriangleMesh], list[SurfaceDistance]]]:
+    """Return the surface at each alpha, simplified as the settings say, and its distance to the linear surface."""
     surface = result.surface
     assert surface is not None  # The surface has not been simplified yet.
     stages = Stages({"Simplifying": 1, "Measuring": 1})
@@ -106,47 +101,35 @@ def alpha_steps(
             mesh = yield from stages.run("Simplifying", steps)
         meshes.append(mesh)
     distances = yield from stages.run("Measuring", distances_steps(meshes, surface.at(1.0)))
-    rows = []
-    for settings, mesh, distance in zip(variants, meshes, distances, strict=True):
-        shapes, quality = triangle_shapes(mesh), mesh.measures.quality
-        assert quality is not None  # A surface has triangles.
-        rows.append(
-            {
-                "alpha": plain(settings.alpha_number),
-                "roughness_deg": roughness(mesh),
-                "shape_mean": float(shapes.mean()),
-                "shape_worst": float(np.percentile(shapes, 1)),
-                "smallest_angle_deg": quality.smallest_angle_deg,
-                "below_5_deg": quality.below_5,
-                "median_radius_ratio": quality.median_radius_ratio,
-                "faces": len(mesh.faces),
-                "volume_mm3": mesh.enclosed_volume,
-                "area_mm2": mesh.area,
-                "mean_mm": distance.mean,
-                "max_mm": distance.largest,
-            }
-        )
-    return meshes, rows
+    return meshes, distances
 
 
-def pictures_steps(
-    result: Reconstruction,
-    variants: Sequence[ReconstructionSettings],
-    meshes: Sequence[TriangleMesh],
-    folder: Path,
+def _row_of(alpha: float, mesh: TriangleMesh, distance: SurfaceDistance) -> Row:
+    shapes = triangle_shapes(mesh)
+    return {
+        "alpha": plain(alpha),
+        "roughness_deg": roughness(mesh),
+        "shape_mean": float(shapes.mean()),
+        "shape_worst": float(np.percentile(shapes, 1)),
+        **measured(mesh, "smallest_angle_deg", "below_5_deg", "median_radius_ratio", "faces", "volume_mm3", "area_mm2"),
+        **distance_cells(distance),
+    }
+
+
+def _pictures_steps(
+    result: Reconstruction, alphas: Sequence[float], meshes: Sequence[TriangleMesh], folder: Path
 ) -> Steps[list[tuple[str, str]]]:
     """Render every alpha in the paper's colors; returns the pictures' names and captions."""
     from ...blender.figure.render import render_figure_steps
 
     pictures = []
-    for at, (settings, mesh) in enumerate(zip(variants, meshes, strict=True)):
-        caption = f"alpha {settings.alpha_number:g}"
+    for at, (alpha, mesh) in enumerate(zip(alphas, meshes, strict=True)):
+        caption, name = f"alpha {alpha:g}", f"alpha-{alpha:g}.png"
         yield Step(at / len(meshes), f"Rendering {caption}")
-        pictures.append((f"{caption.replace(' ', '-')}.png", caption))
         with objects_of([replace(result, mesh=mesh, surface=None)]) as (scene, [obj], _):
-            path = folder / pictures[-1][0]
-            rendering = render_figure_steps([obj], scene, path, style="paper", own_process=True)
+            rendering = render_figure_steps([obj], scene, folder / name, style="paper", own_process=True)
             yield from equal_part(quiet_steps(rendering), at, len(meshes))
+        pictures.append((name, caption))
     return pictures
 
 
@@ -164,14 +147,3 @@ COLUMNS = (
     MEAN_MM,
     MAX_MM,
 )
-
-
-def panels(rows: Sequence[Row]) -> list[Panel]:
-    """Roughness, shape and distance over alpha."""
-    labels = [f"{row['alpha']:g}" for row in rows]
-    shapes = {"mean": "shape_mean", "1st percentile": "shape_worst"}
-    return [
-        panel_of("Roughness, degrees", "alpha", labels, rows, roughness="roughness_deg"),
-        panel_of("Triangle shape (1 = equilateral)", "alpha", labels, rows, **shapes),
-        panel_of("Distance to alpha 1, mm", "alpha", labels, rows, mean="mean_mm", maximum="max_mm"),
-    ]

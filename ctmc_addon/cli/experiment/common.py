@@ -1,46 +1,68 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the experiments share: flags, reading, and what their tables say of input and settings."""
+"""Shared parts of the experiments: flags, reading and reconstructing, measures, and facts for their tables."""
 
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TypeVar
 
 from ...core import (
     Budget,
+    FinishedSurface,
     Reconstruction,
     ReconstructionSettings,
+    Stages,
     Steps,
     TriangleMesh,
     Volume,
     equal_part,
+    measure,
     reconstruct_steps,
 )
 from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
-from ..terminal import dimensions
-from .table import plain, unique
+from ..commands.reconstruct import input_steps
+from ..terminal import Progress, dimensions
+from .table import Row, plain, unique
 
 FETCHED = "The file was read again for every surface, which times include."
+MEASURING = (
+    "distance",
+    f"exact from point to surface, both ways: {SAMPLES} points on each surface, even by area, seed {SEED}; "
+    "the maximum also at all vertices",
+)
+T = TypeVar("T")
+
+
+class Work:
+    """The stages of an experiment, shown on the terminal."""
+
+    def __init__(self, args: argparse.Namespace, stages: Mapping[str, float], progress: Progress) -> None:
+        self.args, self.stages, self.progress = args, Stages(stages), progress
+        self.budget = Budget(args.threads)
+
+    def run(self, name: str, steps: Steps[T]) -> T:
+        """Drain the steps of a stage."""
+        return self.progress.finish(self.stages.run(name, steps))
+
+    def read(self, settings: ReconstructionSettings) -> Volume:
+        """Read the input."""
+        return self.run("Reading", input_steps(self.args, settings))
+
+    def reconstruct(self, volume: Volume, settings: ReconstructionSettings) -> Reconstruction:
+        """Make the surface of a volume."""
+        return self.run("Reconstructing", reconstruct_steps(volume, settings, self.budget))
 
 
 def add_common(parser: argparse.ArgumentParser) -> None:
-    """INPUT, the folder, the settings and what every experiment knows."""
+    """Add the flags of all experiments: input, folder and settings."""
     add_input(parser)
-    parser.add_argument(
-        "-o", "--output", required=True, metavar="DIR", help="folder for table and pictures; made with its parents"
-    )
+    parser.add_argument("-o", "--output", required=True, metavar="DIR", help="output folder, created if needed")
     parser.add_argument("--overwrite", action="store_true", help="replace an older experiment in that folder")
     add_work(parser)
     add_settings(parser)
-
-
-def bare_settings_from(args: argparse.Namespace) -> ReconstructionSettings:
-    """Return the settings of file and flags; a label is not smoothed unless they say so, as in the paper."""
-    settings = settings_from(args)
-    automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
-    return replace(settings, smoothing="none") if automatic else settings
 
 
 def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> None:
@@ -48,28 +70,36 @@ def add_levels(parser: argparse.ArgumentParser, default: Sequence[float]) -> Non
     parser.add_argument(
         "--levels",
         nargs="+",
-        type=level,
+        type=_level,
         default=list(default),
         metavar="PERCENT",
         help=f"share of the triangles to remove, 0 to 99 (default {' '.join(f'{percent:g}' for percent in default)})",
     )
 
 
-def level(word: str) -> float | int:
-    """Return a share of the triangles, per cent."""
+def _level(word: str) -> float | int:
     percent = float(word)
     if not 0 <= percent <= 99:
         raise argparse.ArgumentTypeError(f"a level is from 0 to 99 per cent of the triangles to remove, not {word}")
     return plain(percent)
 
 
-def require_builtin(settings: ReconstructionSettings) -> None:
-    """Raise `UsageError` for a simplifier that works in Blender, after the stages that an experiment measures."""
+def settings_of(args: argparse.Namespace) -> ReconstructionSettings:
+    """Return the settings of file and flags; a label is not smoothed unless they say so, as in the paper.
+
+    Raises
+    ------
+    UsageError
+        For a simplifier that works in Blender, after the stages that an experiment measures.
+    """
+    settings = settings_from(args)
     if settings.simplifies and settings.simplifier == "decimate":
         raise UsageError(
             "this experiment simplifies with the built-in simplifier; leave --simplifier decimate out "
             "(`ctmc experiment simplify` compares the two)"
         )
+    automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
+    return replace(settings, smoothing="none") if automatic else settings
 
 
 def facts_of(
@@ -86,42 +116,21 @@ def facts_of(
     return facts + [("note", note) for note in unique(notes)]
 
 
-def measuring_fact() -> tuple[str, str]:
-    """Return in words how distances are measured."""
-    return (
-        "distance",
-        f"exact from point to surface, both ways: {SAMPLES} points on each surface, even by area, seed {SEED}; "
-        "the maximum also at all vertices",
-    )
+def measured(mesh: TriangleMesh, *names: str) -> Row:
+    """Return measures of a surface by their names."""
+    surface = FinishedSurface(mesh.measures)
+    return {name: measure(name).value(surface) for name in names}
+
+
+def distance_cells(distance: SurfaceDistance) -> Row:
+    """Return a distance as rows have it."""
+    return {"mean_mm": distance.mean, "max_mm": distance.largest}
 
 
 def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> Steps[list[SurfaceDistance]]:
-    """Measure the distance of every surface to the reference.
-
-    Parameters
-    ----------
-    meshes : sequence of TriangleMesh
-    reference : TriangleMesh
-    """
+    """Measure the distance of every surface to the reference."""
     surface = ReferenceSurface(reference)
     distances = []
     for at, mesh in enumerate(meshes):
         distances.append((yield from equal_part(surface_distance_steps(mesh, surface), at, len(meshes))))
     return distances
-
-
-def variants_steps(
-    volume: Volume, variants: Sequence[ReconstructionSettings], budget: Budget
-) -> Steps[list[Reconstruction]]:
-    """Return a surface for each of the settings.
-
-    Parameters
-    ----------
-    volume : Volume
-    variants : sequence of ReconstructionSettings
-    budget : Budget
-    """
-    results = []
-    for at, settings in enumerate(variants):
-        results.append((yield from equal_part(reconstruct_steps(volume, settings, budget), at, len(variants))))
-    return results

@@ -10,14 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from ...blender.figure.spec import ENGINES
-from ...core import SETTINGS, SIMPLIFICATION, Budget, CtmcError, Stages, TriangleMesh, reconstruct_steps
+from ...core import SETTINGS, SIMPLIFICATION, CtmcError, TriangleMesh
 from ..arguments import UsageError, at_least, flag_of, given_settings
 from ..blender_host import blender_at_work, quiet_steps, require_blender
-from ..commands.reconstruct import input_steps
-from ..terminal import Progress, dimensions
-from .common import add_levels, bare_settings_from, facts_of, require_builtin
-from .plot import Panel, panel_of, write_plot
-from .table import TRIANGLES, Column, Row, Table, figures, plain, unique
+from ..terminal import dimensions
+from .common import Work, add_levels, facts_of, settings_of
+from .plot import Plot, series
+from .table import LEVEL, TRIANGLES, Column, ExperimentTable, Row, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 2, "Rotating": 6}
 TIMED_ENGINES = ("workbench", "cycles")
@@ -38,35 +37,35 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
         type=float,
         default=20.0,
         metavar="DEGREES",
-        help="between frames (default 20); what it leaves of a turn is left out",
+        help="angle between frames (default 20); a remainder of the turn is left out",
     )
     parser.add_argument(
-        "--resolution", nargs=2, type=int, metavar=("W", "H"), help="px (default 640 480; with Cycles 160 120)"
+        "--resolution",
+        nargs=2,
+        type=int,
+        metavar=("W", "H"),
+        help="picture size, px (default 640 480; with Cycles 160 120)",
     )
     parser.add_argument(
-        "--engine", choices=TIMED_ENGINES, help="default: Workbench where Blender can draw, else Cycles"
+        "--engine", choices=TIMED_ENGINES, help="render engine (default: Workbench where Blender can draw, else Cycles)"
     )
 
 
-def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """Return the table; its plot is written to `folder`."""
-    require_turning(args)
+def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentTable:
+    """Return the table."""
+    _require_turning(args)
     require_blender("the rotation experiment")
     from ...blender import rotation as timing
 
     engine, reason = engine_of(args.engine)
     size = tuple(args.resolution) if args.resolution else timing.SIZES[engine]
-    stages = Stages(STAGES)
-    with Progress() as progress:
-        mesh, facts = surface_of(args, stages, progress)
-        steps = timing.simplified_steps(mesh, unique(args.levels, first=0))
-        simplified = progress.finish(stages.run("Simplifying", steps))
-        test = timing.rotation_test_steps(simplified, engine, args.rounds, args.step, size)
-        turned = progress.finish(stages.run("Rotating", quiet_steps(test)))
+    mesh, facts = _surface_of(args, work)
+    simplified = work.run("Simplifying", timing.simplified_steps(mesh, unique(args.levels, first=0)))
+    test = timing.rotation_test_steps(simplified, engine, args.rounds, args.step, size)
     frames = timing.frames_of(args.step)
-    turn = turn_text(frames, args.step)
+    turn = _turn_text(frames, args.step)
     name = next(kind.label for kind in ENGINES.values() if kind.identifier == engine)
-    rows = rows_of(turned, name, size, frames)
+    rows = _rows_of(work.run("Rotating", quiet_steps(test)), name, size, frames)
     facts += [
         ("engine", f"{name}, off screen, {dimensions(size)} px{reason}"),
         ("timed", f"{turn} about z: {frames} frames, {args.step:g} degrees apart, each a whole render: Blender"),
@@ -74,25 +73,28 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         ("not timed", "reading, simplifying, building, and a first frame of every level in every round"),
         ("rounds", f"{args.rounds}, the levels in turn; every level is a static mesh with no modifier and no key"),
     ]
+    charts = {f"{turn.capitalize()}, whole frames, s": series(rows, seconds="average")}
     if rows[0]["draw_rounds"]:
         facts.append(("drawing", "the triangles alone, by GPUOffScreen: they are on the GPU before the clock starts"))
-    write_plot(folder / "plot.png", panels(rows, turn))
-    return Table("Rotation", facts, columns(args.rounds), rows, [("plot.png", f"Time of {turn} over the level")])
+        charts[f"{turn.capitalize()}, drawing alone, s"] = series(rows, seconds="draw_average")
+    labels = [LEVEL.show(row) for row in rows]
+    plot = Plot(f"Time of {turn} over the level", "share of the triangles removed", labels, charts)
+    return ExperimentTable("Rotation", facts, _columns(args.rounds), rows, plot)
 
 
-def turn_text(frames: int, step_degrees: float) -> str:
+def _turn_text(frames: int, step_degrees: float) -> str:
     """Return how far the frames turn the surface.
 
     Examples
     --------
-    >>> turn_text(18, 20.0), turn_text(51, 7.0)
+    >>> _turn_text(18, 20.0), _turn_text(51, 7.0)
     ('one turn', '357 degrees')
     """
     degrees = frames * step_degrees
     return "one turn" if abs(degrees - 360.0) < 1e-6 else f"{degrees:g} degrees"
 
 
-def require_turning(args: argparse.Namespace) -> None:
+def _require_turning(args: argparse.Namespace) -> None:
     """Raise `UsageError` for steps or a resolution that nothing can be timed with."""
     if not 1 <= args.step <= 180:
         raise UsageError(f"step must be from 1 to 180 degrees, not {args.step:g}")
@@ -111,10 +113,8 @@ def engine_of(name: str | None) -> tuple[str, str]:
     return ENGINES["cycles"].identifier, ", as this machine has no EGL to draw with"
 
 
-def surface_of(
-    args: argparse.Namespace, stages: Stages, progress: Progress
-) -> tuple[TriangleMesh, list[tuple[str, str]]]:
-    """Return the surface that is to turn, and what the table says of it."""
+def _surface_of(args: argparse.Namespace, work: Work) -> tuple[TriangleMesh, list[tuple[str, str]]]:
+    """Return the surface to turn, and the facts about it."""
     from ...blender.import_mesh import MESH_SUFFIXES, read_mesh
 
     path = Path(args.input)
@@ -126,16 +126,14 @@ def surface_of(
         with blender_at_work():
             mesh = read_mesh(path)
         return mesh, [("input", f"{path.name}, {len(mesh.faces)} triangles")]
-    settings = bare_settings_from(args)
-    require_builtin(settings)
-    full = settings.without(SIMPLIFICATION)
-    volume = progress.finish(stages.run("Reading", input_steps(args, full)))
-    result = progress.finish(stages.run("Reconstructing", reconstruct_steps(volume, full, Budget(args.threads))))
+    full = settings_of(args).without(SIMPLIFICATION)
+    volume = work.read(full)
+    result = work.reconstruct(volume, full)
     return result.mesh, facts_of(volume, full, result.threshold, result.notes)
 
 
-def rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
-    """Return what table.json says of every level; `levels` are the `LevelTimes` of blender/rotation."""
+def _rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int) -> list[Row]:
+    """Return the rows of every level; `levels` are the `LevelTimes` of blender/rotation."""
     rows: list[Row] = []
     for level in levels:
         average = statistics.fmean(level.rounds)
@@ -159,7 +157,7 @@ def rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: int
     return rows
 
 
-def columns(rounds: int) -> list[Column]:
+def _columns(rounds: int) -> list[Column]:
     """Return the paper's table 2, triangles and drawing alone beside it."""
 
     def round_column(at: int) -> Column:
@@ -173,14 +171,4 @@ def columns(rounds: int) -> list[Column]:
         figures("saved, %", "saved_percent", 1),
         figures("drawing, s", "draw_average", 4),
         figures("saved, %", "draw_saved_percent", 1),
-    ]
-
-
-def panels(rows: Sequence[Row], turn: str) -> list[Panel]:
-    """Return the time of a turn, as whole frames and as drawing alone."""
-    labels = [f"{row['level_percent']:g} %" for row in rows]
-    keys = {"whole frames": "average"} | ({"drawing alone": "draw_average"} if rows[0]["draw_rounds"] else {})
-    across = "share of the triangles removed"
-    return [
-        panel_of(f"{turn.capitalize()}, {what}, s", across, labels, rows, seconds=key) for what, key in keys.items()
     ]

@@ -11,32 +11,22 @@ from typing import Any
 from ...core.files.atomic_write import csv_text, write_json, write_text
 from ..machine import machine, versions
 from ..terminal import listing, table
+from .plot import Plot
 
 Row = dict[str, Any]
-FILES = ("table.json", "table.csv", "table.md")
+FILES = AS_JSON, AS_CSV, AS_PAGE, PLOT = "table.json", "table.csv", "table.md", "plot.png"
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column that is shown: its title, and what it shows of a row."""
+    """A column that is shown: its title, and the text that it shows of a row."""
 
     title: str
     show: Callable[[Row], str]
 
 
 def figures(title: str, key: str, digits: int, unit: float = 1.0) -> Column:
-    """Return a column of numbers; '-' stands for none.
-
-    Parameters
-    ----------
-    title : str
-    key : str
-        Of the value in a row.
-    digits : int
-        Behind the point.
-    unit : float
-        What a value is divided by.
-    """
+    """Return a column of numbers, `row[key] / unit` with `digits` decimal digits, and '-' for None."""
     return Column(title, lambda row: "-" if row[key] is None else f"{row[key] / unit:.{digits}f}")
 
 
@@ -47,26 +37,28 @@ MEAN_MM, MAX_MM = figures("mean, mm", "mean_mm", 4), figures("max, mm", "max_mm"
 
 
 @dataclass(frozen=True)
-class Table:
+class ExperimentTable:
     """An experiment's result.
 
     Parameters
     ----------
     title : str
     facts : sequence of (name, fact)
-        What a reader must know: input, settings, what was timed and how; an empty name continues the one before.
+        Input, settings, and how times and distances were taken; an empty name continues the fact before.
     columns : sequence of Column
-        What is shown, of every row.
+        The columns that are shown.
     rows : sequence of dict
-        What is written to table.json and table.csv.
+        The content of table.json and table.csv.
+    plot : Plot
     pictures : sequence of (file name, caption)
-        Beside the table.
+        Further pictures beside the table.
     """
 
     title: str
     facts: Sequence[tuple[str, str]]
     columns: Sequence[Column]
     rows: Sequence[Row]
+    plot: Plot
     pictures: Sequence[tuple[str, str]] = ()
     made_on: tuple[tuple[str, str], ...] = field(
         default_factory=lambda: (("machine", machine()), ("versions", versions()))
@@ -79,33 +71,33 @@ class Table:
         return [[column.title for column in self.columns], *shown]
 
     def printed(self) -> str:
-        """For a terminal: what it was made on, the table, and what a reader must know."""
+        """Return machine, table and facts for a terminal."""
         return f"{self.title}\n{listing(self.made_on)}\n\n{table(self.cells)}\n\n{listing(self.facts)}"
 
     def markdown(self) -> str:
-        """Title, what it was made on, table, facts and pictures as Markdown."""
+        """Return title, machine, table, facts and pictures as Markdown."""
         lines: list[str] = []
         for name, fact in self.facts:
             # A name of its own opens a point, an empty one continues it.
-            lines.append(f"- {name}: {escaped(fact)}" if name else f"  {escaped(fact)}")
-        rows = [" | ".join(escaped(cell) for cell in row) for row in self.cells]
+            lines.append(f"- {name}: {_escaped(fact)}" if name else f"  {_escaped(fact)}")
+        rows = [" | ".join(_escaped(cell) for cell in row) for row in self.cells]
         rule = " | ".join(["---", *["---:"] * (len(self.columns) - 1)])
         body = [f"| {row} |" for row in (rows[0], rule, *rows[1:])]
-        pictures = [f"![{caption}]({name})" for name, caption in self.pictures]
-        head = [f"## {self.title}", "", escaped("; ".join(fact for _, fact in self.made_on)), ""]
-        return "\n".join([*head, *body, "", *lines, *(["", *pictures] if pictures else []), ""])
+        pictures = [f"![{caption}]({name})" for name, caption in ((PLOT, self.plot.caption), *self.pictures)]
+        head = [f"## {self.title}", "", _escaped("; ".join(fact for _, fact in self.made_on)), ""]
+        return "\n".join([*head, *body, "", *lines, "", *pictures, ""])
 
     def write(self, folder: Path) -> None:
         """Write the files of the table."""
         rows = [{**row, **dict(self.made_on)} for row in self.rows]
-        as_json, as_table, as_page = (folder / name for name in FILES)
-        write_json(as_json, rows)
-        write_text(as_table, as_csv(rows))
-        write_text(as_page, self.markdown())
+        self.plot.write(folder / PLOT)
+        write_json(folder / AS_JSON, rows)
+        write_text(folder / AS_CSV, as_csv(rows))
+        write_text(folder / AS_PAGE, self.markdown())
 
 
 def as_csv(rows: Sequence[Row]) -> str:
-    """Rows as CSV; a list becomes a column for each of its values, None stays empty.
+    """Return rows as CSV; a list becomes a column for each of its values, None stays empty.
 
     Examples
     --------
@@ -124,13 +116,13 @@ def as_csv(rows: Sequence[Row]) -> str:
     return csv_text(flat, names)
 
 
-def escaped(text: str) -> str:
-    """Text that Markdown leaves as it is, inside a table too."""
+def _escaped(text: str) -> str:
+    """Return text that Markdown leaves as it is, inside a table too."""
     return "".join("\\" + letter if letter in "\\`*_|<>" else letter for letter in text)
 
 
 def runs_text(repeats: int) -> str:
-    """Return in words how often each was timed.
+    """Return how often each was timed, for a person.
 
     Examples
     --------

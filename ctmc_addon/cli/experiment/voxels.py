@@ -15,26 +15,25 @@ from ...core import (
     Reconstruction,
     ReconstructionSettings,
     SettingsError,
-    Stages,
     Step,
     Steps,
     Volume,
+    equal_part,
     finish,
     reconstruct_steps,
 )
 from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked
-from ..commands.reconstruct import input_steps
-from ..terminal import Progress, dimensions
-from .common import bare_settings_from, distances_steps, facts_of, measuring_fact, require_builtin, variants_steps
-from .plot import Panel, panel_of, write_plot
-from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, Row, Table, figures, runs_text, unique
+from ..terminal import dimensions
+from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of
+from .plot import Plot, series
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, ExperimentTable, Row, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 2, "Timing": 6, "Measuring": 1}
-# What happens to every pixel before voxels are made of them, whatever their sides: labels, smoothing, Otsu's threshold.
+# The stage of labels, smoothing and Otsu's threshold, which takes every pixel whatever the stride.
 PREPARING = "Preparing values"
-# A single short reconstruction says more of what else the machine is doing than of itself.
+# A single short reconstruction says more about other programs on the machine than about itself.
 RUN_SECONDS, MOST_IN_A_RUN = 0.1, 20
 HELP = "table 1: larger voxels"
 DESCRIPTION = (
@@ -69,23 +68,17 @@ def sides_of(word: str) -> tuple[int, int]:
         raise argparse.ArgumentTypeError(str(error)) from error
 
 
-def table_of(args: argparse.Namespace, folder: Path) -> Table:
-    """Return the table; its plot is written to `folder`."""
-    settings = bare_settings_from(args)
-    require_builtin(settings)
+def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentTable:
+    """Return the table."""
+    settings = settings_of(args)
     with flags_checked():
         sides = [(x, y, settings.stride[2]) for x, y in unique(args.strides, first=(1, 1))]
         variants = [replace(settings, stride=stride) for stride in sides]
-    stages = Stages(STAGES)
-    with Progress() as progress:
-        volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        results = progress.finish(stages.run("Reconstructing", variants_steps(volume, variants, Budget(args.threads))))
-        timing = timed_runs_steps(volume, variants, args.repeats, Budget(args.threads))
-        runs = progress.finish(stages.run("Timing", timing))
-        meshes = [result.mesh for result in results]
-        distances = progress.finish(stages.run("Measuring", distances_steps(meshes[1:], meshes[0])))
-    rows = rows_of(results, runs, distances)
-    write_plot(folder / "plot.png", panels(rows))
+    volume = work.read(settings)
+    results = work.run("Reconstructing", _surfaces_steps(volume, variants, work.budget))
+    runs = work.run("Timing", _runs_steps(volume, variants, args.repeats, work.budget))
+    meshes = [result.mesh for result in results]
+    rows = _rows_of(results, runs, work.run("Measuring", distances_steps(meshes[1:], meshes[0])))
     result = results[0]
     timed = ", ".join(stage.name.lower() for stage in result.stages if stage.name != PREPARING)
     facts = [
@@ -95,27 +88,42 @@ def table_of(args: argparse.Namespace, folder: Path) -> Table:
         ("timed", f"{timed}; neither reading nor writing"),
         ("preparing", "labels, smoothing and Otsu's threshold, pixel by pixel whatever the stride: beside it"),
         ("compared", "time, volume and surface with a stride of 1 x 1 pixel in x and y"),
-        measuring_fact(),
+        MEASURING,
     ]
-    return Table("Larger voxels", facts, COLUMNS, rows, [("plot.png", "Time and error over the stride")])
+    charts = {
+        "Reconstruction time, s": series(rows, seconds="seconds"),
+        "Distance to voxels of 1 x 1, mm": series(rows, mean="mean_mm", maximum="max_mm"),
+    }
+    labels = [dimensions(row["sides_px"][:2]) for row in rows]
+    plot = Plot("Time and error over the stride", "stride in x and y, px", labels, charts)
+    return ExperimentTable("Larger voxels", facts, COLUMNS, rows, plot)
 
 
-def timed_runs_steps(
+def _surfaces_steps(
+    volume: Volume, variants: Sequence[ReconstructionSettings], budget: Budget
+) -> Steps[list[Reconstruction]]:
+    results = []
+    for at, settings in enumerate(variants):
+        results.append((yield from equal_part(reconstruct_steps(volume, settings, budget), at, len(variants))))
+    return results
+
+
+def _runs_steps(
     volume: Volume, variants: Sequence[ReconstructionSettings], repeats: int, budget: Budget
 ) -> Steps[list[list[tuple[float, float]]]]:
-    """Return what `timed_run` says of each of the settings, `repeats` times in turn."""
+    """Return the runs of each of the settings, made in turn."""
     runs: list[list[tuple[float, float]]] = [[] for _ in variants]
     for turn in range(repeats):
         for at, settings in enumerate(variants):
             done = (turn * len(variants) + at) / (repeats * len(variants))
             yield Step(done, f"Timing a stride of {dimensions(settings.stride[:2])}, run {turn + 1} of {repeats}")
             gc.collect()
-            runs[at].append(timed_run(volume, settings, budget))
+            runs[at].append(_run(volume, settings, budget))
     return runs
 
 
-def timed_run(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> tuple[float, float]:
-    """Seconds of preparing the values and of all stages after it, medians of what fits into `RUN_SECONDS`."""
+def _run(volume: Volume, settings: ReconstructionSettings, budget: Budget) -> tuple[float, float]:
+    """Return the seconds of preparing the values and of all stages after it, medians over `RUN_SECONDS`."""
     preparing: list[float] = []
     seconds: list[float] = []
     while sum(preparing) + sum(seconds) < RUN_SECONDS and len(seconds) < MOST_IN_A_RUN:
@@ -125,34 +133,31 @@ def timed_run(volume: Volume, settings: ReconstructionSettings, budget: Budget |
     return statistics.median(preparing), statistics.median(seconds)
 
 
-def rows_of(
+def _rows_of(
     results: Sequence[Reconstruction],
     runs: Sequence[Sequence[tuple[float, float]]],
     distances: Sequence[SurfaceDistance],
 ) -> list[Row]:
-    """Return what table.json says of every stride; distances are those of all but the first."""
+    """Return the rows of every stride; distances are those of all but the first."""
     reference = results[0].mesh.enclosed_volume
     rows: list[Row] = []
-    for result, pairs, distance in zip(results, runs, (None, *distances), strict=True):
-        x, y, z = result.settings.stride
-        preparing, seconds = ([run[at] for run in pairs] for at in (0, 1))
-        median = statistics.median(seconds)
-        volume = result.mesh.enclosed_volume
+    for result, pairs, distance in zip(results, runs, (SurfaceDistance(0.0, 0.0, 0.0), *distances), strict=True):
+        x, y, _ = sides = result.settings.stride
+        preparing, seconds = map(list, zip(*pairs, strict=True))
+        median, volume = statistics.median(seconds), result.mesh.enclosed_volume
         rows.append(
             {
                 "stride": x if x == y else f"{x}x{y}",
                 "seconds": median,
                 "improved_percent": 100.0 * (1.0 - median / (rows[0]["seconds"] if rows else median)),
                 "voxels": result.voxels_visited,
-                "faces": len(result.mesh.faces),
-                "volume_mm3": volume,
+                **measured(result.mesh, "faces", "volume_mm3"),
                 "volume_error_percent": None if volume is None or not reference else 100.0 * (volume / reference - 1.0),
-                "mean_mm": distance.mean if distance else 0.0,
-                "max_mm": distance.largest if distance else 0.0,
+                **distance_cells(distance),
                 "prepare_seconds": statistics.median(preparing),
                 "runs": seconds,
-                "sides_px": [x, y, z],
-                "sides_mm": [side * gap for side, gap in zip((x, y, z), result.spacing_mm, strict=True)],
+                "sides_px": list(sides),
+                "sides_mm": [side * gap for side, gap in zip(sides, result.spacing_mm, strict=True)],
             }
         )
     return rows
@@ -171,13 +176,3 @@ COLUMNS = (
     MEAN_MM,
     MAX_MM,
 )
-
-
-def panels(rows: Sequence[Row]) -> list[Panel]:
-    """Time and error over the stride."""
-    labels = [dimensions(row["sides_px"][:2]) for row in rows]
-    across = "stride in x and y, px"
-    return [
-        panel_of("Reconstruction time, s", across, labels, rows, seconds="seconds"),
-        panel_of("Distance to voxels of 1 x 1, mm", across, labels, rows, mean="mean_mm", maximum="max_mm"),
-    ]

@@ -8,7 +8,7 @@ import shutil
 import nibabel
 import numpy as np
 import pytest
-from batches import summary
+from batches import page_content, summary
 
 
 def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_folder, tmp_path):
@@ -44,7 +44,7 @@ def test_several_labels_come_from_one_reading_and_one_that_a_case_lacks_is_absen
     assert sorted(path.name for path in tmp_path.glob("*.ply")) == ["volume-4-label-1.ply", "volume-4-label-2.ply"]
 
 
-REMEDY = "without --label or --threshold a surface is that of Otsu's threshold; --label 1 2 or --label all takes labels"
+REMEDY = "without --label or --threshold, Otsu's threshold makes one surface; use --label 1 2 or --label all for labels"
 
 
 def spoken(done):
@@ -55,7 +55,7 @@ def spoken(done):
 def test_labels_beside_a_ct_that_are_not_asked_for_are_said_before_and_after_the_work(ctmc, phantom_folder, tmp_path):
     words = ("batch", phantom_folder, "--no-thumbnails")
     done = ctmc(*words, "-o", tmp_path / "otsu")
-    said = f"labels lie beside 1 of 1 case, such as segmentation-4.nii.gz, and are not used: {REMEDY}"
+    said = f"labels found beside 1 of 1 case, such as segmentation-4.nii.gz, but not used: {REMEDY}"
     assert [words for words in spoken(done) if words.startswith("labels")] == [said] * 2
     assert "labels" not in ctmc(*words, "-o", tmp_path / "bone", "--threshold", 200).out
 
@@ -87,4 +87,5 @@ def test_the_hu_of_several_labels_in_a_row_stand_in_the_table_of_labels(ctmc, tm
     assert rows[:2] == [["volume-3", "1", "40.0", "0.0"], ["volume-3", "7", "100.0", "10.0"]]
     assert [(row["mean_hu"], row["sd_hu"]) for row in summary(out)] == [(None, None), (100.0, 10.0)]
     assert not any("mean_hu" in row["notes"] for row in summary(out))
-    assert "<td>40</td>" in (out / "summary.html").read_text("utf-8")
+    [one, _] = page_content((out / "summary.html").read_text("utf-8"))["rows"]
+    assert "40" in one["surfaces"][0]["texts"]

@@ -10,6 +10,7 @@ import sys
 import threading
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import nibabel
 import numpy as np
@@ -17,9 +18,9 @@ import pytest
 from shapes import distance_mm
 
 from ctmc_addon.cli.batch import process as batch_process
-from ctmc_addon.cli.batch.case import NO_HU, Case, announced_budget, do_case
+from ctmc_addon.cli.batch.case import NO_HU, CaseWork, announced_budget, do_case
 from ctmc_addon.cli.batch.files import remove_own_unfinished, unfinished_folder
-from ctmc_addon.cli.batch.process import CaseProcess, Running, first_to_grant, fits, run_here, run_task
+from ctmc_addon.cli.batch.process import CaseProcess, first_to_grant, fits, run_here, run_task
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
 from ctmc_addon.core import VERSION, CtmcError, MemoryLimitError
 from ctmc_addon.core.case_plan import PROCESS_BYTES
@@ -100,10 +101,10 @@ def test_a_crash_takes_one_case_and_a_new_process_the_others(started, tmp_path):
 def test_a_process_that_dies_before_its_case_begins_says_why(started, tmp_path, monkeypatch):
     begin = CaseProcess.begin
 
-    def begin_late(self, task):
+    def begin_late(self, task, *reserved):
         if task["case"] == "b":
             self.process.wait(60)  # so that all it has to say is written
-        begin(self, task)
+        begin(self, task, *reserved)
 
     monkeypatch.setattr(CaseProcess, "begin", begin_late)
     events_of([task_of(tmp_path, name) for name in ("last", "b")], 1, [0, 0], None)
@@ -126,8 +127,7 @@ def test_where_all_wait_for_memory_the_last_is_put_back_and_begins_with_what_it_
 
 
 def test_memory_is_granted_in_order_where_there_is_room():
-    first, second = object(), object()
-    running = [Running(first, 5, 12), Running(second, 5, 10)]
+    running = [SimpleNamespace(reserved_bytes=5, asked_bytes=asked) for asked in (12, 10)]
     assert first_to_grant(running, 17) is running[0]
     assert first_to_grant(running, 16) is running[1]
     assert first_to_grant(running, 14) is None
@@ -196,9 +196,9 @@ def test_cases_of_one_process_have_the_bytes_of_their_own_and_stay_below_what_wa
     processes = []
     begin = CaseProcess.begin
 
-    def noted(self, task):
+    def noted(self, task, *reserved):
         processes.append(self)
-        begin(self, task)
+        begin(self, task, *reserved)
 
     monkeypatch.setattr(CaseProcess, "begin", noted)
     words = ["--label", "1", "--spacing", "1", "--no-thumbnails", "--jobs", "1"]
@@ -213,7 +213,7 @@ def test_cases_of_one_process_have_the_bytes_of_their_own_and_stay_below_what_wa
 
 
 def test_a_case_without_a_batch_asks_for_nothing(tmp_path):
-    case = Case(task_of(tmp_path, "a"), tmp_path / "unfinished")
+    case = CaseWork(task_of(tmp_path, "a"), tmp_path / "unfinished")
     case.budget.require(1, "this", "do that")
     assert type(case.budget).__name__ == "Budget"
 

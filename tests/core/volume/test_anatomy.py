@@ -2,10 +2,13 @@
 """Colors by anatomical names: every usual name is known, and what touches is told apart."""
 
 import itertools
+import tomllib
+from pathlib import Path
 
 import pytest
 
-from ctmc_addon.core.volume.anatomy import TABLE, Anatomy, anatomy_of
+from ctmc_addon.core.volume import anatomy
+from ctmc_addon.core.volume.anatomy import Anatomy, anatomy_of
 from ctmc_addon.readers.labels.names.total_segmentator import NAMES
 
 READABLE = 12.0  # CIE 1976; a just noticeable difference is 2.3
@@ -121,13 +124,14 @@ def test_every_class_of_total_segmentator_is_known(name):
     assert anatomy_of(name) is not None
 
 
-def test_every_row_is_a_color_an_opacity_and_names_that_are_found():
-    for line in TABLE.strip().replace("\n  ", " ").splitlines():
-        color, opacity, names = line.split(" ", 2)
-        assert 0.2 <= float(opacity) <= 1.0
-        assert len(bytes.fromhex(color)) == 3
-        for name in names.split(","):
-            assert anatomy_of(name) == Anatomy(tuple(bytes.fromhex(color)), float(opacity)), name
+def test_every_structure_of_the_table_is_found_by_each_of_its_names():
+    table = tomllib.loads(Path(anatomy.__file__).with_suffix(".toml").read_text("utf-8"))
+    for each in table["structures"]:
+        assert each.keys() <= {"color", "opacity", "names"}
+        shown = Anatomy(tuple(bytes.fromhex(each["color"][1:])), each.get("opacity", 1.0))
+        assert 0.2 <= shown.opacity <= 1.0
+        for name in each["names"]:
+            assert anatomy_of(name) == shown, name
 
 
 SAME = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which cases of a batch differ from the others, and why; those of each label are looked at by themselves."""
+"""Find cases of a batch that differ from the others with the same label, and the reasons."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from collections.abc import Sequence
 from ..files import DONE
 from .rows import NOTES_BETWEEN, SummaryRow, known
 
-FEWEST = 5  # cases, below which nothing is unusual
-DEVIATIONS = 3.0
-NORMAL_MAD = 1.4826  # standard deviations of a normal distribution, in median absolute deviations
-NORMAL_MEAN = 1.2533  # in mean absolute deviations
-MOST_COMPONENTS = 10  # that are never many
-TIMES_MEDIAN = 3.0  # components, beyond which they are many
-RARE = 0.1  # of the cases, at most, have a note that is unusual
+FEWEST = 5  # Among fewer cases no volume and no note is unusual.
+DEVIATIONS = 3.0  # A volume is unusual if it is more standard deviations from the median.
+# The standard deviation of a normal distribution, in median and in mean absolute deviations.
+NORMAL_MAD, NORMAL_MEAN = 1.4826, 1.2533
+# Components are many if they are more than this number and more than this multiple of the median.
+MOST_COMPONENTS, TIMES_MEDIAN = 10, 3.0
+RARE = 0.1  # A note is unusual if at most this share of the cases has it.
 
 
 def mark_outliers(rows: Sequence[SummaryRow]) -> None:
@@ -28,9 +28,9 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
         if row.status == DONE:
             groups.setdefault(str(row.label), []).append(row)
     for group in groups.values():
-        center, deviation = center_and_deviation(known("volume_mm3", group))
+        center, deviation = _center_and_deviation(known("volume_mm3", group))
         median = statistics.median(known("components", group) or [0])
-        often = Counter(pattern for row in group for pattern in {pattern_of(note) for note in notes_of(row)})
+        often = Counter(pattern for row in group for pattern in {_pattern_of(note) for note in _notes_of(row)})
         most = max(1, int(RARE * len(group))) if len(group) >= FEWEST else 0
         for row in group:
             reasons = []
@@ -45,22 +45,22 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
             if volume is not None and deviation and abs(volume - center) > DEVIATIONS * deviation:
                 off = (volume - center) / deviation
                 reasons.append(f"volume {abs(off):.1f} deviations {'above' if off > 0 else 'below'} the median")
-            # What says that a surface is open is said already.
-            rare = [note for note in notes_of(row) if not is_open and often[pattern_of(note)] <= most]
+            # The notes of an open surface say that it is open, which the reasons do already.
+            rare = [note for note in _notes_of(row) if not is_open and often[_pattern_of(note)] <= most]
             row.outlier = "; ".join([*reasons, *rare])
 
 
-def center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
+def _center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
     """Return the median, and how far others lie from it as a standard deviation; 0 where they are few or all the same.
 
     The median absolute deviation, which a few outliers do not move; the mean where more than half are the same.
 
     Examples
     --------
-    >>> center, deviation = center_and_deviation([9.0, 10.0, 11.0, 10.0, 12.0, 8.0, 1000.0])
+    >>> center, deviation = _center_and_deviation([9.0, 10.0, 11.0, 10.0, 12.0, 8.0, 1000.0])
     >>> center, round(deviation, 4)
     (10.0, 1.4826)
-    >>> center_and_deviation([1.0, 2.0])
+    >>> _center_and_deviation([1.0, 2.0])
     (1.5, 0.0)
     """
     if not values:
@@ -72,17 +72,17 @@ def center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
     return center, NORMAL_MAD * statistics.median(distances) or NORMAL_MEAN * statistics.fmean(distances)
 
 
-def notes_of(row: SummaryRow) -> list[str]:
+def _notes_of(row: SummaryRow) -> list[str]:
     """Return the notes of a row, one by one."""
     return row.notes.split(NOTES_BETWEEN) if row.notes else []
 
 
-def pattern_of(note: str) -> str:
+def _pattern_of(note: str) -> str:
     """Return a note without its numbers and names of files, so that those of different cases are the same.
 
     Examples
     --------
-    >>> pattern_of("volume-7.nii.gz has 3 gaps of 2.5 mm")
+    >>> _pattern_of("volume-7.nii.gz has 3 gaps of 2.5 mm")
     '# has # gaps of # mm'
     """
     return re.sub(r"\S*\d\S*", "#", note)

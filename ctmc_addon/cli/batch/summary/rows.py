@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a summary knows of each output: a row with a column for each field, units in the names."""
+"""The row of a summary for each output, with a column for each field and units in the names."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ class SummaryRow:
         surfaces = record.get("surfaces", ())
         kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS)))
         self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
-        self.values = {each.name: of_all(each, record) for each in measures_in(SHOWN)}
+        self.values = {each.name: _of_all(each, record) for each in measures_in(SHOWN)}
         first = surfaces[0] if surfaces else record
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = first.get("spacing_mm") or (None, None, None)
         self.memory_bytes = record.get("memory_bytes")
@@ -61,12 +61,16 @@ class SummaryRow:
         self.thumbnail = folder is not None and self.status == DONE and thumbnail_path(folder, self.case).is_file()
 
     def columns(self) -> dict[str, Any]:
-        """Return what stands in the CSV and the JSON."""
+        """Return the cells of the CSV and the JSON."""
         known = _columns(Place.BATCH, self.values)
         return {name: known[name] if name in known else getattr(self, name) for name in COLUMNS}
 
+    def plain(self) -> dict[str, Any]:
+        """Return the row as the JSON has it: its cells, and those of each of several surfaces."""
+        return self.columns() | ({"surfaces": self.label_rows()} if self.surfaces else {})
+
     def label_rows(self) -> list[dict[str, Any]]:
-        """Return what stands in the CSV of labels and in the JSON, for each of several surfaces."""
+        """Return the cells of the CSV of labels and of the JSON, for each of several surfaces."""
         cells = [surface | _columns(Place.LABELS, surface) for surface in self.surfaces]
         return [{name: surface[name] for name in LABEL_COLUMNS} for surface in cells]
 
@@ -95,7 +99,7 @@ def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:
     return {column: cell for each in measures_in(place) for column, cell in each.cells(values.get(each.name)).items()}
 
 
-def of_all(about: Measure, record: Mapping[str, Any]) -> Any:
+def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
     """Return a measure of an output: as its JSON says it, or that of its surfaces combined."""
     if about.name in record:
         return record[about.name]

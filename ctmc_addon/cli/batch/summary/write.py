@@ -15,7 +15,7 @@ from .page import html_text
 from .rows import COLUMNS, LABEL_COLUMNS, SummaryRow
 
 SUMMARY_FILES = AS_JSON, AS_CSV, AS_PAGE = "summary.json", "summary.csv", "summary.html"
-LABELS_FILE = "labels.csv"  # written where a case has several labels
+LABELS_FILE = "labels.csv"  # It is written if a case has several labels.
 
 
 def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
@@ -32,19 +32,16 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         as a spreadsheet that has summary.csv open keeps others from it on Windows.
     """
     mark_outliers(rows)
-    cases = [row.columns() for row in rows]
-    of_labels = [row.label_rows() for row in rows]
-    plain = [case | ({"surfaces": of} if of else {}) for case, of in zip(cases, of_labels, strict=True)]
-    labels = [{"case": row.case, **surface} for row, of in zip(rows, of_labels, strict=True) for surface in of]
+    labels = [{"case": row.case, **surface} for row in rows for surface in row.label_rows()]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
-        (write_json, AS_JSON, (plain,)),
-        (write_csv, AS_CSV, (cases, COLUMNS)),
+        (write_json, AS_JSON, ([row.plain() for row in rows],)),
+        (write_csv, AS_CSV, ([row.columns() for row in rows], COLUMNS)),
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
         files.append((write_csv, LABELS_FILE, (labels, ("case", *LABEL_COLUMNS))))
     else:
-        remove_labels_file(folder)
+        _remove_labels_file(folder)
     for write, name, content in files:
         try:
             write(folder / name, *content)
@@ -53,7 +50,7 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
                 raise
 
 
-def remove_labels_file(folder: Path) -> None:
+def _remove_labels_file(folder: Path) -> None:
     """Remove a table of labels that an older run left; any other file of that name stays."""
     path = folder / LABELS_FILE
     with suppress(OSError, UnicodeDecodeError):
