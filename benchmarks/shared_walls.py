@@ -22,7 +22,7 @@ from vtk.util.numpy_support import vtk_to_numpy
 
 from ctmc_addon.core import Budget, ReconstructionSettings, Volume, finish, reconstruct_labels, simplify
 from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
-from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.mesh.labels.label_complex import ComplexMesh
 from ctmc_addon.core.simplification.complexes.simplify import label_distances_steps, simplify_complex_steps
 from ctmc_addon.core.surfaces.interfaces import LabelComplex, complex_steps
 from ctmc_addon.core.volume import chosen_labels_steps

@@ -5,7 +5,7 @@ from itertools import combinations, permutations
 
 import numpy as np
 
-from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.mesh.labels.label_complex import ComplexMesh
 
 EDGES = list(combinations(range(4), 2))
 

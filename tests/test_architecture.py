@@ -183,15 +183,15 @@ ALLOWED = {
     "core/mesh/rulers.py": {"math.atan2"},
     "core/preview.py": {"**"},
     "core/simplification/component_removal.py": {"math.log10", "**"},
-    "core/volume/histogram.py": {"math.log10", "np.log1p"},
-    "core/volume/statistics.py": {"np.log1p"},
+    "core/volume/statistics/histogram.py": {"math.log10", "np.log1p"},
+    "core/volume/statistics/values.py": {"np.log1p"},
     "readers/dicom/stack_geometry.py": {"math.atan2"},
     # rounded far above the last bit
     "core/phantom/shapes.py": {"np.cos", "np.sin", "**"},
     "core/segmentation/competition/border.py": {"np.exp", "np.log"},
     "core/segmentation/competition/claims.py": {"**"},
     "core/smoothing/gaussian.py": {"math.exp"},
-    "core/volume/structure_colors.py": {"**"},
+    "core/volume/labels/structure_colors.py": {"**"},
     "readers/dicom/listing.py": {"math.asin"},
     "readers/labels/colors.py": {"**"},
     # bounds with a margin, behind which all is compared exactly

@@ -10,7 +10,7 @@ from shapes import distance_mm
 pytest.importorskip("bpy")
 pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.sheet import sheet_steps
+from ctmc_addon.blender.figure.page.sheet import sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
 from ctmc_addon.cli.experiment.common import distances_steps
 from ctmc_addon.cli.experiment.simplify import simplify_levels_steps

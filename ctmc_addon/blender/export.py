@@ -20,13 +20,13 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import whole_file
 from .colors import srgb
 from .datablocks import remove_blocks
-from .lighting import set_up_studio
 from .materials import material_color, material_opacity
 from .output_files import require_room
-from .studio import SIZE, set_render
+from .scene.lighting import set_up_studio
+from .scene.studio import SIZE, set_render
+from .scene.timeline import shown_in_turn
 from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
-from .timeline import shown_in_turn
 
 MM_PER_M = 1000.0
 RENDER_SAMPLES = 64  # of F12 in a .blend

@@ -12,7 +12,7 @@ from mathutils import Vector
 
 from ..core import MeshError, length_text
 from ..core.mesh import angle_at, distance_between
-from .ct_box import link_beside_ct
+from .scene.ct_box import link_beside_ct
 from .surface import placement_of, read_provenance
 
 PROPERTY = "ctmc_ruler"

@@ -206,7 +206,7 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
 def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
-    from ..blender.figure.render import PICTURE_SIZE, render_figure_steps
+    from ..blender.figure.rendering.render import PICTURE_SIZE, render_figure_steps
 
     yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
     stages: list[Stage] = []

@@ -4,7 +4,6 @@
 from typing import TYPE_CHECKING
 
 from ..version import VERSION
-from .budget import Budget, SlabWorkers
 from .case_plan import (
     asked_bytes,
     asks_for_memory,
@@ -31,6 +30,22 @@ from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
 from .extraction.marching_cubes import marching_cubes
 from .files.mesh_files import STRUCTURE_SUFFIXES, files_of
 from .later import lazy_names
+from .machine.budget import Budget, SlabWorkers
+from .machine.memory import (
+    NO_THREAD,
+    address_space_available,
+    amount,
+    available_bytes,
+    give_back,
+    keep_little,
+    peak_bytes,
+    reset_peak_bytes,
+    resident_bytes,
+)
+from .machine.memory import refusal as memory_refusal
+from .machine.memory import require as require_memory
+from .machine.own_process import BOOT, ending, first_request, interpreter, own_output, requests, say, temporary_files_in
+from .machine.parallel import map_steps, processors, side_by_side_steps, worker_count
 from .measures import (
     GRAY_VALUES,
     HU,
@@ -44,22 +59,7 @@ from .measures import (
     measure,
     measures_in,
 )
-from .memory import (
-    NO_THREAD,
-    address_space_available,
-    amount,
-    available_bytes,
-    give_back,
-    keep_little,
-    peak_bytes,
-    reset_peak_bytes,
-    resident_bytes,
-)
-from .memory import refusal as memory_refusal
-from .memory import require as require_memory
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .own_process import BOOT, ending, first_request, interpreter, own_output, requests, say, temporary_files_in
-from .parallel import map_steps, processors, side_by_side_steps, worker_count
 from .plan import (
     advised_steps,
     fits_in_memory,

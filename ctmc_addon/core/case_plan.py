@@ -8,9 +8,9 @@ from dataclasses import replace
 from itertools import accumulate
 from typing import NamedTuple
 
-from .budget import Budget
-from .memory import amount
-from .parallel import processors
+from .machine.budget import Budget
+from .machine.memory import amount
+from .machine.parallel import processors
 from .settings import ReconstructionSettings
 from .smoothing.methods import smoothing_of
 

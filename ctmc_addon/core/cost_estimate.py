@@ -13,9 +13,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .budget import Budget
 from .extraction.grid import make_grid
 from .extraction.marching_cubes import count_steps, extract_steps
+from .machine.budget import Budget
 from .plan import LOOKING, READ_SHARE, Plan, advice_of, plan_steps, proposals_steps
 from .progress import PAUSE, Stages, Steps, timed_steps
 from .reconstruction import Reconstruction

@@ -19,7 +19,7 @@ from .units import UNITS, length_text, number_text, sizes_text, volume_text
 if TYPE_CHECKING:
     from .mesh.distance.surface_distance import SurfaceDistance
     from .mesh.measures import Measures
-    from .volume.inside import InsideValues
+    from .volume.statistics.inside import InsideValues
 
 HU = "HU"
 """The unit of gray values; where they are not HU, they have none."""

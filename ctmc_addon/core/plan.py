@@ -14,12 +14,12 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, TypeVar
 
-from .budget import Budget
 from .errors import CtmcError, MemoryLimitError
 from .extraction.field_pieces import WORK_BYTES, WORK_FACTOR, FieldSlabs
 from .extraction.marching_cubes import Counts
-from .memory import NO_THREAD, amount, give_back
-from .mesh import spool
+from .machine.budget import Budget
+from .machine.memory import NO_THREAD, amount, give_back
+from .mesh.pieces import spool
 from .progress import Stages, Steps
 from .settings import ReconstructionSettings
 from .sinks import HOLD, Sink

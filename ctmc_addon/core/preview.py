@@ -15,15 +15,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .budget import Budget
 from .errors import CtmcError, LabelError
+from .machine.budget import Budget
 from .mesh.triangle_mesh import Surface
 from .progress import Steps, finish, timed_steps
 from .settings import ALPHA, SIMPLIFICATION, ReconstructionSettings, settings_of_stage
 from .smoothing.methods import refinement_of, smoothing_of
 from .surfaces.extract import full_steps
 from .volume.region import region_box
-from .volume.thresholding import quick_threshold, used_threshold_steps
+from .volume.statistics.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Box, Volume
 
 REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step

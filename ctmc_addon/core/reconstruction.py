@@ -17,7 +17,7 @@ from .settings import ReconstructionSettings
 
 if TYPE_CHECKING:
     from .mesh.angles.alpha_choice import AlphaChoice
-    from .mesh.label_complex import Neighbor
+    from .mesh.labels.label_complex import Neighbor
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 

@@ -21,8 +21,8 @@ from .reconstruction import Reconstruction
 from .settings import ReconstructionSettings
 from .structures import structure_names
 from .units import number_text
-from .volume.inside import InsideValues, inside_values_steps, range_values_steps
 from .volume.region import region_box
+from .volume.statistics.inside import InsideValues, inside_values_steps, range_values_steps
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
 

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
 from .reconstruction import Reconstruction
-from .volume.anatomy import anatomy_of
-from .volume.structure_colors import structure_color
+from .volume.labels.anatomy import anatomy_of
+from .volume.labels.structure_colors import structure_color
 
 if TYPE_CHECKING:
     from .files.structures import Structure

@@ -11,11 +11,11 @@ import pytest
 from ctmc_addon.blender.colors import color_of
 from ctmc_addon.blender.figure.styles import require_engine
 from ctmc_addon.blender.materials import principled, surface_input
-from ctmc_addon.blender.studio import prepare_scene
+from ctmc_addon.blender.scene.studio import prepare_scene
 from ctmc_addon.blender.surface import add_reconstruction
 from ctmc_addon.core import CtmcError
 from ctmc_addon.core.volume import label_rgb, linear
-from ctmc_addon.core.volume.structure_colors import HUES
+from ctmc_addon.core.volume.labels.structure_colors import HUES
 
 # Machado, Oliveira and Fernandes 2009, severity 1: linear RGB as a protanope and a deuteranope see it.
 BLINDNESS = {

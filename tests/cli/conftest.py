@@ -86,7 +86,7 @@ def scene():
 @pytest.fixture
 def small_pictures(scene, monkeypatch):
     """Render the picture beside a surface with a twentieth of its pixels."""
-    from ctmc_addon.blender.figure import render
+    from ctmc_addon.blender.figure.rendering import render
 
     monkeypatch.setattr(render, "render_figure_steps", partial(render.render_figure_steps, size=(280, 210)))
 

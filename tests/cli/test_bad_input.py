@@ -7,7 +7,7 @@ import shutil
 import numpy as np
 import pytest
 
-from ctmc_addon.core import memory
+from ctmc_addon.core.machine import memory
 
 pytestmark = pytest.mark.usefixtures("scene")
 

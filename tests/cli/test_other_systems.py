@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ctmc_addon.core import memory
 from ctmc_addon.core.files import atomic_write
+from ctmc_addon.core.machine import memory
 from ctmc_addon.readers.decoding import worker
 
 pytestmark = pytest.mark.once

@@ -338,7 +338,7 @@ def row_name(row):
 def few_samples(monkeypatch):
     """Pictures beside reconstructions are large, and how they look is not the matter."""
     if importlib.util.find_spec("bpy"):
-        monkeypatch.setattr("ctmc_addon.blender.figure.samples.DENOISED", 1)
+        monkeypatch.setattr("ctmc_addon.blender.figure.rendering.samples.DENOISED", 1)
 
 
 @pytest.mark.parametrize("row", ROWS, ids=row_name)

@@ -17,7 +17,7 @@ from ctmc_addon.core import (
     Volume,
     reconstruct,
 )
-from ctmc_addon.core.mesh.label_complex import borders_of
+from ctmc_addon.core.mesh.labels.label_complex import borders_of
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish

@@ -21,7 +21,7 @@ from ctmc_addon.core import (
 )
 from ctmc_addon.core.errors import MemoryLimitError
 from ctmc_addon.core.simplification.whole import Goal
-from ctmc_addon.core.volume import labels as labels_of_volume
+from ctmc_addon.core.volume.labels import extents as labels_of_volume
 
 AFFINE = np.array([[-0.8, 0.1, 0, 3], [0, 0.8, 0.1, -5], [0.1, 0, 2.5, 7], [0, 0, 0, 1]])
 

@@ -23,7 +23,7 @@ from ctmc_addon.core import (
     reconstruct_labels,
 )
 from ctmc_addon.core.mesh import surface_distance
-from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.mesh.labels.label_complex import ComplexMesh
 from ctmc_addon.core.surfaces.shared import _crossings_steps
 from ctmc_addon.core.volume import ValuesInMemory
 

@@ -18,8 +18,8 @@ from ctmc_addon.core import (
     reconstruct,
     reconstruct_steps,
 )
-from ctmc_addon.core.mesh import spool as spool_module
-from ctmc_addon.core.mesh.spool import FACE_BYTES, VERTEX_BYTES
+from ctmc_addon.core.mesh.pieces import spool as spool_module
+from ctmc_addon.core.mesh.pieces.spool import FACE_BYTES, VERTEX_BYTES
 
 EXTRACT = sys.modules[reconstruct.__module__]
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)

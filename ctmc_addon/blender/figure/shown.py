@@ -11,12 +11,12 @@ import numpy as np
 
 from ...core.volume import is_lesion, transform_points
 from ..materials import material_color, material_opacity
-from ..studio import view_axes
+from ..scene.studio import view_axes
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_object
 from ..surface.placement import matrix_of
+from .rendering.visibility import depth_maps, hiding
 from .spec import FigureStyle, ShownSurface, Transparency
-from .visibility import depth_maps, hiding
 
 
 def shown_surfaces(

@@ -26,8 +26,8 @@ from ..surface import mesh_data as meshes
 from ..surface.provenance import read_provenance, settings_of
 from ..viewport.shaders import can_draw
 from .distance_map import DISTANCE, distance_material
-from .illustration import glass_material, opaque_material
-from .slice_pictures import SlicePictures
+from .page.slice_pictures import SlicePictures
+from .rendering.illustration import glass_material, opaque_material
 from .spec import ENGINES, STYLES, FigureStyle, Page, ShownSurface
 
 NAME = "CTMC Figure"

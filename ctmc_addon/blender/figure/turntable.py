@@ -25,11 +25,11 @@ from ...core.files.atomic_write import made_folder, refused, whole_file, write_j
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
-from .axes import PIVOT
-from .compose import FigureScene, all_positions, center_of, compose_steps
-from .picture import RenderRequest
-from .render import require_own_blend
-from .renderer import Renderer, renderer_of, write_scene
+from .page.axes import PIVOT
+from .page.compose import FigureScene, all_positions, center_of, compose_steps
+from .rendering.picture import RenderRequest
+from .rendering.render import require_own_blend
+from .rendering.renderer import Renderer, renderer_of, write_scene
 from .spec import Cell, FigureStyle, Page, Turn
 from .video import Video, require_video
 

@@ -11,7 +11,7 @@ import bpy
 
 from ...core import OutputError
 from ..datablocks import remove_render_results, render_results
-from ..studio import set_render
+from ..scene.studio import set_render
 from .spec import VIDEO_FORMATS
 
 

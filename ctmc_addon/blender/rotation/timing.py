@@ -23,7 +23,7 @@ import numpy as np
 from ...core import Stages, Step, Steps, TriangleMesh
 from ..datablocks import remove_blocks, remove_render_results, render_results
 from ..figure.spec import AZIMUTH, ELEVATION
-from ..studio import frame, prepare_scene, swept, view_axes
+from ..scene.studio import frame, prepare_scene, swept, view_axes
 from ..surface import mesh_data as meshes
 from .levels import NAME, Level, levels_in, show_only
 from .offscreen import TriangleDrawing

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ...core import MeshError
 from ...core.volume import slice_normal
-from ..ct_box import link_beside_ct
+from ..scene.ct_box import link_beside_ct
 from .cut_nodes import cut_nodes
 from .cuttable import require_cuttable
 from .material import picture_coordinates

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.volume import determinant
-from ..ct_box import link_beside_ct
+from ..scene.ct_box import link_beside_ct
 from ..surface.mesh_data import NORMALS
 from .cuttable import BOX, is_cut_box, require_cuttable
 from .node_builder import Nodes

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ...core import Volume
 from ...core.volume import SliceIndex, ValueKind, ends_of_body, outside_air, slice_corners, slice_values
-from ..ct_box import link_beside_ct
+from ..scene.ct_box import link_beside_ct
 from .material import UV, slice_material
 
 SLICE = "ctmc_slice_of"  # property of the object: the fingerprint of its CT

@@ -16,7 +16,7 @@ import numpy as np
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Steps, finish
 from ...core.volume import finish_of, transform_normals
 from ..colors import Color, color_of
-from ..ct_box import link_beside_ct
+from ..scene.ct_box import link_beside_ct
 from ..tissue import tissue_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys

@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 
 from ...core import Volume
-from ..ct_box import link_beside_ct
+from ..scene.ct_box import link_beside_ct
 from .appearance import Appearance, volume_material
 from .vdb import middle_mm
 

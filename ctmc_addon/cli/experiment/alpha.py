@@ -120,7 +120,7 @@ def _pictures_steps(
     result: Reconstruction, alphas: Sequence[float], meshes: Sequence[TriangleMesh], folder: Path
 ) -> Steps[list[tuple[str, str]]]:
     """Render every alpha in the paper's colors; returns the pictures' names and captions."""
-    from ...blender.figure.render import render_figure_steps
+    from ...blender.figure.rendering.render import render_figure_steps
 
     pictures = []
     for at, (alpha, mesh) in enumerate(zip(alphas, meshes, strict=True)):

@@ -48,8 +48,8 @@ def run(args: argparse.Namespace) -> None:
         settings, choices = common.only_one(args, "a map of distances"), ()
     common.require_surfaces(args, choices)
     require_blender("a figure")
-    from ...blender.figure.render import figure_steps, require_png
-    from ...blender.figure.sheet import deviation_figure_steps
+    from ...blender.figure.page.sheet import deviation_figure_steps
+    from ...blender.figure.rendering.render import figure_steps, require_png
     from ...blender.figure.styles import require_engine
 
     page, style = common.page_of(args), common.style_of(args)

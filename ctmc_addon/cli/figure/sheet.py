@@ -38,8 +38,8 @@ def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, measure, render, and print what the captions say."""
     settings = common.only_one(args, "a sheet")
     require_blender("a figure")
-    from ...blender.figure.render import require_png
-    from ...blender.figure.sheet import sheet_steps
+    from ...blender.figure.page.sheet import sheet_steps
+    from ...blender.figure.rendering.render import require_png
     from ...blender.figure.styles import require_engine
 
     with flags_checked():

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...version import VERSION
-from ..budget import Budget
 from ..errors import ReadError
-from ..memory import require_or_killed
+from ..machine.budget import Budget
+from ..machine.memory import require_or_killed
 from ..mesh.face_normals import vertex_normals
 from ..mesh.triangle_mesh import Pieces, Surface
 from ..progress import PAUSE, Stages, Step, Steps, WithResult

@@ -30,19 +30,19 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import MeshError, SettingsError, VolumeError
+from ..machine.budget import Budget
+from ..machine.parallel import map_steps
 from ..mesh.triangle_mesh import Surface, TriangleMesh
-from ..parallel import map_steps
 from ..progress import Stages, Steps, finish
-from ..volume.thresholding import check_threshold
+from ..volume.statistics.thresholding import check_threshold
 from ..volume.volume import require_gray_type
 from .faces import fill_faces
 from .gradients import Sampler, complete_normals_steps
 from .grid import Grid, make_grid
-from .interior_vertices import fill_interior_vertices
 from .order import order_of
 from .scan import SCAN_STAGES, scan_steps, slab_threads
+from .trilinear.interior_vertices import fill_interior_vertices
 from .vertices import VertexArrays, fill_edge_vertices
 
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"

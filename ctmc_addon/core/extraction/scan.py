@@ -16,14 +16,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError, ThresholdError
-from ..parallel import map_steps
+from ..machine.parallel import map_steps
 from ..progress import Stages, Steps
 from .active_voxels import Slab, find_active
 from .classify import inside_bits
 from .gradients import Sampler
 from .grid import WORD, Grid
-from .interior_vertices import with_trilinear_topology
-from .trilinear_decider import trilinear_tables
+from .trilinear.decider import trilinear_tables
+from .trilinear.interior_vertices import with_trilinear_topology
 
 SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
 SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory

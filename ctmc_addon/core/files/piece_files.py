@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError, OutputError
-from ..mesh.completed_pieces import completed_pieces_steps
 from ..mesh.face_normals import face_vectors
 from ..mesh.measures import Measures, PieceMeasures
+from ..mesh.pieces.completed_pieces import completed_pieces_steps
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import PAUSE, Step, Steps, WithResult, finish
 from .atomic_write import whole_file

@@ -7,8 +7,8 @@ from ..later import lazy_names
 from .angles.triangle_angles import TriangleQuality
 from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
-from .kept_pieces import bodies_steps, keep_components_steps, with_faces
 from .measures import Measures, measures_steps
+from .pieces.kept_pieces import bodies_steps, keep_components_steps, with_faces
 from .topology import Groups, edges_steps
 from .triangle_mesh import blend
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..progress import PAUSE, Stages, Step, Steps
 from .angles.triangle_angles import QualitySums, TriangleQuality, squared_length
-from .piece_links import PieceLinks
+from .pieces.piece_links import PieceLinks
 from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_keys_steps
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}

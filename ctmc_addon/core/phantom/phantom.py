@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from ..memory import require
+from ..machine.memory import require
 from ..progress import Step, Steps, finish
 from ..volume.affine import SPACING_LIMITS, is_spacing
 from ..volume.value_kind import ValueKind

@@ -5,8 +5,8 @@ A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, han
 shape: nothing else is read or touched.
 """
 
-from .between_planes import Outline, between_planes_steps
-from .between_slices import between_slices_steps, drawn_axis
+from .between.planes import Outline, between_planes_steps
+from .between.slices import between_slices_steps, drawn_axis
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
 from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from ..errors import SettingsError
 from ..progress import Step, Steps
-from ..volume.statistics import slabs_of
+from ..volume.statistics.values import slabs_of
 from ..volume.volume import Volume
 from .distance import Mask
 

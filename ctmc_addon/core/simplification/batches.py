@@ -14,7 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..mesh.completed_pieces import CompletedPiece, completed_pieces_steps
+from ..mesh.pieces.completed_pieces import CompletedPiece, completed_pieces_steps
 from ..mesh.topology import compacted
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import Step, WithResult

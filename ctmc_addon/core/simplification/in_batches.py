@@ -20,12 +20,12 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import MeshError
-from ..memory import give_back, require_or_killed
+from ..machine.budget import Budget
+from ..machine.memory import give_back, require_or_killed
+from ..machine.parallel import in_order_steps
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.topology import Groups
-from ..parallel import in_order_steps
 from ..progress import Step, Steps, WithResult
 from .batches import Batch, Numbering, joined, near_others, regions, shared_count
 from .component_removal import CollapsedComponents

@@ -15,7 +15,7 @@ import math
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from ..budget import Budget
+from ..machine.budget import Budget
 from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
 from ..progress import Steps, WithResult, finish
 from .batches import batches_steps

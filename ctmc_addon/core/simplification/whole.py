@@ -9,8 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import MeshError, SettingsError
+from ..machine.budget import Budget
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
 from .batch_memory import held_batches, seam_vertices

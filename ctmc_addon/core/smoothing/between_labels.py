@@ -17,8 +17,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
-from ..parallel import Threads, parts_of, spread, threads_of
+from ..machine.budget import Budget
+from ..machine.parallel import Threads, parts_of, spread, threads_of
 from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Floats, Places, widened

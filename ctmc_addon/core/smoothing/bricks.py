@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parallel import Threads, parts_of, spread
+from ..machine.parallel import Threads, parts_of, spread
 
 Floats = NDArray[np.float32]
 Places = NDArray[np.intp]

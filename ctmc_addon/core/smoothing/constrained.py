@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import LabelError, SettingsError
-from ..parallel import Threads, parts_of, threads_of
+from ..machine.budget import Budget
+from ..machine.parallel import Threads, parts_of, threads_of
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import Inside, Start, carried, halfway_mm, refined_start

@@ -18,9 +18,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
-from ..budget import Budget
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import extract_steps
+from ..machine.budget import Budget
 from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO

@@ -5,13 +5,13 @@ from __future__ import annotations
 
 import math
 
-from ..budget import Budget
 from ..errors import AbsentLabelError, SettingsError
+from ..machine.budget import Budget
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
 from ..volume.field import Field
 from ..volume.field_values import GrayValues, LabelMask
-from ..volume.labels import (
+from ..volume.labels.extents import (
     existing_labels_steps,
     label_extent_steps,
     label_notes,
@@ -19,7 +19,7 @@ from ..volume.labels import (
     require_labels,
 )
 from ..volume.region import grown_box, region_box, relative_box
-from ..volume.thresholding import used_threshold_steps
+from ..volume.statistics.thresholding import used_threshold_steps
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Box, Volume
 from .choices import for_labels_text, is_for_gray

@@ -13,7 +13,7 @@ import math
 
 import numpy as np
 
-from ..parallel import Threads
+from ..machine.parallel import Threads
 from ..progress import Step, Steps
 from .bricks import WIDTH, Bricks, Floats, Places, over_rows
 

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..parallel import Threads
+from ..machine.parallel import Threads
 from ..progress import Step, Steps
 from .bricks import WIDTH, Bricks, Floats, Places, changes_along_x, over_rows
 

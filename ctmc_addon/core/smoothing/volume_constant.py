@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
-from ..budget import Budget
 from ..extraction.grid import Grid, make_axes, make_grid
 from ..extraction.marching_cubes import ENDS, extract_steps
+from ..machine.budget import Budget
+from ..machine.parallel import Threads, parts_of, spread
 from ..mesh.triangle_mesh import Surface
-from ..parallel import Threads, parts_of, spread
 from ..progress import PAUSE, Step, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import NEAREST_ZERO

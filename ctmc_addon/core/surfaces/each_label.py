@@ -12,15 +12,15 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TypeVar
 
-from ..budget import Budget
 from ..errors import CtmcError, LabelError, MemoryLimitError
-from ..memory import give_back
-from ..parallel import side_by_side_steps
+from ..machine.budget import Budget
+from ..machine.memory import give_back
+from ..machine.parallel import side_by_side_steps
 from ..plan import advised_steps
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
-from ..volume.labels import label_extents_steps
+from ..volume.labels.extents import label_extents_steps
 from ..volume.volume import Box, Volume
 
 Result = TypeVar("Result")

@@ -13,13 +13,13 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import MemoryLimitError
 from ..extraction.field_pieces import surface_pieces_steps
-from ..memory import give_back
+from ..machine.budget import Budget
+from ..machine.memory import give_back
 from ..mesh.faces_shown import face_notes
-from ..mesh.kept_pieces import KeptPieces
-from ..mesh.spool import Spool, SpooledPieces
+from ..mesh.pieces.kept_pieces import KeptPieces
+from ..mesh.pieces.spool import Spool, SpooledPieces
 from ..mesh.triangle_mesh import Pieces, Surface, at_alpha_steps
 from ..plan import required_steps
 from ..progress import Steps, WithResult, finish

@@ -11,11 +11,11 @@ from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from ..budget import Budget
 from ..described import AUTO
+from ..machine.budget import Budget
 from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
-from ..mesh.kept_pieces import kept_and_removed_steps
+from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage

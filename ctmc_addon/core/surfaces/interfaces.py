@@ -15,7 +15,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import CtmcError, LabelError, MeshError, ThresholdError
 from ..extraction.grid import Axis, make_axes
 from ..extraction.interfaces.bands import BandFaces, band_ranges, fill_band, find_band
@@ -24,8 +23,9 @@ from ..extraction.interfaces.crossings import ComplexVertices, Crossings, crossi
 from ..extraction.interfaces.label_samples import LabelSamples, label_samples_steps
 from ..extraction.interfaces.owners import Owners, owner_type, owners_bytes, owners_steps
 from ..extraction.interfaces.walls import Wall, find_walls, islands_steps, walls_at_once, walls_samples_steps
-from ..mesh.label_complex import ComplexSurface
-from ..parallel import map_steps, side_by_side_steps
+from ..machine.budget import Budget
+from ..machine.parallel import map_steps, side_by_side_steps
+from ..mesh.labels.label_complex import ComplexSurface
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..settings import ReconstructionSettings
 from ..smoothing.methods import smoothing_of

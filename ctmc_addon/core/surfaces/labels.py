@@ -10,13 +10,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import NamedTuple
 
-from ..budget import Budget
 from ..errors import LabelError, MeshError, ThresholdError
+from ..machine.budget import Budget
 from ..progress import Stages, Steps, finish
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
-from ..volume.labels import ALL, chosen_labels_steps
+from ..volume.labels.extents import ALL, chosen_labels_steps
 from ..volume.region import region_box
 from ..volume.volume import Volume
 from .each_label import left_out, no_surface

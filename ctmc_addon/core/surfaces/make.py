@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..budget import Budget
 from ..errors import CtmcError, LabelError, MemoryLimitError
+from ..machine.budget import Budget
 from ..plan import advised_steps
 from ..progress import Stages, Steps, equal_part
 from ..sinks import HOLD
-from ..volume.labels import label_extents_steps, labels_by_layer_steps
+from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps
 from ..volume.volume import Volume
 from .each_label import NoSurfaceError, each_label_steps, without_traceback
 from .extract import reconstruct_steps, result_and_full_steps

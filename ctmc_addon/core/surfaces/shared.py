@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..budget import Budget
 from ..errors import CtmcError
-from ..mesh.complex_components import keep_complex_components_steps
+from ..machine.budget import Budget
 from ..mesh.intersections import self_intersections_steps
-from ..mesh.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
+from ..mesh.labels.complex_components import keep_complex_components_steps
+from ..mesh.labels.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Step, Steps
 from ..reconstruction import Reconstruction

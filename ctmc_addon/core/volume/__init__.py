@@ -17,23 +17,9 @@ from .affine import (
     transform_normals,
     transform_points,
 )
-from .anatomy import Anatomy, anatomy_of, is_lesion
 from .finish import finish_of
-from .histogram import (
-    Bars,
-    Limits,
-    TissueRange,
-    grabbed_limit,
-    histogram_bars,
-    moved_limit,
-    round_ticks,
-    rounded_to,
-    shown_range,
-    tissue_bands,
-)
-from .inside import InsideValues, inside_values_steps, lie_in_one_place, range_values_steps
-from .label_sources import combined_labels, free_offset, placed_labels_steps, samples_on_grid
-from .labels import (
+from .labels.anatomy import Anatomy, anatomy_of, is_lesion
+from .labels.extents import (
     ALL,
     LabelExtent,
     chosen_labels_steps,
@@ -43,7 +29,9 @@ from .labels import (
     not_a_label_steps,
     require_labels,
 )
-from .outside import AIR, ends_of_body, outside_air
+from .labels.label_sources import combined_labels, free_offset, placed_labels_steps, samples_on_grid
+from .labels.structure_colors import label_rgb, linear, structure_color
+from .labels.whole_labels import NotWholeError, WholeLabels, WholeNumbers
 from .region import (
     EDGES,
     box_of,
@@ -80,7 +68,23 @@ from .slices import (
     windowed,
     with_labels,
 )
-from .statistics import (
+from .statistics.histogram import (
+    Bars,
+    Limits,
+    TissueRange,
+    grabbed_limit,
+    histogram_bars,
+    moved_limit,
+    round_ticks,
+    rounded_to,
+    shown_range,
+    tissue_bands,
+)
+from .statistics.inside import InsideValues, inside_values_steps, lie_in_one_place, range_values_steps
+from .statistics.outside import AIR, ends_of_body, outside_air
+from .statistics.thresholding import otsu, quick_threshold, used_threshold_steps
+from .statistics.tissues import TISSUES, surface_name, tissue_name
+from .statistics.values import (
     ValueFacts,
     VolumeStatistics,
     histogram_picture,
@@ -89,9 +93,5 @@ from .statistics import (
     value_range,
     volume_statistics_steps,
 )
-from .structure_colors import label_rgb, linear, structure_color
-from .thresholding import otsu, quick_threshold, used_threshold_steps
-from .tissues import TISSUES, surface_name, tissue_name
 from .value_kind import ValueKind
 from .volume import Box, SampleGrid, Volume
-from .whole_labels import NotWholeError, WholeLabels, WholeNumbers

@@ -27,8 +27,8 @@ from ..settings import ReconstructionSettings
 from ..smoothing.smooth_field import refined_affine
 from .field_values import FieldValues, HeldValues
 from .region import relative_box
-from .statistics import slabs_of, value_facts_steps
-from .thresholding import WHOLE_VOLUME, check_threshold
+from .statistics.thresholding import WHOLE_VOLUME, check_threshold
+from .statistics.values import slabs_of, value_facts_steps
 from .value_kind import ValueKind
 from .volume import Box, Volume
 

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from ..errors import VolumeError
 from ..progress import PAUSE, Steps
-from .statistics import slabs_of
+from .statistics.values import slabs_of
 from .volume import Box, Volume
 
 SLICES = 16  # A label is compared with so many at once: what is rounded as it is read takes memory for these alone.

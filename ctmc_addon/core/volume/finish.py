@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from functools import cache
 
-from .anatomy import anatomy_of
+from .labels.anatomy import anatomy_of
 
 # One name of every row of the table of anatomy.
 _BONES = (

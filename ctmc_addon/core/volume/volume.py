@@ -20,9 +20,9 @@ from numpy.typing import NDArray
 from ..errors import ReadError, SettingsError, VolumeError
 from ..progress import Steps
 from .affine import axis_codes, checked_affine, determinant, spacing_of, with_origin
+from .labels.whole_labels import WholeLabels, WholeNumbers
 from .slice_reader import SliceReader, ValuesInMemory
 from .value_kind import ValueKind
-from .whole_labels import WholeLabels, WholeNumbers
 
 Box = tuple[tuple[int, int], tuple[int, int], tuple[int, int]]
 """Start and stop along x, y, z."""

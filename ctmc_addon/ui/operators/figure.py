@@ -14,8 +14,8 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
-from ...blender.figure.render import figure_steps, require_png
-from ...blender.figure.sheet import deviation_figure_steps, sheet_steps
+from ...blender.figure.page.sheet import deviation_figure_steps, sheet_steps
+from ...blender.figure.rendering.render import figure_steps, require_png
 from ...blender.figure.shown import shown_surfaces as figure_surfaces
 from ...blender.figure.spec import (
     PAGES,

@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 from bpy.props import EnumProperty
 
-from ...blender.studio import angles_of
+from ...blender.scene.studio import angles_of
 from ..translations import translate
 
 # Azimuth and elevation, degrees.

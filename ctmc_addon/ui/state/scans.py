@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.ct_box import boxes_in, fingerprint_of_box
+from ...blender.scene.ct_box import boxes_in, fingerprint_of_box
 from ...blender.surface import read_provenance
 from ..properties.scans import take_over
 from ..properties.structures import filling

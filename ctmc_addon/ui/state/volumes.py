@@ -14,7 +14,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.ct_box import noted_paths
+from ...blender.scene.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series

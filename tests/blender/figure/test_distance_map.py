@@ -19,7 +19,7 @@ from ctmc_addon.blender.figure.distance_map import (
     linear,
     rounded_up,
 )
-from ctmc_addon.blender.figure.sheet import deviation_figure_steps, sheet_steps
+from ctmc_addon.blender.figure.page.sheet import deviation_figure_steps, sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish, length_text
 from ctmc_addon.core.errors import OutputError, SettingsError

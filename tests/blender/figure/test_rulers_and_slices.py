@@ -10,9 +10,9 @@ from shapes import distance_mm
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.compose import compose_steps
-from ctmc_addon.blender.figure.render import figure_steps
-from ctmc_addon.blender.figure.ruler_marks import WIDTH_MM, arc, value_position
+from ctmc_addon.blender.figure.page.compose import compose_steps
+from ctmc_addon.blender.figure.page.ruler_marks import WIDTH_MM, arc, value_position
+from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, RulerMark, ShownSurface
 from ctmc_addon.blender.slices import add_slice, cut_at_slice
 from ctmc_addon.blender.surface import add_reconstruction

@@ -9,7 +9,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.figure.styles import SHARES, edge_widths, mean_edges
 from ctmc_addon.blender.surface import add_reconstruction
@@ -41,7 +41,7 @@ def test_a_white_surface_has_no_white_spots(scene, ball, tmp_path):
 def test_the_edge_of_a_shadow_is_soft(scene, ball, tmp_path):
     ground, caster = (add_reconstruction(ball(), scene) for _ in range(2))
     caster.scale = (0.3,) * 3
-    from ctmc_addon.blender.studio import SUNS, sun_axes
+    from ctmc_addon.blender.scene.studio import SUNS, sun_axes
 
     caster.location = (sun_axes(SUNS["CTMC Light"], 30, 20)[:, 2] * 0.16).tolist()
     bpy.context.view_layer.update()

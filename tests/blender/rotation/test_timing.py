@@ -14,7 +14,7 @@ from ctmc_addon.blender.rotation.timing import (
     rotation_steps,
     rotation_test_steps,
 )
-from ctmc_addon.blender.studio import prepare_scene
+from ctmc_addon.blender.scene.studio import prepare_scene
 from ctmc_addon.blender.surface.objects import add_reconstruction
 from ctmc_addon.core import finish
 from ctmc_addon.core.errors import MeshError, ReadError

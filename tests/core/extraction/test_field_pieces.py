@@ -247,7 +247,7 @@ def test_every_slice_is_fetched_once():
 
 
 def test_a_slab_is_refused_before_the_system_kills_the_process(monkeypatch):
-    monkeypatch.setattr("ctmc_addon.core.memory.linux_available", lambda *_, **__: 20 << 20)
+    monkeypatch.setattr("ctmc_addon.core.machine.memory.linux_available", lambda *_, **__: 20 << 20)
     monkeypatch.setattr(sys, "platform", "linux")
     with pytest.raises(MemoryLimitError, match=r"extracting a slab .* 32 MiB of memory and 20 MiB are available"):
         pieces_of(foam(12, 20, 8, 1), ReconstructionSettings(threshold=132.0), Budget(bytes=1 << 30))

@@ -21,7 +21,7 @@ from ctmc_addon.core.extraction.interfaces.voxel_patterns import (
     pattern_of,
 )
 from ctmc_addon.core.mesh import self_intersections
-from ctmc_addon.core.mesh.label_complex import borders_of
+from ctmc_addon.core.mesh.labels.label_complex import borders_of
 from ctmc_addon.core.progress import finish
 
 

@@ -9,8 +9,8 @@ from meshes import layered, layered_pieces, sheet
 
 from ctmc_addon.core import Step, finish, marching_cubes
 from ctmc_addon.core.mesh import measures, measures_steps
-from ctmc_addon.core.mesh.completed_pieces import completed_pieces_steps
 from ctmc_addon.core.mesh.measures import PieceMeasures
+from ctmc_addon.core.mesh.pieces.completed_pieces import completed_pieces_steps
 from ctmc_addon.core.volume.affine import transform_points
 
 

@@ -12,7 +12,7 @@ from ctmc_addon.core import Budget, distances, finish, simplify
 from ctmc_addon.core.errors import MemoryLimitError, MeshError, SettingsError
 from ctmc_addon.core.mesh.distance.surface_distance import surface_distance
 from ctmc_addon.core.mesh.intersections import self_intersections
-from ctmc_addon.core.mesh.label_complex import ComplexMesh
+from ctmc_addon.core.mesh.labels.label_complex import ComplexMesh
 from ctmc_addon.core.simplification import whole
 from ctmc_addon.core.simplification.complexes.gaps import gaps_filled_steps
 from ctmc_addon.core.simplification.complexes.shares import Shares

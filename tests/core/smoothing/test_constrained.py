@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 from meshes import boundary_edges
 
-from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.errors import LabelError, SettingsError
 from ctmc_addon.core.extraction import scan
 from ctmc_addon.core.extraction.field_pieces import surface_pieces_steps
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
+from ctmc_addon.core.machine.budget import Budget
+from ctmc_addon.core.machine.parallel import threads_of
 from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
-from ctmc_addon.core.parallel import threads_of
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.smoothing.bounds import Start, carried

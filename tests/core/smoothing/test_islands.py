@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from meshes import component_of_face, non_manifold_edges
 
-from ctmc_addon.core.budget import Budget
 from ctmc_addon.core.extraction.marching_cubes import marching_cubes
+from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps
 from ctmc_addon.core.progress import finish

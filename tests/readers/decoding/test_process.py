@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import ReadError, finish
-from ctmc_addon.core.own_process import PACKAGE
+from ctmc_addon.core.machine.own_process import PACKAGE
 from ctmc_addon.readers import open_volume, read_volume
 from ctmc_addon.readers.decoding import process as decoding
 

@@ -326,7 +326,7 @@ def test_an_unknown_syntax_is_named(tmp_path, save_stack):
 
 def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, save_stack, monkeypatch):
     save_stack(tmp_path, range(3))
-    monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
+    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 100)
     monkeypatch.setattr("ctmc_addon.readers.dicom.stored.stored_frames", lambda *_: pytest.fail("a slice was read"))
     with pytest.raises(CtmcError, match=r"7 x 5 x 3.*memory"):
         read_volume(tmp_path)

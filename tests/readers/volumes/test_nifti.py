@@ -295,7 +295,7 @@ def test_the_lits_sibling_is_found_beside_its_volume(tmp_path):
 def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     path = saved(tmp_path / "ct.nii", numbers("i2"))
     path.write_bytes(path.read_bytes()[:400])  # reading on would be a truncation
-    monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 100)
+    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 100)
     with pytest.raises(CtmcError, match=r"ct.nii \(5 x 6 x 7\) needs about.*memory"):
         read_volume(path)
 

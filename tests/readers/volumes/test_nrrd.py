@@ -313,6 +313,6 @@ def test_more_numbers_than_the_sizes_say_are_refused(tmp_path):
 def test_text_that_does_not_fit_is_refused_with_what_helps(tmp_path, monkeypatch):
     path = tmp_path / "a.nrrd"
     path.write_text("NRRD0004\ntype: uint8\ndimension: 3\nsizes: 20 10 9\nencoding: ascii\n\n" + "1 " * 1800)
-    monkeypatch.setattr("ctmc_addon.core.memory.available_bytes", lambda: 1024)
+    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 1024)
     with pytest.raises(CtmcError, match=r"a.nrrd \(20 x 10 x 9\) needs .* save it compressed or raw"):
         read_volume(path, stride=(4, 4, 4))

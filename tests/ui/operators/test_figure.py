@@ -11,7 +11,7 @@ import pytest
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.spec import (
     PAGES,
     Cell,
@@ -366,6 +366,6 @@ def test_the_camera_takes_sides_of_the_patient(scene):
 
 @pytest.mark.parametrize(("azimuth", "elevation"), [(30.0, 20.0), (-120.0, -60.0), (180.0, 0.0), (0.0, 90.0)])
 def test_angles_are_those_of_the_cameras_axes(azimuth, elevation):
-    from ctmc_addon.blender.studio import angles_of, view_axes
+    from ctmc_addon.blender.scene.studio import angles_of, view_axes
 
     assert angles_of(view_axes(azimuth, elevation)[:, 2]) == pytest.approx((azimuth, elevation))

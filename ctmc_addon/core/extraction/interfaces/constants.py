@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parallel import map_steps
+from ...machine.parallel import map_steps
 from ...progress import Steps
 
 ROUNDS = 5

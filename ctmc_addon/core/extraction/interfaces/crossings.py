@@ -15,7 +15,7 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parallel import map_steps
+from ...machine.parallel import map_steps
 from ...progress import Steps
 from ..case_table import NEAREST
 from .bands import Band, BandFaces

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...parallel import map_steps
+from ...machine.parallel import map_steps
 from ...progress import Steps
 from ..grid import Axis
 from .label_samples import LabelSamples

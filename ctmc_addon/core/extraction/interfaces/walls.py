@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
+from ...machine.budget import Budget
 from ...progress import PAUSE, Steps
 from ...smoothing.between_labels import between_labels_steps
 from ...smoothing.constrained import reach_of

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...progress import Step, Steps
-from ...volume.structure_colors import linear
+from ...volume.labels.structure_colors import linear
 from .structure import Structure, total
 
 MM_PER_M = 1000.0

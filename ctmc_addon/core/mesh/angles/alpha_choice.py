@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ...arithmetic import tangent
 from ...progress import PAUSE, Step, Steps, WithResult
 from ...units import length_text
-from ..completed_pieces import with_next_steps
+from ..pieces.completed_pieces import with_next_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
 from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squared_length, squared_sides

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import MeshError
-from ...parallel import map_steps, worker_count
+from ...machine.parallel import map_steps, worker_count
 from ...progress import PAUSE, Steps, finish
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import TriangleMesh

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.label_complex import ComplexMesh
+from ...mesh.labels.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
 from ..collapse_rules import Surface

@@ -12,7 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ...mesh.label_complex import ComplexMesh, junction_vertices
+from ...mesh.labels.label_complex import ComplexMesh, junction_vertices
 from ...mesh.topology import compacted, component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps

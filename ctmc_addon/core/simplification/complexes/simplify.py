@@ -20,10 +20,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
+from ...machine.budget import Budget
 from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
-from ...mesh.label_complex import ComplexMesh, borders_of
+from ...mesh.labels.label_complex import ComplexMesh, borders_of
 from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
+from ...machine.budget import Budget
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
 from ...units import volume_text

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...budget import Budget
-from ...parallel import map_steps
+from ...machine.budget import Budget
+from ...machine.parallel import map_steps
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
 from ...volume.field import Field

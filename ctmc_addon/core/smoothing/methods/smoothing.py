@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from ...budget import Budget
+from ...machine.budget import Budget
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
 from ...volume.field import Field

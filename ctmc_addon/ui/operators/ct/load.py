@@ -15,8 +15,8 @@ from bpy.props import BoolProperty, CollectionProperty, StringProperty
 
 from .... import readers
 from ....blender.colors import color_of
-from ....blender.ct_box import show_box
-from ....blender.default_cube import put_out_of_view, untouched_cube
+from ....blender.scene.ct_box import show_box
+from ....blender.scene.default_cube import put_out_of_view, untouched_cube
 from ....blender.units import has_blenders_units, set_units
 from ....core import ReadError, Stages, Steps, fits_in_memory, shown_stride
 from ....core.volume import ValueKind, volume_box, volume_statistics_steps

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ....blender.lighting import set_up_studio
+from ....blender.scene.lighting import set_up_studio
 from ....core import CtmcError
 from ... import jobs
 from ...state import surfaces

@@ -8,7 +8,7 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.ct_box import box_of
+from ctmc_addon.blender.scene.ct_box import box_of
 from ctmc_addon.core.volume import volume_box
 from ctmc_addon.ui.state import volumes
 

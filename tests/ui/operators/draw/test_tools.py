@@ -11,7 +11,7 @@ from ui.drawing import drawn as drawn_panels
 from ui.strokes import mask, middle, stroke
 
 from ctmc_addon.core import Budget
-from ctmc_addon.core.segmentation import between_slices
+from ctmc_addon.core.segmentation.between import slices as between_slices
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.panels import draw as draw_panel
 from ctmc_addon.ui.properties.drawing import points_of

@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.blender.figure.render import figure_steps
+from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, Page, ShownSurface
 from ctmc_addon.cli import main
 from ctmc_addon.core import finish

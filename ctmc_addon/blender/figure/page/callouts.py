@@ -1,0 +1,121 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Names beside the structures: in a column left and right of a picture, each with a line to where it is seen."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...colors import Color
+from ..letters import CAP
+from ..rendering.visibility import DepthMaps
+from .annotations import GAP_MM, LEADING, Board
+from .layout import SheetLayout
+from .ruler_marks import add_line
+
+LINE_MM = 0.18
+BORDER_MM = 0.22  # of paper around a line, so that it is seen on any ground
+DOT_MM = 0.9  # at its end
+ALONE = 0.15  # of what is seen of a structure: so much of it before nothing else is where its line ends
+STUB_MM = 1.5  # of a line before it turns
+
+
+@dataclass(frozen=True)
+class Callout:
+    """A name, its color, and where its structure is seen, mm on the page; None where it is not."""
+
+    name: str
+    color: Color
+    at: tuple[float, float] | None
+
+
+def seen_at(maps: DepthMaps, which: int, others: Sequence[int]) -> tuple[float, float] | None:
+    """Return a place at which a surface is seen, (right, up), as far inside of what is seen of it as there is one.
+
+    Where some of it lies before nothing else, the place is there.
+    """
+    seen = maps.visible(which, others)
+    alone = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
+    inside = alone if alone.sum() > ALONE * seen.sum() else seen
+    if not inside.any():
+        return None
+    while (smaller := eroded(inside)).any():
+        inside = smaller
+    rows, columns = np.nonzero(inside)
+    nearest = int(np.argmin((rows - rows.mean()) ** 2 + (columns - columns.mean()) ** 2))
+    return maps.position(int(rows[nearest]), int(columns[nearest]))
+
+
+def eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the cells of a mask, (rows, columns), whose four neighbors are in it too."""
+    padded = np.pad(mask, 1)
+    return mask & padded[2:, 1:-1] & padded[:-2, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2]
+
+
+def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]) -> None:
+    """Write the names in the columns beside the first picture of a page, each at the height of its structure."""
+    left, bottom, right, top = layout.pictures[0]
+    middle = (left + right) / 2
+    # Half of them on each side, those farthest left at the left; what is not seen has no place of its own.
+    order = sorted(callouts, key=lambda callout: callout.at[0] if callout.at else middle)
+    half = (len(order) + 1) // 2
+    line = LEADING * board.font_mm
+    for side, column in ((-1, order[:half]), (1, order[half:])):
+        column = sorted(column, key=lambda callout: callout.at[1] if callout.at else bottom)
+        wished = np.array([callout.at[1] if callout.at else bottom for callout in column])
+        heights = spread(wished, line, bottom + line / 2, top - line / 2)
+        for callout, height in zip(column, heights.tolist(), strict=True):
+            draw_callout(board, callout, layout.margin if side < 0 else board.size_mm[0] - layout.margin, height, side)
+
+
+def draw_callout(board: Board, callout: Callout, outer: float, height: float, side: int) -> None:
+    """Write one name at a height, from the outer edge of its column, a square of its color and its line inwards."""
+    square, cap = CAP * board.font_mm, CAP * board.font_mm
+    base = height - cap / 2
+    start = outer if side < 0 else outer - square
+    board.rectangle((start, base, start + square, base + square), callout.color)
+    text = outer - side * (square + GAP_MM)
+    board.text(callout.name, text, base, "LEFT" if side < 0 else "RIGHT")
+    if callout.at is None:
+        return
+    begin = text - side * (board.width_of(callout.name) + GAP_MM)
+    points = np.array([(begin, height), (begin - side * STUB_MM, height), callout.at])
+    end = np.array([callout.at, callout.at])
+    for width, dot, color, behind in (
+        (LINE_MM + 2 * BORDER_MM, DOT_MM + 2 * BORDER_MM, board.paper, 0.4),
+        (LINE_MM, DOT_MM, board.pen, 0.3),
+    ):
+        add_line(board, points, width, color, behind)
+        board.disc(tuple(end[0].tolist()), dot / 2, color, behind)
+
+
+def spread(wished: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
+    """Return heights at least a gap apart and between two limits, near the wished ones; rising, as these are.
+
+    Where the limits leave too little room, the gap is less.
+
+    Examples
+    --------
+    >>> spread(np.array([1.0, 1.0, 9.0]), 2.0, 0.0, 10.0).tolist()
+    [0.0, 2.0, 9.0]
+    >>> spread(np.array([9.0, 9.0, 9.0]), 2.0, 0.0, 10.0).tolist()
+    [6.0, 8.0, 10.0]
+    """
+    count = len(wished)
+    if not count:
+        return wished
+    gap = min(gap, (high - low) / max(count - 1, 1))
+    steps = gap * np.arange(count)
+    # Without the gaps rising heights are enough: names that would overlap share the mean of what they wish for.
+    free = wished - steps
+    blocks: list[tuple[float, int]] = []
+    for value in free.tolist():
+        blocks.append((value, 1))
+        while len(blocks) > 1 and blocks[-2][0] > blocks[-1][0]:
+            (first, many), (second, more) = blocks[-2:]
+            blocks[-2:] = [((first * many + second * more) / (many + more), many + more)]
+    near = np.repeat([value for value, _ in blocks], [many for _, many in blocks])
+    return np.clip(near, low, high - steps[-1]) + steps

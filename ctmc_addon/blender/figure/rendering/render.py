@@ -1,0 +1,151 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
+
+Rendered in a scene of its own; the user's scene and settings are left as they are.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from contextlib import ExitStack
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+
+from ....core import OutputError, Step, Steps
+from ....core.files.atomic_write import whole_file
+from ....core.files.temporary_names import remove_leftovers
+from ..page.compose import compose_steps
+from ..shown import shown_surfaces
+from ..spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
+from ..styles import EDGE_MM, NAME
+from .picture import RenderRequest, pillow
+from .renderer import renderer_of, write_scene
+
+PICTURE_SAMPLES = 9
+PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
+PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
+
+
+def figure_steps(
+    cells: Sequence[Cell],
+    path: str | os.PathLike[str],
+    page: Page | None = None,
+    style: FigureStyle | None = None,
+    blend: str | os.PathLike[str] | None = None,
+    scene: bpy.types.Scene | None = None,
+    own_process: bool = False,
+) -> Steps[tuple[int, int]]:
+    """Render cells to a PNG on a page, and write the .blend that made it; returns the picture's size in pixels.
+
+    Both files or none: work that is stopped leaves neither.
+
+    Parameters
+    ----------
+    blend : path, optional
+        A .blend with the figure's own scene; nothing else of the present file goes in.
+    scene : Scene or None
+        Where the objects are evaluated; None takes the first scene that holds each.
+    own_process : bool
+        Render in a Blender of its own, which closing the steps ends at any moment.
+
+    Raises
+    ------
+    CtmcError
+        If there is nothing to show, a file cannot be written, or the engine does not work here.
+    """
+    page, style, target = page or Page(), style or FigureStyle(), Path(path)
+    require_png(target)
+    if blend is not None:
+        require_own_blend(Path(blend))
+    for file in (target, Path(blend or target)):
+        remove_leftovers(file.resolve().parent)
+    yield Step(0.0, "Setting up the figure")
+    figure = yield from compose_steps(cells, page, style, scene)
+    try:
+        with ExitStack() as files:
+            if blend is not None:
+                write_scene(figure, files.enter_context(whole_file(Path(blend))))
+            figure.trim_outlines()
+            path = str(files.enter_context(whole_file(target)))
+            picture = RenderRequest(path, target.name, page.dpi, figure.paper, figure.written_rows)
+            with renderer_of(figure, target, own_process) as renderer:
+                yield from renderer.make_steps(picture, Step(0.1, f"Rendering {target.name}"))
+        yield Step(1.0, f"{target.name} written")
+        return figure.size
+    finally:
+        figure.remove()
+
+
+def render_figure_steps(
+    objects: Sequence[bpy.types.Object],
+    scene: bpy.types.Scene | None,
+    path: str | os.PathLike[str],
+    size: tuple[int, int] = PICTURE_SIZE,
+    style: str = "illustration",
+    azimuth: float = AZIMUTH,
+    elevation: float = ELEVATION,
+    names: Sequence[str] = (),
+    chosen: Sequence[float | None] = (),
+    own_process: bool = False,
+) -> Steps[tuple[int, int]]:
+    """Render the plain picture that stands beside a reconstruction, with nothing written on it.
+
+    Returns its size in pixels.
+
+    Parameters
+    ----------
+    scene : Scene or None
+        Where the objects are evaluated; None takes the first scene that holds each.
+    size : (width, height) int
+        Pixels.
+    style : str
+        One of `STYLES`.
+    azimuth, elevation : float
+        Where the camera stands, degrees.
+    names : sequence of str
+        What the objects are, for what hides a tumor; by default their own.
+    chosen : sequence of float or None
+        The opacity that a person has chosen for each.
+    own_process : bool
+        Render in a Blender of its own, which closing the steps ends at any moment.
+
+    Raises
+    ------
+    OutputError
+        If `path` is not a .png or cannot be written to, or this Blender has no Cycles.
+    """
+    dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
+    page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
+    look = FigureStyle(
+        style=style,
+        azimuth=azimuth,
+        elevation=elevation,
+        scale_bar=False,
+        orientation=False,
+        samples=None if style == "illustration" else PICTURE_SAMPLES,
+    )
+    shown = [replace(surface, name="") for surface in shown_surfaces(objects, scene, look, names, chosen)]
+    cell = Cell(tuple(shown))
+    return (yield from figure_steps([cell], path, page, look, scene=scene, own_process=own_process))
+
+
+def require_png(path: Path) -> None:
+    """Raise `OutputError` for a path that is not a .png, or a Python without the library that writes it."""
+    if path.suffix.lower() != ".png":
+        raise OutputError(f"{path.name} is not a .png; figures are written as .png")
+    pillow()
+
+
+def require_own_blend(path: Path) -> None:
+    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
+    if path.exists() and path.stat().st_size:
+        try:
+            with bpy.data.libraries.load(str(path)) as (there, _):
+                own = any(name.startswith(NAME) for name in there.scenes)
+        except (OSError, ValueError):  # not a .blend, or the one that is open
+            own = False
+        if not own:
+            raise OutputError(f"{path.name} is there already and is not a figure's; move it, or give another name")

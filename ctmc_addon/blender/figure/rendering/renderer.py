@@ -1,0 +1,212 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Who renders a figure's scene: this process, or a Blender of its own that can be ended at any moment.
+
+Nothing interrupts Blender while it renders: neither Ctrl-C nor Esc nor a window that wants to be drawn is heard before
+the picture is done. A process of its own gets the scene as a .blend in a hidden folder beside the output. Closing the
+steps ends it and removes the folder, so that nothing is left; it does both itself where whoever started it is gone.
+"""
+
+from __future__ import annotations
+
+import json
+import queue
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import IO, Any, Protocol
+
+import bpy
+
+from ....core import BOOT, OutputError, Step, Steps, ending, first_request, interpreter, temporary_files_in
+from ....core.files.atomic_write import refused
+from ....core.files.temporary_names import temporary_name
+from ...output_files import require_room
+from ..page.compose import FigureScene
+from ..video import Video
+from .picture import RenderRequest
+
+Task = RenderRequest | Video
+WORKER = Path(__file__).with_name("renderer_worker.py")
+MARK = b"ctmc-renderer "  # begins what the process says: Blender prints to the same stream
+SCENE = "scene.blend"
+TICK = 0.02  # seconds between two looks whether there is an answer
+
+
+class Renderer(Protocol):
+    """Renders tasks one after the other.
+
+    Parameters
+    ----------
+    folder : Path
+        For what is not complete; it is removed at the end.
+    """
+
+    folder: Path
+
+    def make_steps(self, task: Task, step: Step) -> Steps[None]:
+        """Do a task; yields the step, with the share of the task that is done if that is known."""
+        ...
+
+
+@contextmanager
+def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterator[Renderer]:
+    """Give a renderer of a figure's scene, whose hidden folder stands beside a path.
+
+    A process of its own has a copy of the scene: the figure is removed from this file as soon as that is written.
+
+    Raises
+    ------
+    OutputError
+        If the folder cannot be made, or no process can be started.
+    """
+    folder = beside.with_name(temporary_name())
+    try:
+        try:
+            folder.mkdir(0o700)
+        except OSError as error:
+            raise refused(beside, error) from error
+        if not own_process:
+            yield ThisProcess(figure.scene, folder)
+            return
+        copy = folder / SCENE
+        copy.touch()
+        write_scene(figure, copy)
+        figure.remove()
+        process = RenderProcess(folder)
+        try:
+            yield process
+        finally:
+            process.close()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
+
+
+class ThisProcess:
+    """Renders here: quick to start, deaf until each task is done."""
+
+    def __init__(self, scene: bpy.types.Scene, folder: Path) -> None:
+        self.scene = scene
+        self.folder = folder
+
+    def make_steps(self, task: Task, step: Step) -> Steps[None]:
+        """Do a task."""
+        yield step
+        task.make(self.scene)
+
+
+class RenderProcess:
+    """A Blender of its own that has opened the scene in `folder`; `close` must be called at the end."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+        self.answers: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self.errors: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115  (closed with the process)
+        try:
+            self.process = subprocess.Popen(
+                command(),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                stderr=self.errors,
+                env=temporary_files_in(str(folder.resolve())),
+                # Ctrl-C in a terminal reaches every process in its group; this one is ended by `close`.
+                start_new_session=True,
+                creationflags=getattr(subprocess, "CREATE_NO_WINDOW", 0),
+            )
+        except OSError as error:
+            self.errors.close()
+            raise OutputError(f"no process could be started to render ({error.strerror}); end others first") from error
+        self.reader = threading.Thread(target=self._read, daemon=True)
+        self.reader.start()
+        self._send(greeting(folder / SCENE))
+
+    def make_steps(self, task: Task, step: Step) -> Steps[None]:
+        """Do a task; yields the step while that goes on.
+
+        Raises
+        ------
+        OutputError
+            The sentence of the process, or how it ended.
+        """
+        self._send({"task": type(task).__name__, "fields": task._asdict()})
+        while True:
+            yield step
+            try:
+                said = self.answers.get(timeout=TICK)
+            except queue.Empty:
+                continue
+            if said is None:
+                how = ending(self.process, self.errors, remedy="make a smaller picture")
+                raise OutputError(f"the figure could not be rendered: its process {how}")
+            try:
+                answer = json.loads(said)
+            except ValueError as error:
+                raise RuntimeError(f"the process that renders said {said!r}") from error
+            if "sentence" in answer:
+                raise OutputError(answer["sentence"])
+            if "defect" in answer:
+                raise RuntimeError(f"in the process that renders:\n{answer['defect']}")
+            if "done" in answer:
+                return
+            message = step.message.partition(", ")[0]
+            step = step if answer["share"] is None else Step(step.fraction, f"{message}, {answer['share']:.0%}")
+
+    def close(self) -> None:
+        """End the process."""
+        self.process.kill()
+        self.process.wait()
+        self.reader.join()
+        self.errors.close()
+        assert self.process.stdin is not None
+        with suppress(OSError):
+            self.process.stdin.close()
+
+    def _send(self, request: dict[str, Any]) -> None:
+        assert self.process.stdin is not None
+        with suppress(OSError):  # it has ended, which the wait for its answer will say
+            self.process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
+            self.process.stdin.flush()
+
+    def _read(self) -> None:
+        """Hand on what the process says, and None at its end."""
+        assert self.process.stdout is not None
+        try:
+            with self.process.stdout as stream:
+                for line in stream:
+                    _, mark, answer = line.rpartition(MARK)
+                    if mark:
+                        self.answers.put(answer)
+        finally:
+            self.answers.put(None)
+
+
+def command() -> list[str]:
+    """Return how the process is started: as a second Blender inside Blender, else by this Python, which has bpy."""
+    if bpy.app.binary_path:
+        return [
+            *(bpy.app.binary_path, "--background", "--factory-startup"),
+            *("--python-exit-code", "1", "--python-expr", BOOT),
+        ]
+    return [str(interpreter() or sys.executable), "-I", "-S", "-c", BOOT]
+
+
+def greeting(blend: Path) -> dict[str, Any]:
+    """Return the first request: what to run, with which .blend, and where modules are found."""
+    request = first_request(WORKER, str(blend.resolve()))
+    if not bpy.app.binary_path:
+        # Loading bpy adds its own scripts, among which another module bpy would be found first.
+        scripts = Path(bpy.utils.resource_path("LOCAL"))
+        request["path"] = [entry for entry in request["path"] if scripts not in Path(entry).parents]
+    return request
+
+
+def write_scene(figure: FigureScene, path: Path) -> None:
+    """Write the figure's scene to a .blend that is there and empty."""
+    figure.scene.render.filepath = "//"
+    vertices = sum(len(copy.data.vertices) for copies in figure.copies for copy in copies)
+    require_room(path, 500_000 + 120 * vertices)
+    bpy.data.libraries.write(str(path), {figure.scene}, path_remap="RELATIVE_ALL")

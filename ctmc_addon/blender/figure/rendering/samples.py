@@ -1,0 +1,102 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""How many samples Cycles takes of a pixel: some and a denoiser, or as many as the noise of the picture needs.
+
+The soft light of illustrations is what is noisy. The other styles are lit by suns, and have as many samples as smooth
+outlines need; a denoiser would smear their triangle edges.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any
+
+import bpy
+import numpy as np
+
+from ...colors import Color, srgb
+from ..spec import FigureStyle
+
+DENOISED = 32  # samples of a pixel before the denoiser, at most; how smooth edges are comes from them
+NOISE_DENOISED = 0.05  # the page and even surfaces have no more after 16 samples, which is most of a picture
+FIRST_LOOK = 8  # Cycles looks at every 16th sample, and not while it has this many: with 16 it would look at the 32nd
+SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and seen from afar
+NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
+FEWEST, MOST = 16, 512
+COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
+PATTERN = "TABULATED_SOBOL"  # Spreads few samples of a pixel evenly: edges of letters are smooth with 16.
+LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
+OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
+PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
+BORDER = 3  # pixels along the sides of a page, which are empty, and where it leaves more
+
+
+def can_denoise() -> bool:
+    """Return whether this Blender was built with Open Image Denoise; Debian's was not."""
+    try:
+        import _cycles  # type: ignore[import-not-found]
+    except ImportError:
+        return False
+    return bool(_cycles.with_openimagedenoise)
+
+
+def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
+    """Have Cycles take the samples of a style; without a number of them as many as a picture without noise needs."""
+    cycles = scene.cycles
+    cycles.use_denoising = cycles.use_adaptive_sampling = False
+    cycles.sampling_pattern = PATTERN
+    if style.samples is not None or style.style != "illustration" or style.distances is not None:
+        cycles.samples = style.samples or samples_of_edges(dpi)
+    elif can_denoise():
+        small = scene.render.resolution_x * scene.render.resolution_y <= SMALL_PIXELS
+        cycles.samples = DENOISED_SMALL if small else DENOISED
+        cycles.use_adaptive_sampling = True
+        cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE_DENOISED, FIRST_LOOK
+        cycles.use_denoising, cycles.denoiser = True, "OPENIMAGEDENOISE"
+        cycles.denoising_input_passes, cycles.denoising_prefilter = "RGB_ALBEDO_NORMAL", "FAST"
+    else:
+        cycles.samples, cycles.use_adaptive_sampling = MOST, True
+        cycles.adaptive_threshold, cycles.adaptive_min_samples = NOISE, FEWEST
+        cycles.time_limit = LONGEST_S
+
+
+def samples_of_edges(dpi: float) -> int:
+    """Return how many samples of a pixel make edges smooth."""
+    return COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES
+
+
+@contextmanager
+def without_noise(scene: bpy.types.Scene, dpi: float) -> Iterator[None]:
+    """Have Cycles take the samples of edges alone, for a part of the page where no light falls on anything."""
+    cycles = scene.cycles
+    before = cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising
+    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples_of_edges(dpi), False, False
+    try:
+        yield
+    finally:
+        cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = before
+
+
+def is_denoised(scene: bpy.types.Scene) -> bool:
+    """Return whether a scene's pictures go through the denoiser."""
+    return scene.render.engine == "CYCLES" and scene.cycles.use_denoising
+
+
+def clean_page(rows: Any, paper: Color) -> Any:
+    """Return rows of a picture, a Pillow image, whose page is of one color again, as it was before the denoiser."""
+    from PIL import Image
+
+    levels = np.array(rows)
+    page = np.array(srgb(paper), np.uint8)
+    near = (np.abs(levels[..., :3].astype(np.int16) - page) <= PAGE_LEVELS).all(axis=2)
+    levels[near, :3] = page
+    return Image.fromarray(levels)
+
+
+def clean_border(picture: Any, paper: Color) -> None:
+    """Give the empty border of a picture, a Pillow image, the color of the page again."""
+    width, height = picture.size
+    empty = srgb(paper) if picture.mode == "RGB" else (*srgb(paper), 0)
+    for box in ((0, 0, width, BORDER), (0, height - BORDER, width, height),
+                (0, 0, BORDER, height), (width - BORDER, 0, width, height)):  # fmt: skip
+        picture.paste(empty, box)

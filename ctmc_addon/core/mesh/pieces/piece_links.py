@@ -1,0 +1,50 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Which components of the pieces of a surface are one across the seams."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...progress import Steps
+from ..topology import component_numbers_steps
+
+
+class PieceLinks:
+    """Components of pieces, from the first piece to the last.
+
+    Attributes
+    ----------
+    first : list of int
+        The number of each piece's first component, counted over all pieces; then the total.
+    """
+
+    def __init__(self) -> None:
+        self.first = [0]
+        self._links: list[NDArray[np.int64]] = []
+        # Components of the piece before, at the first vertices of the next; -1 for none.
+        self._above = np.empty(0, np.int64)
+
+    def add_steps(self, faces: NDArray[np.int32], own: int) -> Steps[NDArray[np.int32]]:
+        """Take in the triangles of the next piece, and return the component of each among the piece's own, (f,).
+
+        `own` vertices are the piece's; numbers from there on are those of the next piece.
+        """
+        total = max(own, int(faces.max(initial=-1)) + 1)
+        numbers = yield from component_numbers_steps(faces, total)
+        at_vertex = np.full(max(total, len(self._above)), -1, np.int64)
+        at_vertex[faces] = (numbers + np.int64(self.first[-1]))[:, None]
+        here = at_vertex[: len(self._above)]
+        both = (self._above >= 0) & (here >= 0)
+        if both.any():
+            self._links.append(np.unique(np.stack([self._above[both], here[both]], axis=1), axis=0))
+        self._above = at_vertex[own:total]
+        self.first.append(self.first[-1] + int(numbers.max(initial=-1)) + 1)
+        return numbers
+
+    def joined_steps(self) -> Steps[NDArray[np.int32]]:
+        """The component of the surface that every component of a piece is in, in the order of their first triangles."""
+        nodes = np.arange(self.first[-1], dtype=np.int32)
+        links = np.concatenate([np.stack([nodes, nodes], axis=1), *self._links]).astype(np.int32)
+        numbers = yield from component_numbers_steps(links, len(nodes))
+        return numbers[: len(nodes)]
