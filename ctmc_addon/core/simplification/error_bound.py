@@ -184,12 +184,12 @@ class ErrorBound:
         nearest = _nearest_point(points[:, open_], samples, first[face_of[open_]], near_to[face_of[open_]])
         triangle = self.triangle_of[inner[inside][nearest]]
         to_original = self.check.to_original
-        squared[open_] = squared_distances(points[:, open_], *to_original.triangles(triangle))
+        squared[open_] = to_original.squared_distances(points[:, open_], triangle)
         yield PAUSE
         for _ in range(self.policy.nearer_steps):
             far = np.flatnonzero(squared[open_] > self.limit_squared)
             open_, triangle = open_[far], to_original.across(points[:, open_[far]], triangle[far])
-            other = squared_distances(points[:, open_], *to_original.triangles(triangle))
+            other = to_original.squared_distances(points[:, open_], triangle)
             other[self.original_interface[triangle] != interface[face_of[open_]]] = np.inf
             squared[open_] = np.minimum(squared[open_], other)
         yield PAUSE

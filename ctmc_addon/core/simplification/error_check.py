@@ -54,6 +54,14 @@ class Target:
         """The three corners, (3, n) each."""
         return (np.take(corner, number, axis=1) for corner in self.tree.corners)
 
+    def squared_distances(self, points: Floats, number: Indices) -> Doubles:
+        """Squared distance of each point (3, n) to the triangle with the number given for it, a block at a time."""
+        squared = np.empty(len(number))
+        for start in range(0, len(number), BLOCK):
+            block = slice(start, start + BLOCK)
+            squared[block] = squared_distances(points[:, block], *self.triangles(number[block]))
+        return squared
+
     def nearest_steps(self, points: Floats, limits: Doubles) -> Steps[tuple[Doubles, Indices]]:
         """`TriangleTree.nearest` of any number of points, (3, n)."""
         squared, near = np.empty(len(limits)), np.empty(len(limits), np.int64)

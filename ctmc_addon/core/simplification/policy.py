@@ -112,7 +112,7 @@ class Policy:
 
     face_bytes: int = 380
     """Memory for each triangle at the start."""
-    bounded_face_bytes: int = 800
+    bounded_face_bytes: int = 900
     """The same with a maximum error."""
     complex_face_bytes: int = 320
     """Memory for each triangle of labels that touch."""
