@@ -125,11 +125,9 @@ class Plan:
     @property
     def has_thin_batches(self) -> bool:
         """Whether seams dominate the memory, so that a lower target would not help."""
-        from .simplification.batch_memory import are_thin, seam_vertices
-
-        counts, budget = self.counts, self.budget
-        in_batches = self.simplifies and counts.faces > self._goal.most_whole(budget)
-        return in_batches and are_thin(self._goal.sizes(budget)[0], seam_vertices(counts.vertices, counts.layers))
+        counts, goal = self.counts, self._goal
+        in_batches = self.simplifies and counts.faces > goal.most_whole(self.budget)
+        return in_batches and goal.has_thin_batches(self.budget, counts.vertices, counts.layers)
 
     @property
     def _goal(self) -> Goal:

@@ -244,18 +244,19 @@ def test_thin_batches_need_the_triangles_along_their_seams_too(monkeypatch):
     settings = ReconstructionSettings(threshold=150, reduction=0.95)
     budget = Budget(threads=1, work_bytes=0, whole_faces=1 << 16)
     held = []
-    last_pass_steps = in_batches._Passes.last_pass_steps
+    regions = in_batches.regions
 
-    def noted(passes, batches, target):
-        held.append(sum(batch.face_count for batch in batches))
-        return last_pass_steps(passes, batches, target)
+    def noted(surface, most, axis):
+        held.append(surface.face_count)
+        return regions(surface, most, axis)
 
-    monkeypatch.setattr(in_batches._Passes, "last_pass_steps", noted)
+    monkeypatch.setattr(in_batches, "regions", noted)
     counts = finish(plan_steps(volume, settings, budget)).counts
     result = reconstruct(volume, settings, budget)
     assert (result.full_faces, counts.layers) == (counts.faces, 63)
-    share, seam = POLICY.spare * 0.05, seam_vertices(counts.vertices, counts.layers)
-    predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, seam, 1 << 15)
+    share = POLICY.spare * 0.05
+    border = POLICY.seam_faces * seam_vertices(counts.vertices, counts.layers)
+    predicted = held_batches(counts.faces, share, 1 << 14, counts.layers, border, 1 << 15)
     assert held[0] > 2 * share * counts.faces  # what would be held without seams
     assert 0.8 * held[0] < predicted.held < 2 * held[0]
 

@@ -10,8 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-SEAM_VERTICES = 2 / 3  # Share of the vertices that lie in the planes of samples across z: those on edges along x and y.
-SEAM_FACES = 4  # triangles that stay for each vertex of a batch's two seams
+SEAM_VERTICES = 2 / 3  # Share of the vertices in the planes of samples across z: those on edges along x and y.
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,8 @@ def seam_vertices(vertex_count: int, layers: int) -> int:
     return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
 
 
-def are_thin(batch: int, seam: int) -> bool:
-    """Return whether seams keep more than half of a batch, so that memory hardly follows what is left."""
-    return 2 * SEAM_FACES * seam > batch
-
-
 def held_batches(
-    face_count: int, share: float, batch: int, layers: int, seam: int, most: int, merges: bool = True
+    face_count: int, share: float, batch: int, layers: int, border: int, most: int, merges: bool = True
 ) -> HeldBatches:
     """Simulate equal batches until the first group is merged.
 
@@ -53,8 +47,8 @@ def held_batches(
         Triangles that a batch has at least.
     layers : int
         Layers of voxels that have the surface; 0 where batches end anywhere.
-    seam : int
-        Vertices that two batches share.
+    border : int
+        Triangles that stay along the two seams of a batch.
     most : int
         Triangles that batches hold before they are merged.
     merges : bool
@@ -64,14 +58,13 @@ def held_batches(
     --------
     >>> held_batches(60_000, 0.05, 1000, 0, 0, 2000)
     HeldBatches(held=3000, merged=2050)
-    >>> held_batches(60_000, 0.05, 1000, 0, 100, 2000)
-    HeldBatches(held=4600, merged=2450)
     >>> held_batches(60_000, 0.05, 1000, 0, 400, 2000)
+    HeldBatches(held=4600, merged=2450)
+    >>> held_batches(60_000, 0.05, 1000, 0, 1600, 2000)
     HeldBatches(held=60000, merged=3000)
     """
     layer = face_count / layers if layers else 1.0
     group = max(layer, math.ceil(batch / layer) * layer)
-    border = SEAM_FACES * seam
     came = held = merged = 0.0
     while came < face_count:
         came += group

@@ -14,10 +14,11 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..mesh.intersections import self_intersections_steps
 from ..mesh.pieces.completed_pieces import CompletedPiece, completed_pieces_steps
 from ..mesh.topology import compacted
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
-from ..progress import Step, WithResult
+from ..progress import Step, Steps, WithResult
 
 NEW = -1  # number of a vertex that has none yet
 BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
@@ -277,3 +278,12 @@ def near_others(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
                 selected |= ((lowest <= most) & (highest >= least)).all(axis=1)
         near.append(batch.with_faces(selected))
     return joined(near), np.repeat(np.arange(len(near)), [batch.face_count for batch in near])
+
+
+def crossing_batches_steps(batches: Sequence[Batch]) -> Steps[Indices]:
+    """The numbers of the batches of two triangles that cross each other, of different ones, (n, 2)."""
+    if len(batches) == 1:
+        return np.empty((0, 2), np.int64)
+    near, owner = near_others(batches)
+    pairs = owner[(yield from self_intersections_steps(near.mesh.vertices, near.mesh.faces))]
+    return pairs[pairs[:, 0] != pairs[:, 1]]

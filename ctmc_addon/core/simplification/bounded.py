@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
     else:
         checked = []  # labels meet in creases, where a distance may grow at slope 1
         for surface in surfaces:
-            checked.append(_Checked(ErrorCheck(check.limit, steepest=1.0), surface[0]))
+            checked.append(_Checked(ErrorCheck(check.limit, replace(check.policy, steep=1.0)), surface[0]))
             yield from checked[-1].check.prepare_steps(*_columns(check.original, check.original_faces, surface))
     mesh.crossing_count = yield from _undo_steps(mesh, log, checked)
     if len(surfaces) > 1:

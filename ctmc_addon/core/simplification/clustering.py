@@ -33,7 +33,6 @@ from .collapses import TURN, shuffled
 from .policy import POLICY, Policy
 from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
-PASSES = 3  # of choosing seeds
 BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
 ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
 
@@ -186,7 +185,7 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
 def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape, Indices]]:
     """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
-    joins = yield from _seeds_steps(shape)
+    joins = yield from _seeds_steps(shape, policy.cluster_passes)
     new = np.take(joins, faces)
     yield PAUSE
     clusters = yield from _made_steps(shape, joins, new)
@@ -304,14 +303,14 @@ def _whole(faces: Indices) -> Flags:
     return (faces[0] != faces[1]) & (faces[1] != faces[2]) & (faces[2] != faces[0])
 
 
-def _seeds_steps(shape: Shape) -> Steps[Indices]:
+def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     """The seed that every vertex joins, or itself, (V,)."""
     positions, faces, free = shape.positions, shape.faces, ~shape.locked
     worst = np.uint32(0xFFFFFFFF)
     rank = np.where(free, shuffled(np.arange(len(free))), worst)
     seed = np.zeros(len(free), bool)
     around = faces  # triangles with a corner that is neither a seed nor beside one
-    for _ in range(PASSES):
+    for _ in range(passes):
         ranks = [np.take(rank, corner) for corner in around]
         best = np.minimum(np.minimum(ranks[0], ranks[1]), ranks[2])
         lost = rank == worst

@@ -10,14 +10,14 @@ from numpy.typing import NDArray
 
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
+from .policy import POLICY, Policy
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-TURN = np.float32(0.2)  # a triangle may turn by at most the angle with this cosine
-PASSES = 3  # of selecting edges whose triangles do not meet
+TURN = np.float32(0.2)  # A triangle may turn by at most the angle with this cosine.
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +106,9 @@ def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[t
     return edges[:, faces_at == 1].ravel(), faces[:, non_manifold[face_edges].any(axis=0)].ravel()
 
 
-def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -> Steps[Indices]:
+def independent_set_steps(
+    candidates: Indices, edges: Ints, vertex_count: int, policy: Policy = POLICY
+) -> Steps[Indices]:
     """Some of the candidates, no two of which have an end at the same triangle; those that come first win."""
     a, b = np.take(edges, candidates, axis=1).astype(np.intp)
     waiting = np.zeros(vertex_count, bool)  # ends of candidates
@@ -114,7 +116,7 @@ def independent_set_steps(candidates: Indices, edges: Ints, vertex_count: int) -
     yield PAUSE
     first, second = edges  # only edges between two ends of candidates can part them
     independent: list[Indices] = []
-    for _ in range(PASSES):
+    for _ in range(policy.passes):
         between = np.flatnonzero(np.take(waiting, first) & np.take(waiting, second))
         first, second = np.take(first, between).astype(np.intp), np.take(second, between).astype(np.intp)
         yield PAUSE
@@ -263,7 +265,7 @@ def flips_normal(collapses: Collapses) -> Flags:
 def shuffled(numbers: Indices) -> NDArray[np.uint32]:
     """Another number for every number below 2^32, none twice, in no visible order."""
     mixed = numbers.astype(np.uint32)
-    for factor in (0x85EBCA6B, 0xC2B2AE35):  # the non_manifold factors of MurmurHash3's last mixing
+    for factor in (0x85EBCA6B, 0xC2B2AE35):  # the odd factors of MurmurHash3's last mixing
         mixed ^= mixed >> np.uint32(15)
         mixed *= np.uint32(factor)
     mixed ^= mixed >> np.uint32(16)

@@ -186,7 +186,7 @@ class CollapsingMesh(CollapseRules):
         count = int(min(self.share * 1.5 * self.face_count, 8 * budget) / self.accepted)
         candidates = self.cheapest(min(count, len(self.cost) - 1))
         yield PAUSE
-        edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1])
+        edges = yield from independent_set_steps(candidates, self.edges, self.positions.shape[1], self.policy)
         collapses = self.collapses(np.sort(edges))  # in the order in which their vertices lie in memory
         yield PAUSE
         tried = len(collapses.edges)

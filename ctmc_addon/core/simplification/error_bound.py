@@ -20,7 +20,7 @@ from ..mesh.distance.triangle_tree import squared_distances
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapses import Collapses
-from .error_check import STEPS, ErrorCheck
+from .error_check import ErrorCheck
 from .policy import Policy
 
 Ints = NDArray[np.int32]
@@ -28,7 +28,7 @@ Indices = NDArray[np.int64]
 Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
-BLOCK = 1024  # points whose distances are measured together: their pairs fit the cache
+PAIRS = 1 << 13  # Measure so many distances together: they fit the cache.
 
 
 class ErrorBound:
@@ -42,7 +42,7 @@ class ErrorBound:
     """
 
     def __init__(self, limit: float, policy: Policy) -> None:
-        self.check, self.policy = ErrorCheck(limit), policy
+        self.check, self.policy = ErrorCheck(limit, policy), policy
         self.limit = policy.safety_factor * limit
         self.limit_squared = np.float32(self.limit * self.limit)
         self.moving = self.new_assigned_face = np.empty(0, np.int64)  # what a round would change
@@ -184,12 +184,12 @@ class ErrorBound:
         nearest = _nearest_point(points[:, open_], samples, first[face_of[open_]], near_to[face_of[open_]])
         triangle = self.triangle_of[inner[inside][nearest]]
         to_original = self.check.to_original
-        squared[open_] = squared_distances(points[:, open_], *to_original.triangles(triangle))
+        squared[open_] = to_original.squared_distances(points[:, open_], triangle)
         yield PAUSE
-        for _ in range(STEPS):
+        for _ in range(self.policy.nearer_steps):
             far = np.flatnonzero(squared[open_] > self.limit_squared)
             open_, triangle = open_[far], to_original.across(points[:, open_[far]], triangle[far])
-            other = squared_distances(points[:, open_], *to_original.triangles(triangle))
+            other = to_original.squared_distances(points[:, open_], triangle)
             other[self.original_interface[triangle] != interface[face_of[open_]]] = np.inf
             squared[open_] = np.minimum(squared[open_], other)
         yield PAUSE
@@ -302,12 +302,19 @@ def _nearest_point(points: Floats, others: Floats, start: Indices, count: Indice
 
 
 def _pairs(start: Indices, count: Indices) -> Iterator[tuple[slice, Indices, Indices]]:
-    """Some of the n at a time: which, the counts of those, and all their numbers from start to start + count."""
-    for low in range(0, len(start), BLOCK):
-        block = slice(low, low + BLOCK)
-        counts = count[block]
+    """Some of the n at a time: which, the counts of those, and all their numbers from start to start + count.
+
+    Their pairs are no more than `PAIRS`, unless one alone has more.
+    """
+    ends = np.cumsum(count)
+    low = 0
+    while low < len(start):
+        most = PAIRS + (int(ends[low - 1]) if low else 0)
+        high = max(low + 1, int(np.searchsorted(ends, most, side="right")))
+        counts = count[low:high]
         before = np.cumsum(counts) - counts
-        yield block, counts, np.arange(counts.sum()) + np.repeat(start[block] - before, counts)
+        yield slice(low, high), counts, np.arange(counts.sum()) + np.repeat(start[low:high] - before, counts)
+        low = high
 
 
 def _least(values: Floats, count: Indices) -> tuple[Indices, Floats]:

@@ -3,7 +3,7 @@
 
 A triangle is convex: a piece whose three corners are near one triangle is near it everywhere. Other pieces are near
 where the other surface's distance from their middle is so small that it cannot grow beyond the bound on the way
-to their corners, if they stand no steeper than `STEEP` against it. What remains is cut in four, and again.
+to their corners, if they stand no steeper than `Policy.steep` against it. What remains is cut in four, and again.
 """
 
 from __future__ import annotations
@@ -18,6 +18,7 @@ from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
+from .policy import POLICY, Policy
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
@@ -26,10 +27,7 @@ Floats = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 Pieces = list[Floats]  # three corners, (3, n) each
 
-BLOCK, ASKED = 4096, 1024  # pieces looked at, and points the tree is asked for, together: they stay in the cache
-STEEP = 0.5  # how fast a distance grows along a piece: the sine of 30 degrees
-CUTS = 5  # quarterings of a face
-STEPS = 2  # from triangle to triangle in search of a nearer one, at each quartering
+BLOCK, ASKED = 4096, 1024  # Examine so many pieces, and ask the tree for so many points, at once: they fit the cache.
 
 
 class Target:
@@ -55,6 +53,14 @@ class Target:
     def triangles(self, number: Indices) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
         return (np.take(corner, number, axis=1) for corner in self.tree.corners)
+
+    def squared_distances(self, points: Floats, number: Indices) -> Doubles:
+        """Squared distance of each point (3, n) to the triangle with the number given for it, a block at a time."""
+        squared = np.empty(len(number))
+        for start in range(0, len(number), BLOCK):
+            block = slice(start, start + BLOCK)
+            squared[block] = squared_distances(points[:, block], *self.triangles(number[block]))
+        return squared
 
     def nearest_steps(self, points: Floats, limits: Doubles) -> Steps[tuple[Doubles, Indices]]:
         """`TriangleTree.nearest` of any number of points, (3, n)."""
@@ -85,13 +91,13 @@ class ErrorCheck:
     Parameters
     ----------
     limit : float
-    steepest : float
-        Distances are taken to grow no faster than this along a piece; 1 is right however surfaces stand. The smallest
-        pieces are measured at their middles.
+    policy : Policy, optional
+        Distances are taken to grow no faster than `steep` along a piece; 1 is right however surfaces stand. The
+        smallest pieces are measured at their middles.
     """
 
-    def __init__(self, limit: float, steepest: float = STEEP) -> None:
-        self.limit, self.steepest = limit, steepest
+    def __init__(self, limit: float, policy: Policy = POLICY) -> None:
+        self.limit, self.policy = limit, policy
 
     def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in the original: positions (3, V) and faces (3, F)."""
@@ -112,7 +118,8 @@ class ErrorCheck:
         pieces = _pieces(self.positions, self.faces[:, numbers])
         middle = _middle(pieces)
         _, near = yield from self.to_original.nearest_steps(middle, self._squared_limits(middle))
-        away = yield from _exceeding_steps(self.to_original, pieces, near, self.steep[numbers], self.limit)
+        steep = self.steep[numbers]
+        away = yield from _exceeding_steps(self.to_original, pieces, near, steep, self.limit, self.policy)
         return numbers[away]
 
     def original_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
@@ -129,14 +136,16 @@ class ErrorCheck:
         rest = np.concatenate(open_) if open_ else numbers
         pieces = _pieces(self.original, self.original_faces[:, rest])
         near = self.near[self.original_faces[0, rest]]
-        away = yield from _exceeding_steps(self.to_simplified, pieces, near, self.steep_original[rest], self.limit)
+        away = yield from _exceeding_steps(
+            self.to_simplified, pieces, near, self.steep_original[rest], self.limit, self.policy
+        )
         return np.concatenate([numbers[far], rest[away]])
 
     def _squared_limits(self, points: Floats) -> Doubles:
         return np.full(points.shape[1], self.limit * self.limit)
 
     def _steepness_steps(self) -> Steps[None]:
-        """How steep faces stand against the other surface there: sines, at most `steepest`."""
+        """How steep faces stand against the other surface there: sines, at most `steep`."""
         normals = []
         for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
             normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
@@ -147,7 +156,7 @@ class ErrorCheck:
         for corner in self.original_faces:
             along = dot(normals[0], np.take(normals[1], self.nearest[corner], axis=1))
             sine = np.where(along > 0, np.sqrt(np.maximum(0.0, 1.0 - along * along)), 1.0)
-            np.maximum.at(at_vertex, corner, np.minimum(sine, self.steepest))
+            np.maximum.at(at_vertex, corner, np.minimum(sine, self.policy.steep))
             yield PAUSE
         self.steep_original = at_vertex[self.original_faces].max(axis=0)
         # A face that no vertex is nearest to stands as its neighbors do.
@@ -156,14 +165,16 @@ class ErrorCheck:
         for corner in self.faces:
             np.maximum.at(around, corner, steep)
         steep = around[self.faces].max(axis=0)
-        self.steep = np.where(steep > 0, steep, self.steepest)
+        self.steep = np.where(steep > 0, steep, self.policy.steep)
 
 
 def _pieces(positions: Floats, faces: Ints) -> Pieces:
     return [np.take(positions, corner, axis=1) for corner in faces]
 
 
-def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float) -> Steps[Flags]:
+def _exceeding_steps(
+    target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float, policy: Policy
+) -> Steps[Flags]:
     """Which faces are somewhere farther than the limit from the target; `near` is a triangle not far from each."""
     away = np.zeros(len(near), bool)
     stack = [(faces, near, np.arange(len(near)), 0)]
@@ -180,20 +191,20 @@ def _exceeding_steps(target: Target, faces: Pieces, near: Indices, steep: Double
         squared = squared_distances(middle, *target.triangles(near))
         open_ = np.flatnonzero((np.sqrt(squared) + growth > limit) & ~away[face])
         open_ = open_[~_near_triangle([corner[:, open_] for corner in pieces], target, near[open_], limit)]
-        for _ in range(STEPS):
+        for _ in range(policy.nearer_steps):
             open_ = open_[np.sqrt(squared[open_]) + growth[open_] > limit]
             across = target.across(middle[:, open_], near[open_])
             other = squared_distances(middle[:, open_], *target.triangles(across))
             closer = other < squared[open_]
             squared[open_[closer]], near[open_[closer]] = other[closer], across[closer]
         # The nearest triangle of all is worth finding only where it can decide.
-        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == CUTS)]
+        ask = open_[(growth[open_] <= limit) & (squared[open_] > limit * limit) | (level == policy.quarterings)]
         other, nearer = yield from target.nearest_steps(middle[:, ask], np.minimum(squared[ask], limit * limit))
         closer = other < squared[ask]
         squared[ask[closer]], near[ask[closer]] = other[closer], nearer[closer]
         away[face[ask[squared[ask] > limit * limit]]] = True
         open_ = open_[(np.sqrt(squared[open_]) + growth[open_] > limit) & ~away[face[open_]]]
-        if level < CUTS and len(open_):
+        if level < policy.quarterings and len(open_):
             smaller = _quartered([corner[:, open_] for corner in pieces])
             stack.append((smaller, np.tile(near[open_], 4), np.tile(face[open_], 4), level + 1))
     return away

@@ -27,19 +27,12 @@ from ..machine.parallel import in_order_steps
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.topology import Groups
 from ..progress import Step, Steps, WithResult
-from .batches import Batch, Numbering, joined, near_others, regions, shared_count
+from .batches import Batch, Numbering, crossing_batches_steps, joined, regions, shared_count
 from .component_removal import CollapsedComponents
 from .reduced_batch import Reduced, reduce_batch_steps
 from .whole import Goal, Simplification, require_finite, whole_steps
 
-FIRST_SHARE = 0.8  # of a maximum error is for the batches, the rest for the last pass
-LEAST_GAIN = 0.1  # of what a round shall take away: after less, all that is left is simplified at once
-BATCHES_SHARE = 0.8  # of the time
-# Times the memory of a batch that a further thread was seen to take, with batches that wait and what malloc keeps: a
-# foam's took 0.31 GiB on one thread and 0.69 GiB on two.
-THREAD_FACTOR = 4
-LATER_SHARE = 0.5  # of the largest volume of a component that may go: the box of one that was simplified already
-
+BATCHES_SHARE = 0.8  # Batches take about this share of the time.
 
 Numbers = NDArray[np.int64]
 
@@ -103,7 +96,7 @@ class _Passes:
         self.batch_faces, self.last_faces = goal.sizes(budget)
         self.most_at_once = goal.most_at_once(budget)
         self.large: list[Numbers] = []
-        self.later_limit = LATER_SHARE * goal.largest_component
+        self.later_limit = goal.policy.later_volume * goal.largest_component
         self.planned: deque[tuple[float, int, int]] = deque()  # `_Held` without its batch, for each batch at work
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
         self.collapsed, self.handles_cut = CollapsedComponents(), 0
@@ -194,7 +187,7 @@ class _Passes:
                 batch,
                 0,
                 0,
-                FIRST_SHARE * max_error,
+                self.goal.policy.first_error_share * max_error,
                 largest_component=self.goal.largest_component,
                 policy=self.goal.policy,
             )
@@ -232,7 +225,7 @@ class _Passes:
         self, works: Iterable[Step | Work], most: int, other_bytes: int = 0
     ) -> Generator[Step | Reduced, None, None]:
         """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
-        threads = self.budget.threads_for(THREAD_FACTOR * self.goal.bytes_at_once(most), other_bytes)
+        threads = self.budget.threads_for(self.goal.policy.thread_factor * self.goal.bytes_at_once(most), other_bytes)
         for item in in_order_steps(works, threads):
             yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
 
@@ -252,9 +245,9 @@ class _Passes:
 
     def last_pass_steps(self, batches: list[Batch], target: int) -> Steps[list[Batch]]:
         """Simplify all to the goal: at once where it is small, or regions bring too little; else region by region."""
-        max_error = self.goal.max_error
+        max_error, policy = self.goal.max_error, self.goal.policy
         if max_error is not None and len(batches) > 1:
-            max_error *= 1.0 - FIRST_SHARE
+            max_error *= 1.0 - policy.first_error_share
         faces, before = sum(batch.face_count for batch in batches), 0
         whole = stuck = False
         most, axis = self.last_faces, -1
@@ -272,7 +265,7 @@ class _Passes:
             for each in reduced:
                 self._count(each)
             before, faces = faces, sum(batch.face_count for batch in batches)
-            stuck = before - faces < LEAST_GAIN * (before - goal)
+            stuck = before - faces < policy.least_gain * (before - goal)
             if max_error is not None:
                 break
         return batches
@@ -301,7 +294,7 @@ class _Passes:
                     results[numbers[done]] = item
                     done += 1
             reduced = [result for result in results if result is not None]
-            crossing = yield from _crossing_steps([each.batch for each in reduced])
+            crossing = yield from crossing_batches_steps([each.batch for each in reduced])
             known = [each.crossing_count for each in reduced]
             self.crossing_count = None if None in known else sum(filter(None, known)) + len(crossing)
             groups = _groups(crossing, [part.face_count for part in parts], self.most_at_once)
@@ -310,15 +303,6 @@ class _Passes:
             results = [results[group[0]] if len(group) == 1 else None for group in groups]
             wanted = [sum(wanted[number] for number in group) for group in groups]
             parts = [joined([parts[number] for number in group]) for group in groups]
-
-
-def _crossing_steps(batches: list[Batch]) -> Steps[Numbers]:
-    """The numbers of the batches of two triangles that cross each other, of different ones, (n, 2)."""
-    if len(batches) == 1:
-        return np.empty((0, 2), np.int64)
-    near, owner = near_others(batches)
-    pairs = owner[(yield from self_intersections_steps(near.mesh.vertices, near.mesh.faces))]
-    return pairs[pairs[:, 0] != pairs[:, 1]]
 
 
 def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:

@@ -20,6 +20,7 @@ from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
 from ..progress import Steps, WithResult, finish
 from .batches import batches_steps
 from .in_batches import in_batches_steps
+from .policy import POLICY, Policy
 from .whole import Goal, Simplification, require_finite, whole_steps
 
 T = TypeVar("T")
@@ -101,9 +102,10 @@ def simplification_steps(
     max_error: float | None = None,
     budget: Budget = WHOLE_MACHINE,
     largest_component: float = math.inf,
+    policy: Policy = POLICY,
 ) -> Steps[Simplification]:
     """`simplify_steps`, which also returns what was removed."""
-    goal = Goal(reduction, target_faces, max_error, largest_component)
+    goal = Goal(reduction, target_faces, max_error, largest_component, policy)
     goal.target(1)
     if len(mesh.faces) <= goal.most_whole(budget):
         return (yield from whole_steps(mesh, goal, budget))
@@ -130,6 +132,7 @@ def simplified_pieces_steps(
     pieces : generator of Step and SurfacePiece
         Closed at the end, whatever happens.
     goal : Goal
+        With the policy to follow.
     budget : Budget, optional
 
     Raises

@@ -93,10 +93,10 @@ class Goal:
         if face_count <= self.most_whole(budget):
             return budget.work_bytes + self.bytes_at_once(face_count)
         policy = self.policy
-        share, seam = min(1.0, policy.spare * left / face_count), seam_vertices(vertex_count, layers)
+        share, border = min(1.0, policy.spare * left / face_count), self._border_faces(vertex_count, layers)
         batch, _ = self.sizes(budget)
         merges = self.max_error is None
-        batches = held_batches(face_count, share, batch, layers, seam, budget.whole_faces // policy.merged, merges)
+        batches = held_batches(face_count, share, batch, layers, border, budget.whole_faces // policy.merged, merges)
         held = batches.held * policy.held_face_bytes
         simplifying = max(self.bytes_at_once(batch), batches.merged * policy.merge_face_bytes)
         most = self.most_at_once(budget)
@@ -104,6 +104,14 @@ class Goal:
         region = most if self.max_error is not None else min(max(left, batches.held // 2), most)
         # In the last pass nothing is extracted, and all triangles are there twice: as one surface, and in regions.
         return max(budget.work_bytes + held + simplifying, 2 * held + self.bytes_at_once(region))
+
+    def has_thin_batches(self, budget: Budget, vertex_count: int, layers: int) -> bool:
+        """Return whether seams keep more than half of a batch, so that memory hardly follows what is left."""
+        return 2 * self._border_faces(vertex_count, layers) > self.sizes(budget)[0]
+
+    def _border_faces(self, vertex_count: int, layers: int) -> int:
+        """Return about how many triangles stay along the two seams of a batch."""
+        return self.policy.seam_faces * seam_vertices(vertex_count, layers)
 
     def bytes_at_once(self, face_count: int) -> int:
         """Return the bytes that simplifying so many triangles at once takes."""

@@ -1,14 +1,17 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Collapses within a maximum error that are undone: what remains is sound, and the check sees what exceeds."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
-from meshes import non_manifold_edges
+from meshes import icosphere, non_manifold_edges
 
 from ctmc_addon.core import TriangleMesh, distances, finish, marching_cubes, simplify
 from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
 from ctmc_addon.core.simplification.error_check import ErrorCheck
 from ctmc_addon.core.simplification.uncrossing import restored
+from ctmc_addon.core.simplification.whole import Goal
 
 
 def bumpy():
@@ -114,3 +117,18 @@ def test_the_same_surface_cut_otherwise_is_near_everywhere():
     assert [len(found) for found in checked(flat, two, 1e-3)] == [0, 0]
     lifted = TriangleMesh(two.vertices + np.float32([0, 0, 2e-3]), two.faces)
     assert [len(found) for found in checked(flat, lifted, 1e-3)] == [2, len(flat.faces)]
+
+
+@pytest.mark.parametrize("edges", [0.5, 4.0])
+def test_memory_stays_within_what_is_asked_for_however_many_samples_a_triangle_gets(edges):
+    mesh = icosphere(5)
+    a, b, _ = mesh.vertices[mesh.faces].transpose(1, 0, 2)
+    max_error = edges * float(np.linalg.norm(a - b, axis=1).mean())
+    tracemalloc.start()
+    try:
+        small = simplify(mesh, max_error=max_error)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert len(small.faces) < len(mesh.faces) / 50
+    assert peak <= Goal(max_error=max_error).bytes_at_once(len(mesh.faces))

@@ -16,7 +16,7 @@ from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.simplification import in_batches
-from ctmc_addon.core.simplification.batches import Batch, batches_steps, near_others
+from ctmc_addon.core.simplification.batches import Batch, batches_steps, crossing_batches_steps, near_others
 from ctmc_addon.core.simplification.simplify import simplification_steps, simplified_pieces_steps
 from ctmc_addon.core.simplification.whole import Goal
 
@@ -182,13 +182,13 @@ def test_batches_whose_triangles_lie_along_seams_are_merged_before_the_last_pass
     values = 127.5 + 42.5 * (z[:, None, None] + y[:, None] + x)
     mesh = layered(marching_cubes(values.astype(np.uint8), 150, normals=False))
     held = []
-    last_pass_steps = in_batches._Passes.last_pass_steps
+    regions = in_batches.regions
 
-    def noted(self, batches, target):
-        held.append(sum(batch.face_count for batch in batches))
-        return last_pass_steps(self, batches, target)
+    def noted(surface, most, axis):
+        held.append(surface.face_count)
+        return regions(surface, most, axis)
 
-    monkeypatch.setattr(in_batches._Passes, "last_pass_steps", noted)
+    monkeypatch.setattr(in_batches, "regions", noted)
     results = [reduced(mesh, Budget(threads, whole_faces=6000), reduction=0.95) for threads in (1, 2)]
     assert max(held) < 0.3 * len(mesh.faces)
     assert digest(results[0]) == digest(results[1])
@@ -249,7 +249,7 @@ def test_regions_that_cross_each_other_are_simplified_again_as_one(monkeypatch):
         sizes.append(batch.face_count)
         return reduce_batch_steps(batch, *rest, **more)
 
-    monkeypatch.setattr(in_batches, "_crossing_steps", crossing_steps)
+    monkeypatch.setattr(in_batches, "crossing_batches_steps", crossing_steps)
     monkeypatch.setattr(in_batches, "reduce_batch_steps", noted)
     mesh = foam(28)
     result = reduced(mesh, Budget(1, whole_faces=len(mesh.faces) // 2), reduction=0.9)
@@ -271,7 +271,7 @@ def test_triangles_of_two_batches_that_cross_are_found_and_those_of_one_are_not(
         Batch(mesh, np.arange(first, first + len(mesh.vertices)))
         for first, mesh in ((0, crossing), (10_000, other), (20_000, icosphere(2, 5.0, (60, 0, 0))))
     ]
-    pairs = finish(in_batches._crossing_steps(batches))
+    pairs = finish(crossing_batches_steps(batches))
     alone = [len(self_intersections(batch.mesh.vertices, batch.mesh.faces)) for batch in batches]
     both = joined(crossing, other)
     assert np.unique(pairs, axis=0).tolist() in ([[0, 1]], [[0, 1], [1, 0]])

@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import meshes_in
 
 from ctmc_addon.core import Budget
-from ctmc_addon.core.volume.statistics.values import thresholding
+from ctmc_addon.core.volume.statistics import thresholding
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.properties import preferences
 from ctmc_addon.ui.state import cost_estimates, session, volumes

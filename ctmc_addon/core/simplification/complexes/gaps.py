@@ -17,16 +17,16 @@ from ...mesh.topology import compacted, component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ..component_removal import CollapsedComponents
+from ..policy import POLICY, Policy
 
-TETRAHEDRON = 4  # triangles
-RINGS = 4  # of triangles around a line are looked at: in a gap of a few samples there are no more
+TETRAHEDRON = 4  # A closed surface has no fewer triangles.
 
 Ints = NDArray[np.int32]
 Indices = NDArray[np.int64]
 
 
 def gaps_filled_steps(
-    mesh: ComplexMesh, target: int, largest: float = math.inf
+    mesh: ComplexMesh, target: int, largest: float = math.inf, policy: Policy = POLICY
 ) -> Steps[tuple[ComplexMesh, dict[int, CollapsedComponents]]]:
     """Fill the small gaps between labels of a complex.
 
@@ -37,6 +37,7 @@ def gaps_filled_steps(
         Triangles that shall be left.
     largest : float
         No larger volume is filled, in the cube of the mesh's unit.
+    policy : Policy, optional
 
     Returns
     -------
@@ -47,7 +48,7 @@ def gaps_filled_steps(
         The gaps, by the label that took them.
     """
     nothing: tuple[ComplexMesh, dict[int, CollapsedComponents]] = mesh, {}
-    near = yield from _near_lines_steps(mesh)
+    near = yield from _near_lines_steps(mesh, policy.gap_rings)
     faces, all_sides = np.ascontiguousarray(mesh.faces[near].T), mesh.sides[near]
     outer = np.flatnonzero((all_sides == 0).any(axis=1))
     if not len(outer):
@@ -117,11 +118,11 @@ def gaps_filled_steps(
     return made, filled_by
 
 
-def _near_lines_steps(mesh: ComplexMesh) -> Steps[Indices]:
-    """The triangles up to `RINGS` away from a vertex of two interfaces: those of small gaps, and few of the others."""
+def _near_lines_steps(mesh: ComplexMesh, rings: int) -> Steps[Indices]:
+    """The triangles up to `rings` away from a vertex of two interfaces: those of small gaps, and few of the others."""
     near = junction_vertices(mesh.faces, mesh.sides)
     yield PAUSE
-    for _ in range(RINGS):
+    for _ in range(rings):
         touched = np.take(near, mesh.faces).any(axis=1)
         near[mesh.faces[touched]] = True
         yield PAUSE

@@ -30,6 +30,7 @@ from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
 from ..bounded import hold_bound_steps
 from ..component_removal import CollapsedComponents, Staying
+from ..policy import POLICY, Policy
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
@@ -125,13 +126,14 @@ def simplify_complex_steps(
     max_error: float | None = None,
     budget: Budget | None = None,
     largest_component: float = math.inf,
+    policy: Policy = POLICY,
 ) -> Steps[ComplexSimplification]:
     """Do what `simplify_complex` does, as steps; also return how many triangles each label has, and what went.
 
     No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
     """
     budget = WHOLE_MACHINE if budget is None else budget
-    goal = Goal(reduction, target_faces, max_error, largest_component)
+    goal = Goal(reduction, target_faces, max_error, largest_component, policy)
     full = len(mesh.faces)
     target = goal.target(full)
     require_finite(TriangleMesh(mesh.vertices, mesh.faces))
@@ -226,7 +228,7 @@ def _part_steps(
         if target >= len(mesh.faces):
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         if goal.max_error is None:
-            mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component)
+            mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component, goal.policy)
         collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
@@ -240,9 +242,9 @@ def _part_steps(
         collapsed = sum(filled.values(), collapsing.collapsed_components)
         return made, Simplification(whole, collapsed, collapsing.handles_cut, crossing), of_labels
     label = mesh.labels[0]
-    result = yield from simplification_steps(
-        mesh.of_label(label), goal.reduction, goal.target_faces, goal.max_error, budget, goal.largest_component
-    )
+    goals = goal.reduction, goal.target_faces, goal.max_error
+    surface = mesh.of_label(label)
+    result = yield from simplification_steps(surface, *goals, budget, goal.largest_component, goal.policy)
     sides = np.tile(np.array([label, 0], np.int32), (len(result.mesh.faces), 1))
     of_labels = {label: result.collapsed} if result.collapsed.count else {}
     return ComplexMesh(result.mesh.vertices, result.mesh.faces, sides, result.mesh.normals), result, of_labels
