@@ -35,14 +35,14 @@ GENERATED = {
     "figure": {
         "reading": [ReadingOptions],
         "figure": [Page, FigureStyle],
-        "map of distances": [DistanceMap],
+        "distance map": [DistanceMap],
         "several labels": [Transparency],
     },
     "figure sheet": {
         "reading": [ReadingOptions],
         "figure": [Page, FigureStyle],
-        "map of distances": [DistanceMap],
-        "what is compared": [Comparison],
+        "distance map": [DistanceMap],
+        "settings to compare": [Comparison],
     },
     "figure turntable": {"figure": [Page, FigureStyle], "turntable": [Turn], "several labels": [Transparency]},
     "experiment rotation": {"reading": [ReadingOptions]},

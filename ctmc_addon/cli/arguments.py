@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
             near = difflib.get_close_matches(rest[0], parser._option_string_actions, 1) if rest[0][0] == "-" else []
             remedy = f"; did you mean {near[0]}?" if near else ""
             if rest[0][0] != "-" and isinstance(getattr(parsed, "label", None), list):
-                remedy = "; names of labels have commas between them, and quotes around those with spaces"
+                remedy = "; separate label names by commas, and quote names with spaces"
             self.error(f"unrecognized arguments: {' '.join(rest)}{remedy}")
         return parsed
 
@@ -101,7 +101,9 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
     """
     group = parser.add_argument_group("settings")
     group.add_argument(
-        "--settings", metavar="FILE.toml", help="settings to start from, as `ctmc settings` writes them; flags win"
+        "--settings",
+        metavar="FILE.toml",
+        help="settings file to start from, as `ctmc settings` writes it; flags take precedence",
     )
     groups = {}
     for names in EXCLUSIVE:
@@ -173,7 +175,7 @@ def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
     """Return the settings of the flags and of the file of --settings, for a command that makes one surface."""
     settings, choices = settings_and_labels(args)
     if len(choices) > 1 or any(isinstance(choice, str) for choice in choices):
-        raise UsageError(f"label {', '.join(map(str, choices))} is not one number; this command takes one label")
+        raise UsageError(f"this command takes one label by its number, not {', '.join(map(str, choices))}")
     return settings
 
 
@@ -309,7 +311,7 @@ def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names:
         if name == "name" and not names:
             continue
         if name == "time" and all_times:
-            several = replace(about, text=f"{about.text}, or all for a surface of each")
+            several = replace(about, text=f"{about.text}, or all for one surface per time")
             add_flag(group, name, several, None, time_or_all)
         else:
             add_flag(group, name, about, defaults(readers.ReadingOptions)[name])
@@ -323,7 +325,7 @@ def add_work(parser: Any) -> None:
 
 def add_quiet(parser: Any) -> None:
     """Whether anything is printed."""
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
 
 
 def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
@@ -354,7 +356,7 @@ def add_opacity(group: Any, dest: str, note: str) -> None:
         type=opacity_choice,
         default=[],
         metavar="NAME=SHARE",
-        help=f"of structures, by name, label number or all, from 0 to 1: liver=0.35 bone=0.15 ({note})",
+        help=f"opacity of structures from 0 to 1, by name, label number or all: liver=0.35 bone=0.15 ({note})",
     )
 
 

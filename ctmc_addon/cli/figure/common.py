@@ -118,7 +118,7 @@ def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequen
 
 def add_map(parser: argparse.ArgumentParser) -> None:
     """Add the flags for colors of distances."""
-    group = parser.add_argument_group("map of distances")
+    group = parser.add_argument_group("distance map")
     add_described(group, DistanceMap)
 
 
@@ -141,8 +141,10 @@ def blend_of(args: argparse.Namespace, target: Path) -> Path | None:
 def add_surfaces(parser: argparse.ArgumentParser) -> None:
     """Add the flags for names and transparency of several labels."""
     group = parser.add_argument_group("several labels")
-    group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
-    add_opacity(group, "opacities", "default: --hiding-opacity for what hides a tumor, that of the name for others")
+    group.add_argument("--names", nargs="+", metavar="NAME", help="names of the labels, for legend and caption")
+    add_opacity(
+        group, "opacities", "default: --hiding-opacity for structures that hide a tumor, otherwise by anatomical name"
+    )
     add_described(group, Transparency)
 
 
