@@ -47,7 +47,7 @@ MOST_STRIDE = 16
 LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
 ROUNDED = 0.9  # of the triangles that would fit are proposed
 COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
-LOOKING = "Looking for what fits"
+LOOKING = "Finding settings that fit in memory"
 
 
 @dataclass(frozen=True)
@@ -297,7 +297,7 @@ def advice_of(proposals: Sequence[str]) -> str:
 
 def _refused(what: str, there: int, advice: str) -> str:
     """Return the refusal for a surface whose memory cannot be predicted."""
-    return f"{what} needs more than the {amount(there)} of memory that are available; {advice}"
+    return f"{what} needs more than the {amount(there)} of memory available; {advice}"
 
 
 def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:

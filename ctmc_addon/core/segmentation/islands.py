@@ -82,7 +82,10 @@ def islands_steps(
     [[[0, 0, 0, 1]]]
     """
     if not at_least_mm3 >= 0 or (largest is not None and largest < 0):
-        raise SettingsError(f"islands are kept from 0 mm3 and 0 of them on, not {at_least_mm3:g} and {largest}")
+        raise SettingsError(
+            "islands to keep have a volume of 0 mm3 or more and a number of 0 or more, not "
+            f"{at_least_mm3:g} and {largest}"
+        )
     components = yield from label_components_steps(mask)
     selected = components.voxels * voxel_mm3 >= at_least_mm3 * (1 - 1e-9)
     if largest is not None:

@@ -73,7 +73,9 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     if volume.kind == ValueKind.LABEL:
         return volume
     if volume.kind != ValueKind.HU or np.dtype(volume.dtype).kind == "u":
-        raise ReadError(f"{volume.name} holds {volume.kind}, and a table is known by its HU; leave remove_table out")
+        raise ReadError(
+            f"{volume.name} holds {volume.kind}, and a table can be found only in HU; leave out remove_table"
+        )
     stages = Stages(STAGES)
     reading, looking = STAGES
     stride = [max(1, min(int(COARSE_MM / mm), size - 1)) for mm, size in zip(volume.spacing, volume.size, strict=True)]

@@ -211,11 +211,11 @@ def _labels_called(volume: Volume, name: str) -> list[int]:
         return found
     names = {_plain(known): known for known in volume.label_names.values()}
     if not names:
-        raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give its number")
+        raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give a number")
     close = difflib.get_close_matches(wanted, names, CLOSE)
     close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
     listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
-    more = "close to it are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
+    more = "similar names are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
     raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
 
 

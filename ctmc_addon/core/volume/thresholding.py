@@ -151,7 +151,7 @@ def check_threshold(
     """
     low, high = value_range(values)
     if upper is not None and threshold > upper:  # Otsu's threshold; settings that contradict each other are refused
-        raise ThresholdError(f"threshold {threshold:g} is above the upper limit {upper:g}; choose another of them")
+        raise ThresholdError(f"threshold {threshold:g} is above the upper limit {upper:g}; change one of them")
     if low < threshold <= high and (upper is None or upper >= low):
         return
     if not low <= high:

@@ -272,7 +272,7 @@ class Volume(Placed):
             yield
         except OSError as error:
             reason = error.strerror or str(error)
-            raise ReadError(f"{self.name} cannot be read any more ({reason}); load it from where it is now") from error
+            raise ReadError(f"{self.name} can no longer be read ({reason}); load it from where it is now") from error
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))

@@ -128,7 +128,7 @@ def test_a_background_point_takes_voxels_away(ctmc, ct, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("-o", "l.seg.nrrd", "--seed", "liver", 99, 0, 3), "the point 99 0 3 lies outside of the volume"),
+        (("-o", "l.seg.nrrd", "--seed", "liver", 99, 0, 3), "the point 99 0 3 lies outside the volume"),
         (
             ("-o", "l.stl", "--seed", "liver", 20, 0, 3),
             "l.stl needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm; it",
@@ -161,7 +161,7 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
     moved[0, 3] += 1
     nibabel.save(nibabel.Nifti1Image(ball(20, 0, 3, 9).astype(np.uint8).T, moved), tmp_path / "labels.nii")
     words = ("-o", tmp_path / "l.nrrd", "--from", tmp_path / "labels.nii", "--margin", "label 1", 3)
-    assert "lies up to 1 mm beside the samples of the CT" in refused("segment", ct, *words)
+    assert "has samples up to 1 mm away from those of the CT" in refused("segment", ct, *words)
 
 
 def saved(values, affine, path):

@@ -84,7 +84,7 @@ class TriangleTree:
     def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
         """Take in a mesh."""
         if not len(mesh.faces):
-            raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
+            raise MeshError("no distance can be measured to a mesh without triangles; lower the threshold or reduction")
         low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
         extent = float((high - low).max())
         self._low, self._cells_per_unit = low, (2**CODE_BITS - 1) / (extent or 1.0)

@@ -104,7 +104,7 @@ def test_in_a_range_a_click_adds_what_hangs_together_and_alt_takes_it(drawing):
 
 
 def test_a_refused_click_leaves_the_scene_as_it_was(drawing):
-    with pytest.raises(RuntimeError, match="outside of the volume"):
+    with pytest.raises(RuntimeError, match="outside the volume"):
         bpy.ops.ctmc.draw_grow(point_mm=(999, 0, 0))
     with pytest.raises(RuntimeError, match="click in the structure first"):
         bpy.ops.ctmc.draw_grow(point_mm=middle(), surroundings=True)
