@@ -220,7 +220,7 @@ class ReconstructionSettings(Described):
     )
     simplifier: str = setting(
         "builtin",
-        "What simplifies: the built-in quadric error simplifier, Blender's live Decimate modifier, or nothing",
+        "Simplify by the built-in quadric error simplifier, by Blender's live Decimate modifier, or not at all",
         label="Simplifier",
         stage=SIMPLIFICATION,
         choices=("none", "builtin", "decimate"),

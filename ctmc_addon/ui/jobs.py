@@ -259,7 +259,7 @@ class CTMC_OT_cancel(bpy.types.Operator):
 
     bl_idname = "ctmc.cancel"
     bl_label = "Cancel"
-    bl_description = "Stop the job under way; the scene stays as it was"
+    bl_description = "Stop the running job; the scene does not change"
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:

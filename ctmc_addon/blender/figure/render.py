@@ -148,4 +148,4 @@ def require_own_blend(path: Path) -> None:
         except (OSError, ValueError):  # not a .blend, or the one that is open
             own = False
         if not own:
-            raise OutputError(f"{path.name} is there already and is not a figure's; move it, or give another name")
+            raise OutputError(f"{path.name} already exists and is not a figure; move it, or choose another name")

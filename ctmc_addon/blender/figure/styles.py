@@ -48,14 +48,14 @@ def require_engine(engine: str, distances: bool = False) -> None:
     `distances` asks for one that shows a map of distances.
     """
     if engine == "workbench" and distances:
-        raise OutputError("workbench shows no map of distances; take cycles or eevee")
+        raise OutputError("workbench shows no distance map; choose cycles or eevee")
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
             raise OutputError(
                 "a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences"
             )
     elif not can_draw():
-        raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or take cycles")
+        raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or choose cycles")
 
 
 def set_engine(scene: bpy.types.Scene, engine: str, paper: Color) -> None:

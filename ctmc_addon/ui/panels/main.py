@@ -145,7 +145,7 @@ def draw_cost(layout: Any, context: bpy.types.Context) -> None:
     values = ["..." if waits else "-"] * 4
     if cost is not None and not cost.error:
         values = [count(cost.voxels), count(cost.faces), size_of_bytes(cost.memory), duration(cost.seconds)]
-    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Time, About"))
+    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Estimated Time"))
     draw_table(layout, list(zip(names, values, strict=True)))
 
 
@@ -216,7 +216,7 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if not alpha_matters(settings):
         draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
     if settings.preview and settings.use_label and sum(item.chosen for item in settings.labels) > 1:
-        text = translate("The preview shows the first structure that is ticked")
+        text = translate("The preview shows the first ticked structure")
         draw_text(layout, context, text, "INFO")
 
 

@@ -32,7 +32,7 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
         row.operator("ctmc.tick_structures", text=text).which = which
     draw_marked(layout, context, settings)
     if structures.missing(context.scene):
-        draw_text(layout, context, translate("Labels of the list are not in memory; press Load Again"), "INFO")
+        draw_text(layout, context, translate("Some labels of the list are not in memory; press Load Again"), "INFO")
         if volumes.loaded(context.scene) is not None:
             layout.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 

@@ -119,7 +119,7 @@ def volume_properties() -> dict[str, Any]:
     """Return what the file knows of its CT, and how it is to be read."""
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
-        "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
+        "volume_fingerprint": text("Fingerprint", "Fingerprint of the CT"),
     } | {**structure_properties(), **scene_properties()}
 
 

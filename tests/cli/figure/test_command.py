@@ -60,7 +60,7 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
     film = tmp_path / "a.mp4"
     film.write_bytes(b"mine")
     sentence = refused("figure", "turntable", ct, *words, "-o", film)
-    assert "a.mp4 is there already; replace it (--overwrite)" in sentence
+    assert "a.mp4 already exists; replace it (--overwrite)" in sentence
     done = ctmc("figure", "turntable", ct, *words, "-o", film, "--resume")
     assert (done.code, done.errors) == (0, [])
     assert "a.mp4 already exists and was not changed" in done.out
@@ -98,7 +98,7 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
     [
         (
             ("figure", "sheet", "-o", "a.png", "--label", 2, "--smoothing", "none", "--alphas", 0, 1),
-            "a bare label has none",
+            "a label that is not smoothed",
         ),
         (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),

@@ -35,7 +35,7 @@ def can_draw(operator: Any, context: bpy.types.Context) -> bool:
 def has_structure(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether there is a structure to work on, with the reason if not."""
     if drawings.active(context.scene) is None:
-        operator.poll_message_set("Mark a structure that was drawn, or add one")
+        operator.poll_message_set("Select a drawn structure, or add one")
         return False
     return True
 
@@ -86,7 +86,7 @@ def require(target: Target) -> tuple[bpy.types.Scene, Any]:
         raise SettingsError("the scene was removed; draw in another one")
     item = structure_of(scene, target.key) if target.key else drawings.active(scene)
     if target_of(scene, item) != target:
-        raise SettingsError("the structure has changed meanwhile, as by undo; do it once more")
+        raise SettingsError("the structure changed meanwhile, for example by undo; try again")
     return scene, item or active_or_new(scene)
 
 

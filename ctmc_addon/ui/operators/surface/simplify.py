@@ -25,8 +25,8 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.simplify"
     bl_label = "Simplify Surface"
     bl_description = (
-        "Bring the active surface to the number of triangles or the error set above, starting from the full surface; "
-        "nothing is extracted again while that is known"
+        "Simplify the active surface to the number of triangles or the error set above, starting "
+        "from the full surface, which is not extracted again while in memory"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

@@ -239,7 +239,7 @@ def test_a_preview_without_memory_is_tried_once(drawing, monkeypatch):
 
 def test_no_command_is_said_to_make_what_was_drawn(drawing):
     stroke(middle())
-    with pytest.raises(RuntimeError, match="no command makes Structure, which was drawn; save the"):
+    with pytest.raises(RuntimeError, match="no command makes Structure, because it was drawn; save the"):
         bpy.ops.ctmc.copy_command()
 
 
