@@ -76,7 +76,7 @@ def prepare_scene(
     Returns
     -------
     tuple of ID
-        What was made: objects first, then their data, then the world.
+        The new objects, then their data, then the world.
     """
     axes = view_axes(azimuth, elevation)
     points = np.concatenate([corners_of(obj, scene) for obj in objects])

@@ -273,7 +273,7 @@ def read_settings(path: str) -> dict[str, Any]:
 def with_flags(sentence: str) -> str:
     """Return the sentence with settings called by their flags, where these are other words than their names.
 
-    What `ctmc segment` takes no dataclass describes.
+    The flags of `ctmc segment` alone come from no dataclass.
 
     Examples
     --------
@@ -282,7 +282,7 @@ def with_flags(sentence: str) -> str:
     """
     sentence = re.sub(r"\b(hu|max|opening)(_per)?_mm\b", lambda name: f"--{name[0].replace('_', '-')}", sentence)
     sentence = _with_flags_of((ReconstructionSettings, *kinds_of("reading")), sentence)
-    # Where a figure's setting has another name than its flag, there is an underscore in it.
+    # A figure's setting whose name differs from its flag has an underscore in it.
     return _with_flags_of(kinds_of("figure"), sentence) if "_" in sentence else sentence
 
 
@@ -318,7 +318,7 @@ def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names:
 
 
 def add_work(parser: Any) -> None:
-    """How many threads work, and whether anything is printed."""
+    """Add the flags for the number of threads and for what is printed."""
     add_quiet(parser)
     parser.add_argument("--threads", type=at_least(1), metavar="N", help="default: one for each processor, at most 8")
 
@@ -329,7 +329,7 @@ def add_quiet(parser: Any) -> None:
 
 
 def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
-    """How the flags and the table `[reading]` of --settings say that INPUT is read; the time is open where all are."""
+    """Return the reading options of the flags and of `[reading]` in --settings; without a time if all are read."""
     values = given_table(args, "reading")
     with flags_checked():
         return readers.ReadingOptions(**values | ({"time": None} if asks_all_times(args) else {}))

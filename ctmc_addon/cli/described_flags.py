@@ -46,11 +46,11 @@ def add_described(
     kind : type
         A `Described` dataclass.
     default : mapping, optional
-        Defaults that the help says in place of the fields' own.
+        Defaults that the help names instead of the fields' own.
     readers : mapping, optional
-        Functions that read the value of a field from text in place of `value_reader`.
+        Functions that read the value of a field from text, instead of `value_reader`.
     groups : mapping, optional
-        Groups that fields belong to in place of `group`.
+        Groups that fields belong to, instead of `group`.
     """
     own = defaults(kind) | dict(default or {})
     for name, about in descriptions(kind).items():

@@ -100,7 +100,7 @@ def write(
     """
     highdicom = require_highdicom()
     pydicom = importlib.import_module("pydicom")
-    with warnings.catch_warnings():  # what either library finds odd about a file is no matter of the user's
+    with warnings.catch_warnings():  # warnings of either library do not concern the user
         warnings.simplefilter("ignore")
         headers = [pydicom.dcmread(image, stop_before_pixels=True) for image in images]
         for header in headers:

@@ -40,7 +40,7 @@ class Structures:
     label_of : dict of str to int
         The label of each structure.
     notes : list of str
-        What was assumed of them, and what a person may not expect.
+        Notes on assumptions, and on results that a person may not expect.
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
@@ -71,7 +71,7 @@ class Structures:
     def read_steps(self, path: str, ct: Volume) -> Steps[None]:
         """Take the labels of a file, which lie on the grid of a CT in any order of the axes, or on a part of it.
 
-        They keep their numbers, names and colors. Where one is above 255 all are numbered anew, and of two with one
+        They keep their numbers, names and colors. If one is above 255, all are renumbered, and of two with one
         name the second gets its number as a second name; a note says either.
         """
         read = yield from readers.read_volume_steps(path)

@@ -17,7 +17,7 @@ PATIENCE = 10.0  # seconds in which a scheduler has to answer
 
 
 class Scheduler:
-    """A connection to a scheduler; raises `CtmcError` if there is none to be had."""
+    """A connection to a scheduler; raises `CtmcError` if none can be made."""
 
     def __init__(self, address: str) -> None:
         self.address = address

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a work needs in memory, whether it fits, and what to advise where it does not: the only owner of these.
+"""Work out the memory that a work needs, whether it fits, and what to advise if not: the only owner of these.
 
 The cost estimate shows it, refusals say it, batch and sidebar ask it before they begin. It decides nothing about a
 result: triangles are counted by extraction's own first passes, a slab of values at a time, so that what is proposed is

@@ -43,7 +43,7 @@ INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
 
 @dataclass(frozen=True)
 class ReconstructionSettings(Described):
-    """How a surface is made from a volume.
+    """Settings that say how to make a surface from a volume.
 
     Frozen, hashable and picklable. Every field's meaning, unit and limits stand in its `Setting`,
     see `SETTINGS`.

@@ -172,7 +172,7 @@ def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
 
 
 class LongOperator(Needs):
-    """What an operator with long work inherits, before `bpy.types.Operator`; it gives `plan`."""
+    """Base of operators with long work, before `bpy.types.Operator`; they give `plan`."""
 
     windowed = False
     """Whether a person started it in a window."""

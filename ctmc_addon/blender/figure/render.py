@@ -106,7 +106,7 @@ def render_figure_steps(
     azimuth, elevation : float
         Where the camera stands, degrees.
     names : sequence of str
-        What the objects are, for what hides a tumor; by default their own.
+        Names of the objects, to find those that hide a tumor; by default their own.
     chosen : sequence of float or None
         The opacity that a person has chosen for each.
     own_process : bool

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who renders a figure's scene: this process, or a Blender of its own that can be ended at any moment.
+"""Render a figure's scene, in this process or in a separate Blender that can be ended at any moment.
 
 Nothing interrupts Blender while it renders: neither Ctrl-C nor Esc nor a window that wants to be drawn is heard before
 the picture is done. A process of its own gets the scene as a .blend in a hidden folder beside the output. Closing the

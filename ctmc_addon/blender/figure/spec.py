@@ -239,12 +239,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class FigureStyle(Described):
-    """How a figure is seen and what is written on it.
+    """Camera and text of a figure.
 
     Parameters
     ----------
     distances : ColorScale or None
-        Colors for the distances that the surfaces carry, in place of the style's.
+        Colors for the distances on the surfaces, instead of the style's.
     samples : int or None
         Of Cycles, without denoising; None takes what the noise needs.
 

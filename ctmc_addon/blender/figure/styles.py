@@ -120,7 +120,7 @@ def assign_materials(
 
 
 def label_of(obj: bpy.types.Object) -> int | None:
-    """Return the label that a surface was made of; None for one by threshold."""
+    """Return the label that a surface was made from, or None for a threshold."""
     return None if read_provenance(obj) is None else settings_of(obj).label
 
 

@@ -47,7 +47,7 @@ class Video(NamedTuple):
     folder : str
         An empty one that the video goes to; Blender gives it its name.
     name : str
-        What people call it; its suffix chooses the format.
+        Name for messages; its suffix chooses the format.
     fps : int
         Pictures a second.
     size : (width, height) int

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a figure's camera sees of each surface, and what hides what from it: depth maps, compared cell by cell.
+"""Work out which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
 
 The camera is orthographic, so a surface is seen as its points (right, up, backward) in the camera's axes. Triangles are
 sampled so densely that no cell of a map is left out; the sample that is farthest backward, which is nearest to the

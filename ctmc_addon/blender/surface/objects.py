@@ -198,7 +198,7 @@ def call(obj: bpy.types.Object, name: str) -> None:
 
 
 def shortened(text: str, size: int) -> str:
-    """Return the beginning of a text, of so many bytes at most."""
+    """Return the beginning of a text, at most `size` bytes."""
     return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 

@@ -22,7 +22,7 @@ PROPERTY = "ctmc"
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a surface was made.
+    """Record of how a surface was made.
 
     Parameters
     ----------

@@ -235,7 +235,7 @@ def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What the strip shows.
+    """Content of the strip.
 
     Parameters
     ----------

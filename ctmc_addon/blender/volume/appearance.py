@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a Volume object looks like: a material whose ramps are in the volume's own values, HU of a CT.
+"""Materials of a Volume object, with ramps in the volume's own values, HU of a CT.
 
 Below the threshold nothing is seen; above it the volume grows dense within a few HU. The color follows window and
 level, so threshold, window and level of the sidebar are all there is to turn.

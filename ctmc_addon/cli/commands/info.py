@@ -91,7 +91,7 @@ def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
     extents = yield from label_extents_steps(volume)
     counts = {value: extent.voxels for value, extent in extents.items()}
     counts[0] = math.prod(volume.size) - sum(counts.values())
-    if volume.layers:  # where labels overlap a voxel is counted more than once
+    if volume.layers:  # A voxel of overlapping labels is counted more than once.
         counts[0] = 0
         for number in range(volume.size[2]):
             planes = [layer.slab(number, number + 1) == 0 for layer in volume.each_layer]

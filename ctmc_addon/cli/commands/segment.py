@@ -57,7 +57,7 @@ METHODS = ("compete", "connected")
 
 @dataclass(frozen=True)
 class Request:
-    """What the flags ask for.
+    """A request as the flags describe it.
 
     Parameters
     ----------
@@ -184,7 +184,7 @@ def check_identity(as_dicom: bool, with_identity: bool) -> None:
 
 
 def request_of(args: argparse.Namespace) -> Request:
-    """Return what the flags ask for; a `UsageError` where they contradict each other."""
+    """Return the request that the flags describe, or raise a `UsageError` if they contradict each other."""
     points: list[tuple[str, tuple[float, ...]]] = []
     for words in args.points:
         if len(words) == 3:

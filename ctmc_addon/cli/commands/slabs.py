@@ -24,7 +24,7 @@ TICK = 0.05  # seconds between two looks at the futures
 AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
 LOST = "the scheduler {} lost a slab; run this again once it is up"
 LONGEST_ALONE = 60.0  # seconds without any worker
-RETRIES = 2  # of a task that failed for another reason than the content of the file
+RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class ClusterWorkers:
     ----------
     cluster : Scheduler
     path : Path
-        Of the file or folder, from the root on.
+        Absolute path of the file or folder.
     reading : ReadingOptions
-        How it is read.
+        Reading options of the file.
     """
 
     cluster: Scheduler
@@ -127,7 +127,7 @@ def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions)
 
 
 def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
-    """Do a task, on a worker; the file is opened anew, as it cannot serve two threads at once."""
+    """Do a task on a worker; open the file again, because it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
     try:
         options = readers.ReadingOptions.from_dict(reading)

@@ -81,7 +81,7 @@ def times_steps(
     """Make the surface of each of `count` times; return them and the last volume. A `writer` writes each at once.
 
     Without a threshold Otsu's of the first time is used for all, so that a change is one of the volume. A time without
-    a surface is left out and said.
+    a surface is left out and reported.
 
     Raises
     ------

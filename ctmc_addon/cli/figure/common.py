@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the figure commands share: flags of the page and of the look, reading, surfaces in a scene of their own."""
+"""Code that the figure commands share: flags of page and look, reading, surfaces in a separate scene."""
 
 from __future__ import annotations
 

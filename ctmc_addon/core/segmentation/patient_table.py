@@ -36,7 +36,7 @@ STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 @dataclass(frozen=True, eq=False)
 class Table:
-    """Where the table of a CT lies.
+    """Position of the table in a CT.
 
     Parameters
     ----------
@@ -144,7 +144,7 @@ def _enlarged(first: NDArray[np.int32], steps: list[int], shape: list[int]) -> N
 
 
 class WithoutTable(SliceReader):
-    """Reads what another reader has, and air in place of a table.
+    """Reads the values of another reader, with air instead of a table.
 
     Parameters
     ----------

@@ -25,7 +25,7 @@ class Limits(NamedTuple):
 
 
 class Band(NamedTuple):
-    """Where on the axis a surface is called after a tissue: from `low` to `high`."""
+    """Range of the axis, `low` to `high`, in which a surface is named after a tissue."""
 
     name: str
     low: float

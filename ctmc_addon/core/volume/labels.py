@@ -31,7 +31,7 @@ CLOSE = 5  # names that are proposed for an unknown one
 
 
 class LabelExtent(NamedTuple):
-    """Where a label lies and how large it is.
+    """Box and size of a label.
 
     Parameters
     ----------

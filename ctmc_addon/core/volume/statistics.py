@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the values of a volume are: range, histogram, labels, and a fingerprint to recognize the volume by."""
+"""Statistics of a volume's values: range, histogram, labels, and a fingerprint to recognize the volume."""
 
 from __future__ import annotations
 
@@ -155,7 +155,7 @@ def is_whole(volume: Placed, box: Box) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class VolumeStatistics:
-    """What the values of a volume are.
+    """Statistics of a volume's values.
 
     Parameters
     ----------

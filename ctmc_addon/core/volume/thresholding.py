@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which threshold is used: the setting, Otsu's threshold of the region, or half of a label.
+"""Choose the threshold: the setting, Otsu's threshold of the region, or half of a label.
 
 Panel, preview, slice tint, cost estimate and reconstruction all ask `used_threshold_steps` or `quick_threshold`.
 Otsu 1979, doi:10.1109/TSMC.1979.4310076.

@@ -85,15 +85,15 @@ class Volume(Placed):
     Parameters
     ----------
     reader : (slices, rows, columns) bool, int8 to int64, uint8 to uint64, float32 or float64; or a SliceReader
-        Where the values come from. An array is never copied, and seen read-only.
+        Source of the values. An array is never copied and becomes read-only.
     affine : (4, 4) float64
         Index (x, y, z) = (column, row, slice) to RAS+ millimeters; may be oblique, mirrored or sheared.
     notes : tuple of str
-        What a reader had to assume, in plain sentences for the user.
+        Assumptions of the reader, in plain sentences for the user.
     name : str
         Stem of the file or folder; never taken from a DICOM tag.
     kind : ValueKind or str
-        What the values mean: "HU", "gray value" or "label".
+        Meaning of the values: "HU", "gray value" or "label".
     label_names : mapping of int to str
         Names of label values, where the file has them.
     label_colors : mapping of int to (red, green, blue) int

@@ -50,7 +50,7 @@ ESC = "A separate Blender renders it, so this window stays free; Esc stops it an
 
 
 class FigureOperator(jobs.LongOperator):
-    """What the four operators of figures share: a file dialog, a page, a style, and work that locks the file.
+    """Base of the four operators of figures: a file dialog, a page, a style, and work that locks the file.
 
     Inherited before `bpy.types.Operator`.
     """
@@ -130,7 +130,7 @@ def blend_of(panel: Any, target: Path) -> Path | None:
 
 
 def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Return the selected reconstructions; where there is none, the active one."""
+    """Return the selected reconstructions, or else the active one."""
     active = context.view_layer.objects.active
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 

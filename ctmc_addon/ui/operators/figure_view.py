@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the camera of figures stands: the operator `ctmc.figure_view`."""
+"""Operator `ctmc.figure_view`: set the direction of the figures' camera."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of structures in the panel Surface: what each is made of, its look, and which of them are made."""
+"""The list of structures in the panel Surface: their source, look and ticks."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 
 def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """What can be added while the list is empty."""
+    """Draw what can be added while the list is empty."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         layout.prop(settings, "label")
@@ -48,7 +48,7 @@ def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """What the marked structure is made of, how opaque it is, and its volume."""
+    """Draw source, opacity and volume of the selected structure."""
     if not 0 <= settings.label_index < len(settings.labels):
         return
     item = settings.labels[settings.label_index]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is drawn, and how: `scene.ctmc_draw`. Each structure keeps its slices packed, so the file holds every stroke.
+"""Drawn structures and tool settings: `scene.ctmc_draw`. Slices are kept packed, so the file holds every stroke.
 
 Undo, saving, autosave and Blender's question before a file closes then know what was drawn without a word from us.
 As in settings.py, this module must not hold `bpy` itself.
@@ -53,7 +53,7 @@ class CTMCDrawnClick(PropertyGroup):
 
 
 class CTMCDrawnStructure(PropertyGroup):
-    """What was drawn of a structure; its line of the list `scene.ctmc.labels` has the same source.
+    """Drawing of a structure; its line of the list `scene.ctmc.labels` has the same source.
 
     Loading another CT empties that list, so name and color are kept here, for when the CT comes back.
     """
@@ -68,7 +68,7 @@ class CTMCDrawnStructure(PropertyGroup):
 
 
 class CTMCDrawing(PropertyGroup):
-    """What was drawn in a scene, and how the tools draw."""
+    """Drawings of a scene, and settings of the tools."""
 
     structures: CollectionProperty(type=CTMCDrawnStructure, options={"HIDDEN"})
     radius_mm: decimal(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What figures are made with: `scene.ctmc_figure`, generated from blender.figure.spec.
+"""Settings of figures: `scene.ctmc_figure`, generated from blender.figure.spec.
 
 Beside the generated properties stand what the panel alone asks: which kind, format and file, and the switches. As in
 settings.py, this module must not hold `bpy` itself, nor anything that does.
@@ -17,7 +17,7 @@ from ...core import defaults, descriptions
 from .described import as_typed, property_of, tooltip, with_unit
 from .kinds import boolean, choice, text
 
-FRAMES = "frames"  # in place of a video's suffix
+FRAMES = "frames"  # instead of a video's suffix
 OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (

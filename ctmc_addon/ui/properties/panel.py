@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What only the panel has: settings shown as a person thinks of them, the preview, the rotation test.
+"""Settings of the panel only: those shown as a person thinks of them, the preview, the rotation test.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """

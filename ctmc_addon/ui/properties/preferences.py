@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit, units."""
+"""Preferences of the machine, not of a file: threads, preview budget, scene scale, memory limit, units."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ def take_over(target: Any, source: Any) -> None:
 
 
 def copy_lines(target: Any, source: Any) -> None:
-    """Copy the lines of a list into another, in place of those it has."""
+    """Replace the lines of a list by copies of those of another."""
     target.clear()
     for line in source:
         new = target.add()

@@ -31,7 +31,7 @@ OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 
 
 class SettingsMethods(StructureMethods):
-    """What `scene.ctmc` can do beside holding its properties."""
+    """Methods of `scene.ctmc`."""
 
     def to_settings(self) -> ReconstructionSettings:
         """Return the settings as core takes them, checked.

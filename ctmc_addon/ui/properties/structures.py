@@ -34,7 +34,7 @@ _filling: list[bool] = []  # not empty while code fills the list
 
 @contextmanager
 def filling() -> Iterator[None]:
-    """Fill the list without telling anybody, and without ticks that follow each other."""
+    """Fill the list without sending change events."""
     _filling.append(True)
     _ticking.append(True)
     try:
@@ -106,7 +106,7 @@ def on_limits(item: Any, _context: Any) -> None:
 
 
 class CTMCLabel(PropertyGroup):
-    """A structure: what it is made of, its name, color and opacity, and whether a surface is made of it."""
+    """A structure: its source, name, color and opacity, and whether to make a surface of it."""
 
     kind: choice(
         "Made Of",
@@ -156,7 +156,7 @@ class CTMCLabelSource(PropertyGroup):
 
 
 class StructureMethods:
-    """What `scene.ctmc` can do with its structures."""
+    """Methods of `scene.ctmc` for its structures."""
 
     labels: Any
     label_sources: Any
@@ -164,7 +164,7 @@ class StructureMethods:
     use_label: Any
 
     def structure_of(self, settings: ReconstructionSettings) -> Any:
-        """Return the line of the list that a surface of these settings is of; None where there is none."""
+        """Return the line of the list for a surface with these settings, or None."""
         return next((item for item in self.labels if is_made_of(item, settings)), None)
 
     def ticked_settings(self, settings: ReconstructionSettings) -> list[ReconstructionSettings]:

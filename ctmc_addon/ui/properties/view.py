@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the viewport shows beside the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
+"""What the viewport shows besides the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """

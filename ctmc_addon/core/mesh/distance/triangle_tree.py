@@ -196,7 +196,7 @@ class TriangleTree:
             pair, child = np.divmod(np.flatnonzero(near.T), BRANCH)
             box, point = box.take(pair) * BRANCH + child, point.take(pair)
             if len(point) > CROWD * points.shape[1]:
-                # The middle triangle of the box that is nearest to a point bounds its distance anew.
+                # The middle triangle of the box nearest to a point gives a new bound of its distance.
                 outside = outside[child, pair]
                 best = _least_of_each(point, outside)
                 triangle = np.minimum(box[best] * BRANCH**height + BRANCH**height // 2, len(self.order) - 1)

@@ -73,7 +73,7 @@ def compete_steps(
     allowed : (slices, rows, columns) bool, optional
         Such as a range: other voxels belong to no structure.
     hu_per_mm : float
-        How many HU count as much as a millimeter; fewer make a click claim only what is more like it.
+        HU that count as one millimeter; with fewer, a click claims only values closer to its own.
     max_mm : float
         Nothing farther from all clicks as the crow flies belongs to a structure. A first click's longest time is 1.5
         times that, because differences of values count too.
@@ -115,7 +115,7 @@ def compete_steps(
     borders = yield from stages.run(bordering, _borders_steps(claims, means, (z, y, x), blocks))
     labels = np.zeros(volume.shape, np.uint8)
     labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, borders, factors))
-    for click in clicks:  # what is clicked is never ignored, whatever the values say
+    for click in clicks:  # A click always counts, whatever its value.
         ball, inside = _ball(click.sample, min(CLICKED_MM, max_mm), volume.spacing, labels.shape)
         labels[ball][inside if allowed is None else inside & allowed[ball]] = click.structure
     return labels

@@ -92,7 +92,7 @@ def used_threshold(scene: bpy.types.Scene) -> float | None:
 
 
 def histogram_icon(scene: bpy.types.Scene) -> int:
-    """The icon number of the histogram's picture, painted anew if volume or limits have changed; 0 without one."""
+    """Return the icon number of the histogram's picture, redrawn if volume or limits have changed; 0 without one."""
     loaded = volumes.loaded(scene)
     if loaded is None or not _pictures:
         return 0

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is done to a drawn structure as a whole: margin, islands, holes, combine, between slices."""
+"""Operators on a whole drawn structure: margin, islands, holes, combine, between slices."""
 
 from __future__ import annotations
 

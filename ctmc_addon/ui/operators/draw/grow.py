@@ -2,7 +2,7 @@
 """From a click to a structure: the operator `ctmc.draw_grow`.
 
 To borders, all clicks in a structure compete with those in its surroundings, and a click changes what it alone changes:
-strokes drawn between two clicks stay. In a range, a click adds what hangs together there, and Alt takes it away.
+strokes drawn between two clicks stay. In a range, a click adds connected samples, and Alt removes them.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
 
 
 class Grown:
-    """What a click adds to a structure and takes from it, and what the next click starts from."""
+    """Samples that a click adds to a structure and removes from it, and the state that the next click starts from."""
 
     def __init__(self, window: Window, added: Mask, taken: Mask, kept: tuple[Any, Change] | None) -> None:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
@@ -142,7 +142,7 @@ def connected_click_steps(
     opening_mm: float,
     takes: bool,
 ) -> Steps[Grown]:
-    """Return what hangs together with a click: in a range to add it, in the structure to take it away."""
+    """Return the samples connected to a click: in a range to add them, in the structure to remove them."""
     window = whole(volume.shape)
     if takes:
         if before is None or not before[sample]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What drawing needs, and what all of its operators ask of the scene."""
+"""Conditions of drawing, and what all of its operators read from the scene."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def has_structure(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def require_active(scene: bpy.types.Scene) -> Any:
-    """Return the structure that is drawn on; a `SettingsError` where there is none."""
+    """Return the structure that is drawn on, or raise a `SettingsError`."""
     item = drawings.active(scene)
     if item is None:
         raise SettingsError("there is no structure; add one first")
@@ -62,7 +62,7 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
 
 
 class Target(NamedTuple):
-    """What work begins with, for `require` at its end: scene, CT, key of the structure, and its revision.
+    """State at the start of work, which `require` checks at its end: scene, CT, key and revision of the structure.
 
     Without a key a structure is to be made.
     """
@@ -104,7 +104,7 @@ def limits_of(drawing: Any) -> tuple[float, float] | None:
 
 
 def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:
-    """Return which samples of a window are in a range; None where there is none."""
+    """Return which samples of a window are in a range, or None without a range."""
     if limits is None:
         return None
     z, y, x = window

@@ -30,7 +30,7 @@ class CTMC_OT_draw_add(Needs, bpy.types.Operator):
 
 
 class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
-    """Take a tool, and show a slice to draw on where there is none."""
+    """Select a tool, and show a slice to draw on if none is shown."""
 
     bl_idname = "ctmc.draw_tool"
     bl_label = "Select Tool"

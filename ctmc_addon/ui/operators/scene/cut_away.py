@@ -83,7 +83,7 @@ class CTMC_OT_cut_away(bpy.types.Operator):
 
 
 class CTMC_OT_flip_cut_away(bpy.types.Operator):
-    """Take away outside the box in place of inside, and back."""
+    """Cut away outside the box instead of inside, and back."""
 
     bl_idname = "ctmc.flip_cut_away"
     bl_label = "Inside/Outside"

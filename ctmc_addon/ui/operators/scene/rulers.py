@@ -78,7 +78,7 @@ class Measure(Clicks):
         return {"PASS_THROUGH"}
 
     def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
-        """Return the object under the mouse and where it is hit; None where there is none."""
+        """Return the object under the mouse and where it is hit, or None."""
         ray = ray_under(area, event)
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 

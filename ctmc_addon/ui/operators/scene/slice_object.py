@@ -90,7 +90,7 @@ def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> i
 
 
 def known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
-    """Return the slice object that stands at a slice of the scene's CT; None where there is none."""
+    """Return the slice object at a slice of the scene's CT, or None."""
     ct = volumes.require_loaded(scene)
     return at_corners(scene, ct.statistics.fingerprint, slice_corners(ct.volume, section), machine().scale)
 

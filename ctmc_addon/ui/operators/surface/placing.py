@@ -39,11 +39,11 @@ class ObjectRequest:
     target : int or None
         `session_uid` of the object that takes it; None makes a new one.
     structure : str
-        What the label is called; empty for a threshold.
+        Name of the label; empty for a threshold.
     fingerprint, kind : str
         Of its CT; without a kind, an object that is updated keeps its name.
     prefix : str
-        What the CT is called in the panel, before the name of the surface.
+        Name of the CT in the panel, before the name of the surface.
     opacity : float or None
         Of a new object, from 0 to 1; None for an opaque one.
     drawn : str or None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What came out: measure, deviation map, settings of an object copied to the panel, the command that makes the same."""
+"""Operators on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
 
 from __future__ import annotations
 

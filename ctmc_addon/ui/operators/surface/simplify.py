@@ -41,7 +41,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
 def from_full_steps(
     context: bpy.types.Context, changes: Mapping[str, Any], *, extracts: bool = False
 ) -> Steps[jobs.Conclusion]:
-    """Make the active surface anew with other settings, from its full form where that is known or not `extracts`."""
+    """Make the active surface again with other settings, from its full form if that is known or not `extracts`."""
     scene, obj = context.scene, context.view_layer.objects.active
     require_updatable(obj)
     provenance = require_provenance(obj)

@@ -133,7 +133,7 @@ def draw_views(layout: Any) -> None:
 
 
 def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
-    """Which of several times is to be read, and a button that reads it."""
+    """Draw the choice of one of several times, and a button that reads it."""
     column = layout.column(align=True)
     text = translate("Time, 1 to {count}").format(count=loaded.times)
     column.prop(stored, "time", text=text, translate=False)
