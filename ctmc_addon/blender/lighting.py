@@ -68,7 +68,7 @@ def set_up_studio(
     Parameters
     ----------
     azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
+        Camera position, degrees: from the patient's front towards the left, and up.
 
     Returns
     -------

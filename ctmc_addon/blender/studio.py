@@ -71,7 +71,7 @@ def prepare_scene(
     size : (width, height) int
         Of the picture, pixels.
     azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
+        Camera position, degrees: from the patient's front towards the left, and up.
 
     Returns
     -------

@@ -108,7 +108,7 @@ class Plan:
         return min(spooled, self.budget.spool_bytes)
 
     def fits(self, there: int) -> bool:
-        """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""
+        """Return whether the surface fits in some bytes, with a reserve if not all of it was counted."""
         return self.needed <= (there if self.counts.exact else COUNTED_SHARE * there)
 
     def most_triangles(self, there: int) -> int:
@@ -172,7 +172,7 @@ def plan_steps(
 
 
 class PlanRefusal(MemoryLimitError):
-    """A surface does not fit, and what would fit is said already."""
+    """A surface does not fit, and the message already says what would."""
 
 
 def required_steps(
@@ -187,7 +187,7 @@ def required_steps(
     """
     there = budget.available
     voxels = math.prod(field.values.shape) // math.prod(settings.stride)
-    # A surface seldom has a triangle for each voxel: where so many fit, counting is spared.
+    # A surface seldom has a triangle for each voxel: if that many fit, skip counting.
     if there is None or budget.workers is not None or voxels * FACE_BYTES <= there:
         return
     if not sink.holds and not Plan(Counts(0, 0, 0, 0), settings, budget).simplifies:
@@ -301,7 +301,7 @@ def _refused(what: str, there: int, advice: str) -> str:
 
 
 def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
-    """Changes of the settings each of which fits into so many bytes: a wider stride, and fewer triangles left."""
+    """Return changes of the settings that each fit into some bytes: a wider stride, and fewer triangles left."""
     wider = yield from _stride_steps(volume, plan, room)
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
@@ -320,7 +320,7 @@ def slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -
 
 
 def widest_slices(volume: Volume, settings: ReconstructionSettings, limit: int) -> int:
-    """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
+    """Return the side in voxels of the largest square slices whose slabs can be extracted in some bytes."""
     item, kept = smoothing_of(settings).bytes(volume.spacing, settings, volume.dtype.itemsize)
     voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * item + kept
     return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)

@@ -104,7 +104,7 @@ def render_figure_steps(
     style : str
         One of `STYLES`.
     azimuth, elevation : float
-        Where the camera stands, degrees.
+        Camera position, degrees.
     names : sequence of str
         Names of the objects, to find those that hide a tumor; by default their own.
     chosen : sequence of float or None

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a figure is: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
+"""Describe figures: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
 
 No Blender here: the flags of the command line and the properties of the sidebar are made from this.
 """
@@ -221,7 +221,7 @@ class RulerMark:
 
 @dataclass(frozen=True)
 class Cell:
-    """What is shown together, and the lines of caption under it.
+    """Objects that a cell shows, and the lines of its caption.
 
     Parameters
     ----------
@@ -333,7 +333,7 @@ class FigureStyle(Described):
 
 @dataclass(frozen=True)
 class Transparency(Described):
-    """How clear a surface is that hides a tumor from the camera."""
+    """Opacity of a surface that hides a tumor from the camera."""
 
     hiding_opacity: float = setting(
         0.3,
@@ -370,7 +370,7 @@ class DistanceMap(Described):
 
 @dataclass(frozen=True)
 class Turn(Described):
-    """How long a turntable turns and how far: so many whole turns in a loop of so many seconds.
+    """Length and number of turns of a turntable's loop.
 
     Raises
     ------

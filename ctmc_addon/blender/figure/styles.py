@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a figure looks: its engine, and the materials of its surfaces."""
+"""Style of a figure: its engine, and the materials of its surfaces."""
 
 from __future__ import annotations
 

@@ -23,7 +23,7 @@ TOUCHING = 2.0  # cells: surfaces that lie this near to each other, such as shar
 
 @dataclass(frozen=True)
 class DepthMaps:
-    """How near each of several surfaces is to the camera, on one grid.
+    """Depths of several surfaces seen from the camera, on one grid.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
 
 
 def barycentric(pieces: int) -> NDArray[np.float64]:
-    """Return the corners of a triangle whose sides are cut into so many pieces, (S, 3) shares of its corners.
+    """Return the corners of a triangle whose sides are cut into some pieces, (S, 3) shares of its corners.
 
     Examples
     --------

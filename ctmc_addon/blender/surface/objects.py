@@ -54,7 +54,7 @@ def add_reconstruction(
     mesh : Mesh or None
         What `surface_mesh_steps` has made of it at this scale; None makes it now.
     structure : str
-        What the surface is of, for the object's name; empty takes what the volume calls the label.
+        Name of the structure, for the object's name; empty takes the volume's name of the label.
     fingerprint : str
         Of the volume's values.
     opacity : float, optional

@@ -33,7 +33,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class Placement:
-    """How millimeters become an object's local space.
+    """Transform from millimeters to an object's local space.
 
     Parameters
     ----------

@@ -99,7 +99,7 @@ def draw_lines(
     points : (n, 3) float
         World space.
     pairs : iterable of (int, int)
-        Which points a line joins.
+        Points that each line joins.
     color : Color
     size : (width, height) float
         Of the viewport, pixels.

@@ -24,7 +24,7 @@ BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends i
 
 @dataclass(frozen=True)
 class Appearance:
-    """How a volume object looks: a preset.
+    """Preset for the look of a volume object.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Appearance:
     width : float
         HU from the threshold to the full density.
     density_per_mm : float
-        How much is hidden in 1 mm at full density.
+        Share hidden by 1 mm at full density.
     window, level : float
         HU of the dark to the light end of the colors.
     colors : two linear colors

@@ -74,7 +74,7 @@ THICK = (Grid(2, False, FAR, 41, 4.5), Grid(2, True, FAR, 12, 4.5), Grid(1, True
 
 
 def grids_of(slice_steps: int) -> tuple[Grid, ...]:
-    """Return the grids on which a field with so many steps a slice is smoothed, the coarsest first."""
+    """Return the grids on which a field with `slice_steps` steps per slice is smoothed, the coarsest first."""
     return THICK if slice_steps > 2 else THIN
 
 

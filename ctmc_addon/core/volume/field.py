@@ -59,7 +59,7 @@ class Field:
     window_in_values : Box
         The window, counted from the first value.
     slice_steps, first_slice : int
-        Every so many slices of the values, from this one, is one of the volume's.
+        Step between the volume's slices among those of the values, and the first of them.
     surface : Surface or None
         The surface of the values in index space, where smoothing has made it.
     """

@@ -150,7 +150,7 @@ def chosen_labels_steps(
 ) -> Steps[tuple[int, ...]]:
     """Return the values of labels that are chosen by value, by name or by the word "all", each once.
 
-    A name means every label that has it; upper and lower case, spaces and underscores are not told apart.
+    A name means every label that has it; case, spaces and underscores make no difference.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) 
 
 
 def not_a_label_steps(volume: Volume) -> Steps[str]:
-    """Return the first value of a volume that stands for no whole number, as text; empty where there is none.
+    """Return the first value of a volume that is not a whole number, as text; empty without one.
 
     Examples
     --------

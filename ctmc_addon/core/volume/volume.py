@@ -232,7 +232,7 @@ class Volume(Placed):
             return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
 
     def in_memory_steps(self, stride: tuple[int, int, int] = (1, 1, 1)) -> Steps[Volume]:
-        """Return the volume with its values in memory: all, or every so many along x, y and z from the first on."""
+        """Return the volume with its values in memory: all, or one of every few along x, y and z from the first on."""
         for axis, size, side in zip("xyz", self.size, stride, strict=True):
             if side >= size:
                 raise SettingsError(

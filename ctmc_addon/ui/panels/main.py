@@ -69,7 +69,7 @@ class CTMC_PT_surface(Step, bpy.types.Panel):
 
 
 class CTMC_PT_voxels(Step, bpy.types.Panel):
-    """How finely, and what it costs."""
+    """Panel for voxels and alpha, with the cost estimate."""
 
     bl_idname = "CTMC_PT_voxels"
     bl_label = "Voxels and Alpha"
@@ -91,7 +91,7 @@ class CTMC_PT_simplify(Step, bpy.types.Panel):
 
 
 class CTMC_PT_make(Step, bpy.types.Panel):
-    """The button, and messages on the next surface."""
+    """Panel with the button, and messages on the next surface."""
 
     bl_idname = "CTMC_PT_make"
     bl_label = "Reconstruct"

@@ -99,7 +99,7 @@ def set_level(view: Any, level: float) -> None:
 
 
 class CTMCView(PropertyGroup):
-    """What the viewport shows of the CT itself."""
+    """Settings of the CT's display in the viewport."""
 
     show_slice: boolean("Slice in Viewport", "Show a slice of the CT at its true position", default=True)
     show_letters: boolean(

@@ -130,7 +130,7 @@ class TriangleTree:
     def distances_steps(
         self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
     ) -> Steps[Doubles]:
-        """`distances` as steps, by so many threads, by default one for each processor."""
+        """`distances` as steps, with `threads` threads, by default one for each processor."""
         out = np.empty(len(points))
 
         def measure(points: Doubles, block: NDArray[np.intp]) -> None:

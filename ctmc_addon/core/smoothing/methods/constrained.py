@@ -24,7 +24,7 @@ from .smoothing import Smoothing, Spacing
 
 
 class _SmoothedNote(str):
-    """The note on a smoothed label, told from other notes by its class, whatever they say."""
+    """The note on a smoothed label, distinguished from other notes by its class."""
 
     __slots__ = ()
 

@@ -121,7 +121,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
-        So many files of the folder were `chosen`; all of it is read. Sources of labels are read `wanted` with it.
+        `chosen` is the number of chosen files; the whole folder is read. Read the label sources `wanted` with it.
         """
         stages = Stages(STAGES | ({LABELS: 40} if wanted else {}))
         headers, values, counting = STAGES

@@ -92,7 +92,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         return [f"{name}: {text}" for name, text in texts if text]
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """What goes to the file, in the order of the labels; the active surface where there is nothing else."""
+        """Return the surfaces to write, in the order of the labels; the active surface if there are no others."""
         chosen = []
         if self.which == "SELECTED":
             chosen = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_cut_box(obj)]

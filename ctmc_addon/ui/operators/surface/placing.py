@@ -63,7 +63,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class FinishedSurface:
-    """A surface and what it was asked for: before and after simplification, measured in so many seconds.
+    """A surface and its request: before and after simplification, with the seconds of measuring.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
