@@ -35,14 +35,14 @@ GENERATED = {
     "figure": {
         "reading": [ReadingOptions],
         "figure": [Page, FigureStyle],
-        "map of distances": [DistanceMapSettings],
+        "distance map": [DistanceMapSettings],
         "several labels": [Transparency],
     },
     "figure sheet": {
         "reading": [ReadingOptions],
         "figure": [Page, FigureStyle],
-        "map of distances": [DistanceMapSettings],
-        "what is compared": [Comparison],
+        "distance map": [DistanceMapSettings],
+        "settings to compare": [Comparison],
     },
     "figure turntable": {"figure": [Page, FigureStyle], "turntable": [Turn], "several labels": [Transparency]},
     "experiment rotation": {"reading": [ReadingOptions]},

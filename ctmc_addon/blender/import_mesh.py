@@ -76,7 +76,7 @@ def append_objects(path: str, name: str) -> None:
         with bpy.data.libraries.load(path) as (source, target):
             target.objects = list(source.objects)
     except OSError as error:
-        raise ReadError(f"{name} cannot be read: it is not a .blend of this Blender's kind") from error
+        raise ReadError(f"{name} cannot be read: it is not a .blend that this Blender can open") from error
 
 
 def world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What only Blender's exporters need of an output file: room before they start.
+"""Check for Blender's exporters that an output file has room.
 
 That a file is written whole or not at all is `core/files/atomic_write.py`'s.
 """

@@ -110,7 +110,7 @@ def add_ruler(
     world_points : sequence of (x, y, z)
         In world space, Blender units; the corner of an angle is the second.
     name : str
-        What the object is called, before its value.
+        Name of the object, before its value.
     scale : float
         Blender units of 1 mm.
     points_mm : sequence of (x, y, z), optional

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Whether an object has been mirrored or scaled since it was made of the patient."""
+"""Tell whether an object was mirrored or scaled after it was made from the patient."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SAME = 1e-4  # a factor that differs less from 1 is rounding
 
 
 class ShapeChange(NamedTuple):
-    """What an object's transform does to its shape.
+    """Effect of an object's transform on its shape.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a script touches: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
+"""The command line: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     that Ctrl-C is one line while NumPy is still being loaded, too.
     """
     if list(sys.argv[1:] if argv is None else argv) == ["--version"]:
-        with suppress(OSError):  # a full disk or a closed pipe: the parser below says what is to be said
+        with suppress(OSError):  # A full disk or a closed pipe: the parser below reports it.
             print(f"ctmc {VERSION}", flush=True)
             return 0
     try:

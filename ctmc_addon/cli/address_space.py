@@ -1,10 +1,10 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a process reserves of memory, and what it gives back; numbers do not change by this.
+"""Limit what a process reserves of memory, and give memory back; results do not change.
 
 A limit of the address space (`ulimit -v`, `prlimit --as`) counts what is reserved, used or not: OpenBLAS reserves
 buffers for each processor when NumPy is loaded, and glibc 64 MiB of malloc and 8 MiB of stack for each thread, and
 keeps what was freed between two blocks. Without a limit glibc gives large blocks back to the system as soon as they
-are freed, and the system hands out every page of the next one anew: up to a tenth of a liver's processor seconds.
+are freed, and the system hands out every page of the next one again: up to a tenth of a liver's processor seconds.
 """
 
 from __future__ import annotations

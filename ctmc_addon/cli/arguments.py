@@ -73,7 +73,7 @@ class Parser(argparse.ArgumentParser):
             near = difflib.get_close_matches(rest[0], parser._option_string_actions, 1) if rest[0][0] == "-" else []
             remedy = f"; did you mean {near[0]}?" if near else ""
             if rest[0][0] != "-" and isinstance(getattr(parsed, "label", None), list):
-                remedy = "; names of labels have commas between them, and quotes around those with spaces"
+                remedy = "; separate label names by commas, and quote names with spaces"
             self.error(f"unrecognized arguments: {' '.join(rest)}{remedy}")
         return parsed
 
@@ -101,7 +101,9 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
     """
     group = parser.add_argument_group("settings")
     group.add_argument(
-        "--settings", metavar="FILE.toml", help="settings to start from, as `ctmc settings` writes them; flags win"
+        "--settings",
+        metavar="FILE.toml",
+        help="settings file to start from, as `ctmc settings` writes it; flags take precedence",
     )
     groups = {}
     for names in EXCLUSIVE:
@@ -173,7 +175,7 @@ def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
     """Return the settings of the flags and of the file of --settings, for a command that makes one surface."""
     settings, choices = settings_and_labels(args)
     if len(choices) > 1 or any(isinstance(choice, str) for choice in choices):
-        raise UsageError(f"label {', '.join(map(str, choices))} is not one number; this command takes one label")
+        raise UsageError(f"this command takes one label by its number, not {', '.join(map(str, choices))}")
     return settings
 
 
@@ -271,7 +273,7 @@ def read_settings(path: str) -> dict[str, Any]:
 def with_flags(sentence: str) -> str:
     """Return the sentence with settings called by their flags, where these are other words than their names.
 
-    What `ctmc segment` takes no dataclass describes.
+    The flags of `ctmc segment` alone come from no dataclass.
 
     Examples
     --------
@@ -280,7 +282,7 @@ def with_flags(sentence: str) -> str:
     """
     sentence = re.sub(r"\b(hu|max|opening)(_per)?_mm\b", lambda name: f"--{name[0].replace('_', '-')}", sentence)
     sentence = _with_flags_of((ReconstructionSettings, *kinds_of("reading")), sentence)
-    # Where a figure's setting has another name than its flag, there is an underscore in it.
+    # A figure's setting whose name differs from its flag has an underscore in it.
     return _with_flags_of(kinds_of("figure"), sentence) if "_" in sentence else sentence
 
 
@@ -309,25 +311,25 @@ def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names:
         if name == "name" and not names:
             continue
         if name == "time" and all_times:
-            several = replace(about, text=f"{about.text}, or all for a surface of each")
+            several = replace(about, text=f"{about.text}, or all for one surface per time")
             add_flag(group, name, several, None, time_or_all)
         else:
             add_flag(group, name, about, defaults(readers.ReadingOptions)[name])
 
 
 def add_work(parser: Any) -> None:
-    """How many threads work, and whether anything is printed."""
+    """Add the flags for the number of threads and for what is printed."""
     add_quiet(parser)
     parser.add_argument("--threads", type=at_least(1), metavar="N", help="default: one for each processor, at most 8")
 
 
 def add_quiet(parser: Any) -> None:
     """Whether anything is printed."""
-    parser.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    parser.add_argument("--quiet", action="store_true", help="print errors only")
 
 
 def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
-    """How the flags and the table `[reading]` of --settings say that INPUT is read; the time is open where all are."""
+    """Return the reading options of the flags and of `[reading]` in --settings; without a time if all are read."""
     values = given_table(args, "reading")
     with flags_checked():
         return readers.ReadingOptions(**values | ({"time": None} if asks_all_times(args) else {}))
@@ -354,7 +356,7 @@ def add_opacity(group: Any, dest: str, note: str) -> None:
         type=opacity_choice,
         default=[],
         metavar="NAME=SHARE",
-        help=f"of structures, by name, label number or all, from 0 to 1: liver=0.35 bone=0.15 ({note})",
+        help=f"opacity of structures from 0 to 1, by name, label number or all: liver=0.35 bone=0.15 ({note})",
     )
 
 

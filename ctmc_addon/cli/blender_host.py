@@ -49,7 +49,7 @@ def require_blender(purpose: str) -> None:
 def blender_at_work() -> Iterator[None]:
     """Keep what Blender prints from both streams, and an interrupt waiting until it is done.
 
-    What goes wrong arrives as an exception. Nothing of ours may be printed inside, and no step yielded.
+    Failures arrive as exceptions. Print nothing and yield no step inside.
     """
     with interrupts_held(), silence():
         yield

@@ -46,11 +46,11 @@ def add_described(
     kind : type
         A `Described` dataclass.
     default : mapping, optional
-        Defaults that the help says in place of the fields' own.
+        Defaults that the help names instead of the fields' own.
     readers : mapping, optional
-        Functions that read the value of a field from text in place of `value_reader`.
+        Functions that read the value of a field from text, instead of `value_reader`.
     groups : mapping, optional
-        Groups that fields belong to in place of `group`.
+        Groups that fields belong to, instead of `group`.
     """
     own = defaults(kind) | dict(default or {})
     for name, about in descriptions(kind).items():
@@ -75,7 +75,9 @@ def add_flag(group: Any, name: str, about: Setting, default: Any, reader: Callab
 
 def add_labels_flag(group: Any, name: str, about: Setting, default: Any, reader: Callable[[str], Any]) -> None:
     """Add a field's flag that takes several labels, by number or name."""
-    words = f"{help_of(about, default)}; number or name, several with commas or by repeating the flag, or all"
+    words = (
+        f"{help_of(about, default)}; by number or name, several separated by commas or by repeating the flag, or all"
+    )
     options = {"dest": name, "default": argparse.SUPPRESS, "metavar": "LABEL", "type": reader, "help": words}
     group.add_argument(flag_of(name, about), action=Numbers, most=sys.maxsize, **options)
 
@@ -94,7 +96,7 @@ def value_reader(name: str, about: Setting) -> Callable[[str], Any]:
         if about.type is not str and text not in about.words:
             numbers = tuple(number_of(word, about) for word in separated(text))
             if len(numbers) != about.size and (len(numbers) != 1 or about.size != 3):
-                several = f"write {about.size} numbers with spaces between them"
+                several = f"write {about.size} numbers separated by spaces"
                 raise argparse.ArgumentTypeError(
                     several if about.size > 1 else "write one number, with a decimal point"
                 )

@@ -55,8 +55,8 @@ def require_highdicom() -> Any:
     version = str(getattr(highdicom, "__version__", "unknown"))
     if [int(part) for part in re.findall(r"\d+", version)[:2]] < OLDEST:
         raise OutputError(
-            f"highdicom is {version} here, and a DICOM segmentation needs {'.'.join(map(str, OLDEST))}; {EXTRA}, or "
-            "write a .seg.nrrd"
+            f"a DICOM segmentation needs highdicom {'.'.join(map(str, OLDEST))} or newer, not {version}; "
+            f"{EXTRA}, or write a .seg.nrrd"
         )
     return highdicom
 
@@ -67,8 +67,7 @@ def images_of(source: VolumeSource, options: ReadingOptions) -> list[Path]:
     if images:
         return images
     raise OutputError(
-        f"a DICOM segmentation refers to the DICOM images it was made on, and {source.path.name} is {source.format}; "
-        "write a .seg.nrrd"
+        f"a DICOM segmentation must refer to DICOM images, and {source.path.name} is {source.format}; write a .seg.nrrd"
     )
 
 
@@ -101,15 +100,15 @@ def write(
     """
     highdicom = require_highdicom()
     pydicom = importlib.import_module("pydicom")
-    with warnings.catch_warnings():  # what either library finds odd about a file is no matter of the user's
+    with warnings.catch_warnings():  # warnings of either library do not concern the user
         warnings.simplefilter("ignore")
         headers = [pydicom.dcmread(image, stop_before_pixels=True) for image in images]
         for header in headers:
             missing = [keyword for keyword in NEEDED if not header.get(keyword)]
             if missing:
                 raise OutputError(
-                    f"the CT's DICOM images have no {', '.join(missing)}, by which a segmentation refers to them; "
-                    "write a .seg.nrrd"
+                    f"the CT's DICOM images lack {', '.join(missing)}, which a segmentation refers "
+                    "to; write a .seg.nrrd"
                 )
             # Some anonymizers gave every slice a frame of reference of its own; one volume has one.
             header.FrameOfReferenceUID = headers[0].FrameOfReferenceUID
@@ -117,7 +116,7 @@ def write(
                 if keyword not in header:
                     setattr(header, keyword, "")
         needed = COPIES * len(segments) * math.prod(layers.shape)
-        Budget().require(needed, "a DICOM segmentation", "write a .seg.nrrd, which takes a byte a voxel")
+        Budget().require(needed, "a DICOM segmentation", "write a .seg.nrrd, which needs one byte per voxel")
         masks = np.empty((*layers.shape, len(segments)), np.uint8)
         content = hashlib.sha256(headers[0].SeriesInstanceUID.encode())
         for segment, label in zip(segments, layers.layer_of, strict=True):
@@ -145,7 +144,7 @@ def write(
             segmentation.save_as(path)
         except ValueError as error:  # highdicom's own words for such images
             raise OutputError(
-                f"the CT's DICOM images do not make a segmentation ({error}); write a .seg.nrrd"
+                f"no DICOM segmentation can be made from the CT's images ({error}); write a .seg.nrrd"
             ) from error
 
 

@@ -40,7 +40,7 @@ class Structures:
     label_of : dict of str to int
         The label of each structure.
     notes : list of str
-        What was assumed of them, and what a person may not expect.
+        Notes on assumptions, and on results that a person may not expect.
     """
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
@@ -71,14 +71,14 @@ class Structures:
     def read_steps(self, path: str, ct: Volume) -> Steps[None]:
         """Take the labels of a file, which lie on the grid of a CT in any order of the axes, or on a part of it.
 
-        They keep their numbers, names and colors. Where one is above 255 all are numbered anew, and of two with one
+        They keep their numbers, names and colors. If one is above 255, all are renumbered, and of two with one
         name the second gets its number as a second name; a note says either.
         """
         read = yield from readers.read_volume_steps(path)
         if read.kind != ValueKind.LABEL:
             value = yield from not_a_label_steps(read)
             what = f"{read.kind.plural}, such as {value}" if value else read.kind.plural
-            raise LabelError(f"{read.name} has no labels but {what}; give a label volume to --from")
+            raise LabelError(f"{read.name} holds {what}, not labels; give a label volume to --from")
         labels = yield from placed_labels_steps(read, ct)
         extents = yield from label_extents_steps(labels)
         if not extents:
@@ -87,13 +87,15 @@ class Structures:
         self.notes += map(with_flags, labels.notes)
         kept = max(extents) <= MOST_STRUCTURES
         if not kept:
-            self.notes.append(f"Labels of {read.name} are numbered anew, as one is {max(extents)} and 255 is the most.")
+            self.notes.append(
+                f"Labels of {read.name} are renumbered, because one is {max(extents)} and the largest possible is 255."
+            )
         for number, (label, extent) in enumerate(extents.items(), 1):
             name = called = printable(labels.label_names.get(label, "")) or f"label {label}"
             while name in self.label_of:
                 name = f"{name} {label}"
             if name != called:
-                self.notes.append(f"{read.name} has two structures called {called}; the second is {name} here.")
+                self.notes.append(f"{read.name} has two structures called {called}; the second is renamed {name}.")
             x, y, z = (slice(*side) for side in extent.box)
             mask = np.zeros((z.stop - z.start, y.stop - y.start, x.stop - x.start), bool)
             for layer in labels.each_layer:
@@ -107,14 +109,18 @@ class Structures:
         """Grow and shrink structures; one that vanishes is refused, and a note says where nothing changed."""
         for name, margin_mm in margins.items():
             if name not in self.label_of:
-                raise LabelError(f"there is no structure '{name}' for --margin; there are {', '.join(self.label_of)}")
+                raise LabelError(
+                    f"--margin names '{name}', but no structure has that name; there are {', '.join(self.label_of)}"
+                )
             before = self.mask(name)
             mask = yield from margin_steps(before, spacing_mm, margin_mm)
             if not mask.any():
                 raise LabelError(f"nothing is left of {name} with a margin of {margin_mm:g} mm; shrink it less")
             if margin_mm and np.array_equal(mask, before):
                 step_mm = min(spacing_mm)
-                self.notes.append(f"{margin_mm:g} mm change nothing of {name}, as voxels are {step_mm:.3g} mm apart.")
+                self.notes.append(
+                    f"A margin of {margin_mm:g} mm does not change {name}, because voxels are {step_mm:.3g} mm apart."
+                )
             self.layers.put(self.label_of[name], mask)
         self.layers.compact()
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measurement depends on: processor, cores, system and versions. The machine's own name is left out."""
+"""Name what a measurement depends on: processor, cores, system and versions, but not the machine's own name."""
 
 from __future__ import annotations
 

@@ -158,9 +158,7 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
         require_writable(path / f"surface{suffix}" if path.is_dir() else path)
         return {"folder": path, "suffix": suffix}
     if path.suffix.lower() == ".png":
-        raise OutputError(
-            f"{path.name} is a picture; --figure {path.name} makes it beside a surface, ctmc figure alone"
-        )
+        raise OutputError(f"{path.name} is a picture; add --figure {path.name} to a surface, or use ctmc figure")
     if several and text and not path.suffix:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
     if several and count_known:

@@ -17,17 +17,17 @@ PATIENCE = 10.0  # seconds in which a scheduler has to answer
 
 
 class Scheduler:
-    """A connection to a scheduler; raises `CtmcError` if there is none to be had."""
+    """A connection to a scheduler; raises `CtmcError` if none can be made."""
 
     def __init__(self, address: str) -> None:
         self.address = address
         if __name__.partition(".")[0] != PACKAGE.name:
             raise CtmcError(
-                "--scheduler works from the Python package ctmc-addon, which the workers need too; "
-                "the extension in Blender asks for no network"
+                "--scheduler needs the Python package ctmc-addon, here and on the workers; the "
+                "Blender extension does not use the network"
             )
         if not re.fullmatch(r"((tcp|tls|ucx|ws|wss)://)?\S+:\d+/?", address):
-            raise CtmcError(f"'{address}' is not a scheduler's address; it is like tcp://host:8786")
+            raise CtmcError(f"'{address}' is not a scheduler's address; write one such as tcp://host:8786")
         try:
             self.distributed: Any = importlib.import_module("distributed")
         except ImportError as error:
@@ -44,13 +44,13 @@ class Scheduler:
             self.client: Any = self.distributed.Client(address, timeout=PATIENCE, set_as_default=False)
         except MemoryError as error:  # letters of another protocol, taken for a length
             raise CtmcError(
-                f"what answers at {address} is not a scheduler; check the port, 8786 if it was started without one "
+                f"the program at {address} is not a dask scheduler; check the port, by default 8786 "
                 "(8787 is its web page)"
             ) from error
         except (OSError, ValueError) as error:
             raise CtmcError(
-                f"the scheduler {address} did not answer, tried for {time.perf_counter() - start:.0f} s; "
-                "check its address, and that it runs"
+                f"the scheduler {address} did not answer within {time.perf_counter() - start:.0f} s; "
+                "check its address and that it is running"
             ) from error
 
     async def greet(self) -> None:
@@ -68,6 +68,4 @@ class Scheduler:
         try:
             return len(self.client.nthreads())
         except (OSError, TimeoutError) as error:
-            raise CtmcError(
-                f"the scheduler {self.address} does not answer any more; start again when it runs"
-            ) from error
+            raise CtmcError(f"the scheduler {self.address} stopped answering; run this again once it is up") from error

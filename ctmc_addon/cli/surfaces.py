@@ -44,7 +44,7 @@ def open_words(number: int, opened: int) -> str:
 
 @dataclass(frozen=True)
 class Surfaces:
-    """What was made of one input.
+    """Surfaces made from one input.
 
     Parameters
     ----------

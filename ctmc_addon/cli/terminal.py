@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a person at a terminal sees: the progress line, tables, numbers; and the folder that is to be empty."""
+"""Output for a terminal: the progress line, tables, numbers; and the check that a folder is empty."""
 
 from __future__ import annotations
 

@@ -53,7 +53,7 @@ class Place(Flag):
 
 @dataclass(frozen=True)
 class FinishedSurface:
-    """What is known of a finished surface; what is not known is None.
+    """Measures of a finished surface; None if unknown.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a work needs in memory, whether it fits, and what to advise where it does not: the only owner of these.
+"""Work out the memory that a work needs, whether it fits, and what to advise if not: the only owner of these.
 
 The cost estimate shows it, refusals say it, batch and sidebar ask it before they begin. It decides nothing about a
 result: triangles are counted by extraction's own first passes, a slab of values at a time, so that what is proposed is
@@ -47,7 +47,7 @@ MOST_STRIDE = 16
 LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
 ROUNDED = 0.9  # of the triangles that would fit are proposed
 COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
-LOOKING = "Looking for what fits"
+LOOKING = "Finding settings that fit in memory"
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ class Plan:
         return min(spooled, self.budget.spool_bytes)
 
     def fits(self, there: int) -> bool:
-        """Return whether the surface fits in so many bytes, with a reserve where not all of it was counted."""
+        """Return whether the surface fits in some bytes, with a reserve if not all of it was counted."""
         return self.needed <= (there if self.counts.exact else COUNTED_SHARE * there)
 
     def most_triangles(self, there: int) -> int:
@@ -170,7 +170,7 @@ def plan_steps(
 
 
 class PlanRefusal(MemoryLimitError):
-    """A surface does not fit, and what would fit is said already."""
+    """A surface does not fit, and the message already says what would."""
 
 
 def required_steps(
@@ -185,7 +185,7 @@ def required_steps(
     """
     there = budget.available
     voxels = math.prod(field.values.shape) // math.prod(settings.stride)
-    # A surface seldom has a triangle for each voxel: where so many fit, counting is spared.
+    # A surface seldom has a triangle for each voxel: if that many fit, skip counting.
     if there is None or budget.workers is not None or voxels * FACE_BYTES <= there:
         return
     if not sink.holds and not Plan(Counts(0, 0, 0, 0), settings, budget).simplifies:
@@ -295,11 +295,11 @@ def advice_of(proposals: Sequence[str]) -> str:
 
 def _refused(what: str, there: int, advice: str) -> str:
     """Return the refusal for a surface whose memory cannot be predicted."""
-    return f"{what} needs more than the {amount(there)} of memory that are available; {advice}"
+    return f"{what} needs more than the {amount(there)} of memory available; {advice}"
 
 
 def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
-    """Changes of the settings each of which fits into so many bytes: a wider stride, and fewer triangles left."""
+    """Return changes of the settings that each fit into some bytes: a wider stride, and fewer triangles left."""
     wider = yield from _stride_steps(volume, plan, room)
     proposals = [] if wider is None else [wider]
     most, settings = plan.most_triangles(room), plan.settings
@@ -318,7 +318,7 @@ def slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -
 
 
 def widest_slices(volume: Volume, settings: ReconstructionSettings, limit: int) -> int:
-    """Return the side in voxels of the largest square slices whose slabs are extracted in so many bytes."""
+    """Return the side in voxels of the largest square slices whose slabs can be extracted in some bytes."""
     item, kept = smoothing_of(settings).bytes(volume.spacing, settings, volume.dtype.itemsize)
     voxel_bytes = WORK_FACTOR * (settings.stride[2] + 1) * item + kept
     return math.isqrt(max(0, limit - WORK_BYTES) // voxel_bytes)

@@ -43,7 +43,7 @@ INCOMPATIBLE = {"max_error_mm": ("simplifier", "decimate")}
 
 @dataclass(frozen=True)
 class ReconstructionSettings(Described):
-    """How a surface is made from a volume.
+    """Settings that say how to make a surface from a volume.
 
     Frozen, hashable and picklable. Every field's meaning, unit and limits stand in its `Setting`,
     see `SETTINGS`.
@@ -70,8 +70,8 @@ class ReconstructionSettings(Described):
     )
     upper: float | None = setting(
         None,
-        "Upper limit: values above it are outside too, such as -600 HU for lung between -950 and -600. "
-        "Larger = more of the dense tissue. Without it all that is dense enough is inside",
+        "Upper limit: values above it are outside too, such as -600 HU for lung between -950 and "
+        "-600. Larger = more of the dense tissue. Without it there is no upper limit",
         label="Upper Limit",
         stage=EXTRACTION,
         unit="HU or gray value",
@@ -121,8 +121,8 @@ class ReconstructionSettings(Described):
     )
     topology: str = setting(
         "classic",
-        "How ambiguous voxels are cut: by the 15 classic cases, or exactly as the trilinear interpolant has it. "
-        "Both give a closed surface",
+        "How ambiguous voxels are cut: by the 15 classic cases, or exactly by the trilinear "
+        "interpolant. Both give a closed surface",
         label="Topology",
         stage=EXTRACTION,
         choices=("classic", "trilinear"),
@@ -138,7 +138,7 @@ class ReconstructionSettings(Described):
     )
     smoothing_mm: float | None = setting(
         None,
-        "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it a Gaussian has 1 mm",
+        "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it, 1 mm",
         label="Sigma",
         stage=FIELD,
         unit="mm",
@@ -148,8 +148,9 @@ class ReconstructionSettings(Described):
     )
     slice_steps: int = setting(
         0,
-        "Steps from slice to slice of a label that is smoothed as constrained; stride along z counts them. 1 = none, "
-        "0 = enough that no side of a voxel is more than twice another, none where stride along z is above 1",
+        "Steps per slice for constrained smoothing; stride along z counts these steps. 1 = no added "
+        "steps, 0 = automatic: enough that no voxel side is more than twice another, none if stride "
+        "along z is above 1",
         label="Slice Steps",
         stage=FIELD,
         low=0,
@@ -158,8 +159,8 @@ class ReconstructionSettings(Described):
     )
     interfaces: str = setting(
         "shared",
-        "How several labels of a volume meet where they touch. shared = along one surface, without gap or overlap; "
-        "separate = each label is made by itself, and neighbors may overlap",
+        "How touching labels meet. shared = along one surface, without gaps or overlaps; separate = "
+        "each label is made on its own, and neighbors may overlap",
         label="Interfaces",
         stage=EXTRACTION,
         choices=("shared", "separate"),
@@ -219,8 +220,7 @@ class ReconstructionSettings(Described):
     )
     simplifier: str = setting(
         "builtin",
-        "How a rate, a number of triangles or a maximum error is reached: by the built-in quadric error simplifier, "
-        "by Blender's live Decimate modifier, or not at all",
+        "Simplify by the built-in quadric error simplifier, by Blender's live Decimate modifier, or not at all",
         label="Simplifier",
         stage=SIMPLIFICATION,
         choices=("none", "builtin", "decimate"),
@@ -250,7 +250,7 @@ class ReconstructionSettings(Described):
     )
     max_error_mm: float | None = setting(
         None,
-        "Simplify as far as the surface moves at most this far. Larger = fewer triangles",
+        "Largest distance that simplification may move the surface. Larger = fewer triangles",
         label="Maximum Error",
         stage=SIMPLIFICATION,
         unit="mm",
@@ -274,7 +274,7 @@ class ReconstructionSettings(Described):
         for group in EXCLUSIVE:
             given = [f"{name} {getattr(self, name):g}" for name in group if getattr(self, name) is not None]
             if len(given) > 1:
-                raise SettingsError(f"{' and '.join(given)} are set together; choose one")
+                raise SettingsError(f"{' and '.join(given)} cannot be set together; choose one")
         for name in SETTINGS:
             if not is_allowed(self, name) and getattr(self, name) is not None:
                 other, choice = INCOMPATIBLE[name]
@@ -330,7 +330,7 @@ class ReconstructionSettings(Described):
             If the surface is yet to decide.
         """
         if isinstance(self.alpha, str):
-            raise SettingsError(f"alpha {self.alpha} is decided by a surface; give a number from 0 to 1 here")
+            raise SettingsError(f"alpha {self.alpha} depends on the surface; give a number from 0 to 1 here")
         return self.alpha
 
     @property

@@ -101,7 +101,7 @@ def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterabl
     for choice, _ in chosen:
         if isinstance(choice, str) and choice != ALL and not any(_fit(choice, None, name) for name in known):
             there = f"; there are {', '.join(known[:8])}" if known else "; the labels here have no names: give a number"
-            raise AbsentLabelError(f"no structure is called {choice!r}, whose opacity is given{there}")
+            raise AbsentLabelError(f"--opacity names {choice!r}, but no structure has that name{there}")
 
 
 def _chosen_opacity(

@@ -35,7 +35,7 @@ def parsed_levels(text: str) -> tuple[float, ...]:
     except ValueError:
         levels = ()
     if not levels or not all(0 <= level < 100 for level in levels) or len(set(levels)) < len(levels):
-        raise SettingsError(f"levels are shares of triangles to remove, each once, from 0 to 99, not '{text}'")
+        raise SettingsError(f"levels are different shares of triangles to remove, from 0 to 99, not '{text}'")
     return levels
 
 

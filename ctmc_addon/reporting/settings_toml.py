@@ -41,7 +41,7 @@ def to_toml(
     ----------
     settings : ReconstructionSettings
     labels : sequence of int or str
-        In place of the settings' label several, by number or name.
+        Several labels instead of the settings' label, by number or name.
     tables : mapping of str to sequence of type, optional
     given : mapping of str to mapping, optional
         For a table the values of its fields, by name; what is not given stands as a comment.
@@ -203,6 +203,6 @@ def require_type(name: str, value: Any, about: Setting) -> None:
     )
     for item in items:
         if isinstance(item, str) and about.words:
-            continue  # a wrong word is said with the limits
+            continue  # A wrong word is reported with the limits.
         if not isinstance(item, types) or (isinstance(item, bool) and about.type is not bool):
             raise SettingsError(f"{name} must be {expected}, not {value!r}")

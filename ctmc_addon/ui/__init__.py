@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a person touches: properties, operators, panels, and what follows the settings in the viewport."""
+"""User interface: properties, operators, panels, and previews in the viewport that follow the settings."""
 
 from typing import Any
 

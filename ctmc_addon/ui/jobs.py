@@ -172,7 +172,7 @@ def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
 
 
 class LongOperator(Needs):
-    """What an operator with long work inherits, before `bpy.types.Operator`; it gives `plan`."""
+    """Base of operators with long work, before `bpy.types.Operator`; they give `plan`."""
 
     windowed = False
     """Whether a person started it in a window."""
@@ -259,7 +259,7 @@ class CTMC_OT_cancel(bpy.types.Operator):
 
     bl_idname = "ctmc.cancel"
     bl_label = "Cancel"
-    bl_description = "Stop the job under way; the scene stays as it was"
+    bl_description = "Stop the running job; the scene does not change"
 
     @classmethod
     def poll(cls, _context: bpy.types.Context) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What an operator needs before it can be pressed; each need says why not."""
+"""Conditions of operators; each says why an operator cannot run."""
 
 from __future__ import annotations
 

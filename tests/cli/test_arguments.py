@@ -130,7 +130,7 @@ def test_the_older_name_of_the_gaussians_width_is_understood():
     ("line", "words"),
     [
         ("--treshold 3", "unrecognized arguments: --treshold 3; did you mean --threshold?"),
-        ("--label liver spleen", "unrecognized arguments: spleen; names of labels have commas between them"),
+        ("--label liver spleen", "unrecognized arguments: spleen; separate label names by commas"),
         ("--stride 2 2 1 spleen", "unrecognized arguments: spleen\n"),
     ],
 )

@@ -133,7 +133,7 @@ def test_what_cannot_be_is_one_sentence_and_leaves_nothing(refused, misused, lab
     assert "ends in a slash" in refused(*many, out)
     assert "folder does not exist" in refused(*many, f"{out}/deeper/")
     one = ("reconstruct", labels_file, "-o", f"{out}/", "--label")
-    assert "'kidny left'; close to it are kidney left" in refused(*one, "kidny left")
+    assert "'kidny left'; similar names are kidney left" in refused(*one, "kidny left")
     assert "label 4 is empty here; the labels are 1, 2, 5" in refused(*one, "1,4")
     assert "write a whole number" in misused(*one, "1.5")
     assert "all" in misused(*one, "")

@@ -49,9 +49,9 @@ def test_shares_reach_a_glb_by_number(labels, tmp_path):
 @pytest.mark.parametrize(
     ("output", "opacity", "said"),
     [
-        ("a.stl", "1=0.5", "an STL or PLY has no opacity"),
+        ("a.stl", "1=0.5", "STL and PLY files hold no opacity"),
         ("a.glb", "1=1.5", "from 0 to 1"),
-        ("a.glb", "spleen=0.5", "no structure is called 'spleen'"),
+        ("a.glb", "spleen=0.5", "--opacity names 'spleen', but no structure has that name"),
     ],
 )
 def test_what_cannot_be_is_refused(labels, tmp_path, capsys, output, opacity, said):

@@ -109,7 +109,7 @@ def test_values_that_are_no_labels_are_refused_with_the_first_of_them(refused, t
         assert refused("reconstruct", path, "--label", label, "-o", f"{tmp_path}/out/") == sentence
         assert refused("measure", path, "--label", label) == sentence
     told = refused("segment", ct, "--from", path, "-o", tmp_path / "o.nii", "--margin", "label 1", 0)
-    assert told == "ctmc: organs has no labels but gray values, such as 0.75; give a label volume to --from"
+    assert told == "ctmc: organs holds gray values, such as 0.75, not labels; give a label volume to --from"
     assert refused("segment", ct, "--from", ct, "-o", tmp_path / "o.nii", "--margin", "label 1", 0) == (
-        "ctmc: ct has no labels but HU; give a label volume to --from"
+        "ctmc: ct holds HU, not labels; give a label volume to --from"
     )

@@ -140,12 +140,12 @@ def test_a_time_without_a_surface_is_left_out_and_said(ctmc, refused, tmp_path):
 def test_what_cannot_be_is_one_sentence(ctmc, refused, misused, beating, tmp_path):
     folder = f"{tmp_path / 'out'}/"
     words = ("reconstruct", beating, "--time", "all", "-o")
-    assert "one surface of each time" in misused(*words, folder, "--label", "all")
-    assert "one surface of each time" in misused(*words, folder, "--label", "1,2")
+    assert "one surface per time" in misused(*words, folder, "--label", "all")
+    assert "one surface per time" in misused(*words, folder, "--label", "1,2")
     assert "leave --figure out" in misused(*words, folder, "--figure", tmp_path / "x.png")
     assert "leave --scheduler out" in misused(*words, folder, "--scheduler", "tcp://x:1")
-    assert "a .stl does not show them in turn" in misused(*words, tmp_path / "x.stl")
-    assert "a .glb does not show them in turn" in misused(*words, tmp_path / "x.glb")
+    assert "which a .stl cannot show one after the other" in misused(*words, tmp_path / "x.stl")
+    assert "which a .glb cannot show one after the other" in misused(*words, tmp_path / "x.glb")
     assert "write a whole number" in misused("info", beating, "--time", "all")
     single = balls(tmp_path / "one.nii", [5.0])
     assert "one.nii holds a single time; leave --time all out" in refused(

@@ -193,5 +193,5 @@ def test_a_wrong_word_or_angle_is_refused(values, words):
 
 def test_auto_is_not_a_number_before_there_is_a_surface():
     assert ReconstructionSettings(alpha=0.25).alpha_number == 0.25
-    with pytest.raises(SettingsError, match="alpha auto is decided by a surface; give a number from 0 to 1 here"):
+    with pytest.raises(SettingsError, match="alpha auto depends on the surface; give a number from 0 to 1 here"):
         _ = ReconstructionSettings(alpha="auto").alpha_number

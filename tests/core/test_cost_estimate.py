@@ -88,7 +88,7 @@ def test_what_is_smoothed_a_slab_at_a_time_is_counted_so_too():
     wider = ReconstructionSettings(threshold=-144.0, smoothing_mm=1.0, stride=(3, 2, 2))
     assert finish(cost_estimate_steps(FieldCache(ball, little), wider)).fits
     nothing = ReconstructionSettings(threshold=-5.0, smoothing_mm=1.0, stride=(9, 9, 9))
-    with pytest.raises(MeshError, match="no sample of this grid is cut off by threshold -5; use a smaller stride"):
+    with pytest.raises(MeshError, match="threshold -5 separates no samples of this grid; use a smaller stride"):
         finish(cost_estimate_steps(FieldCache(ball, most), nothing))
 
 

@@ -43,7 +43,7 @@ def test_a_surface_alone_is_opaque_unless_it_is_chosen(results):
 
 def test_a_name_that_nothing_answers_to_is_refused():
     require_opacities([("Niere", 0.5), ("all", 1.0), (9, 0.1)], NAMES.items())
-    with pytest.raises(AbsentLabelError, match=r"no structure is called 'spleen', .* there are liver, kidney_left"):
+    with pytest.raises(AbsentLabelError, match=r"--opacity names 'spleen', .*; there are liver, kidney_left"):
         require_opacities([("spleen", 0.5)], NAMES.items())
     with pytest.raises(AbsentLabelError, match=r"have no names: give a number"):
         require_opacities([("spleen", 0.5)], [])

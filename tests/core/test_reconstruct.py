@@ -162,7 +162,7 @@ def test_without_threshold_or_label_otsus_is_used_and_said():
     assert "Otsu" in result.notes[1]
     assert f"{result.threshold:g}" in result.notes[1]
     labels = Volume((ball() > 0).astype(np.uint8), np.eye(4), kind="label")
-    assert "give one, several or all" in reconstruct(labels, ReconstructionSettings()).notes[0]
+    assert "give one label, several or all" in reconstruct(labels, ReconstructionSettings()).notes[0]
 
 
 @pytest.mark.parametrize(

@@ -68,5 +68,5 @@ def test_without_a_ct_there_are_no_gray_values_and_another_grid_is_refused():
     assert row.surface.inside is None
     moved = AFFINE.copy()
     moved[2, 3] += AFFINE[2, 2] / 2
-    with pytest.raises(VolumeError, match="beside the samples of the CT"):
+    with pytest.raises(VolumeError, match="away from those of the CT"):
         measure_structures(results, Volume(ct.values, moved, kind="HU"), labels)

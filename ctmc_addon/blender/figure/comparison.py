@@ -38,7 +38,7 @@ class Comparison(Described):
 
     strides: tuple[tuple[int, int], ...] = setting(
         (),
-        "Strides to compare: 1 2 3, or 2x1 for x and y of their own",
+        "Strides to compare: 1 2 3, or 2x1 for different strides along x and y",
         label="Stride",
         unit="px",
         low=SETTINGS["stride"].low,
@@ -57,7 +57,7 @@ class Comparison(Described):
     )
     levels: tuple[float, ...] = setting(
         (),
-        "Shares of triangles to remove that are compared",
+        "Shares of removed triangles to compare",
         label="Levels",
         unit="%",
         low=0.0,
@@ -83,7 +83,7 @@ class Comparison(Described):
             )
         count = many[0] * many[-1] if len(many) == 2 else many[0]
         if count > MOST_CELLS:
-            raise SettingsError(f"{count} cells are more than there are letters; compare at most {MOST_CELLS}")
+            raise SettingsError(f"{count} cells are too many for one letter each; compare at most {MOST_CELLS}")
 
     @property
     def counts(self) -> list[int]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A map of distances on a surface: every point in the color of its distance to another surface.
+"""A distance map on a surface: every point in the color of its distance to another surface.
 
 The surface is first cut into triangles no larger than the other's, or the inside of a large triangle, which is where a
 coarse surface is wrong, would show what its corners have.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a figure is: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
+"""Describe figures: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
 
 No Blender here: the flags of the command line and the properties of the sidebar are made from this.
 """
@@ -48,10 +48,8 @@ class Engine:
 
 ENGINES = {
     "cycles": Engine("CYCLES", "Cycles", "On the processor, which works on any machine"),
-    "eevee": Engine("BLENDER_EEVEE", "EEVEE", "Needs a graphics card, or time"),
-    "workbench": Engine(
-        "BLENDER_WORKBENCH", "Workbench", "The viewport's solid look, quickly; shows no map of distances"
-    ),
+    "eevee": Engine("BLENDER_EEVEE", "EEVEE", "Needs a graphics card, else slow"),
+    "workbench": Engine("BLENDER_WORKBENCH", "Workbench", "The viewport's solid look, quickly; shows no distance map"),
 }
 
 
@@ -90,11 +88,11 @@ class Page(Described):
         low=20.0,
         high=400.0,
         start=COLUMN_MM,
-        without=f"a column, or two for more than {FEW_STRUCTURES} structures",
+        without=f"one column, two for more than {FEW_STRUCTURES} structures",
     )
     dpi: float = setting(
         300.0,
-        "Pixels to the inch. Larger = sharper, and longer to render",
+        "Pixels per inch. Larger = sharper, and slower to render",
         label="Resolution",
         unit="dpi",
         low=36.0,
@@ -223,7 +221,7 @@ class RulerMark:
 
 @dataclass(frozen=True)
 class Cell:
-    """What is shown together, and the lines of caption under it.
+    """Objects that a cell shows, and the lines of its caption.
 
     Parameters
     ----------
@@ -241,12 +239,12 @@ class Cell:
 
 @dataclass(frozen=True)
 class FigureStyle(Described):
-    """How a figure is seen and what is written on it.
+    """Camera and text of a figure.
 
     Parameters
     ----------
     distances : ColorScale or None
-        Colors for the distances that the surfaces carry, in place of the style's.
+        Colors for the distances on the surfaces, instead of the style's.
     samples : int or None
         Of Cycles, without denoising; None takes what the noise needs.
 
@@ -266,7 +264,7 @@ class FigureStyle(Described):
     )
     engine: str = setting(
         "cycles",
-        "What renders the figure",
+        "Render engine",
         label="Engine",
         note="EEVEE and Workbench need EGL on Linux",
         choices=tuple(ENGINES),
@@ -276,7 +274,7 @@ class FigureStyle(Described):
     )
     azimuth: float = setting(
         AZIMUTH,
-        "Where the camera stands: 0 = before the patient, 90 = at the left, 180 = behind",
+        "Where the camera stands: 0 = in front of the patient, 90 = at the left, 180 = behind",
         label="Azimuth",
         unit="degrees",
     )
@@ -296,16 +294,16 @@ class FigureStyle(Described):
         start=True,
         without="as the style has them",
     )
-    scale_bar: bool = setting(True, "A bar of round length in mm", label="Scale Bar", type=bool)
+    scale_bar: bool = setting(True, "Draw a scale bar of round length in mm", label="Scale Bar", type=bool)
     orientation: bool = setting(
         True,
-        "The patient's axes: R and L, A and P (front and back), S and I (head and feet)",
+        "Draw the patient's axes: R and L, A and P (front and back), S and I (head and feet)",
         label="Orientation",
         type=bool,
     )
     caption: str | None = setting(
         None,
-        "Written under the figure",
+        "Caption under the figure",
         label="Caption",
         note="'' for none",
         type=str,
@@ -335,11 +333,12 @@ class FigureStyle(Described):
 
 @dataclass(frozen=True)
 class Transparency(Described):
-    """How clear a surface is that hides a tumor from the camera."""
+    """Opacity of a surface that hides a tumor from the camera."""
 
     hiding_opacity: float = setting(
         0.3,
-        "Of what hides a tumor from the camera; without a tumor, of what hides everything else. Smaller = clearer",
+        "Opacity of what hides a tumor from the camera; without a tumor, of what hides everything "
+        "else. Smaller = clearer",
         label="Opacity",
         low=0.02,
         high=1.0,
@@ -365,13 +364,13 @@ class DistanceMapSettings(Described):
         low_open=True,
         high=1000.0,
         start=1.0,
-        without="where 99 % of the points are within",
+        without="the distance within which 99 % of the points are",
     )
 
 
 @dataclass(frozen=True)
 class Turn(Described):
-    """How long a turntable turns and how far: so many whole turns in a loop of so many seconds.
+    """Length and number of turns of a turntable's loop.
 
     Raises
     ------
@@ -381,7 +380,7 @@ class Turn(Described):
 
     seconds: float = setting(
         6.0,
-        "Length of the loop. Larger = slower, and longer to render",
+        "Length of the loop. Larger = slower motion, and longer to render",
         label="Length",
         unit="s",
         low=0.0,
@@ -390,7 +389,7 @@ class Turn(Described):
     )
     fps: int = setting(
         24,
-        "Pictures in a second. Larger = smoother, and longer to render",
+        "Frames per second. Larger = smoother, and slower to render",
         label="Frame Rate",
         unit="fps",
         low=1,
@@ -399,7 +398,7 @@ class Turn(Described):
     )
     revolutions: int = setting(
         1,
-        "Whole turns in the loop. Below 0 = the other way round",
+        "Full turns in the loop. Negative = the other way round",
         label="Revolutions",
         low=-100,
         high=100,
@@ -412,8 +411,8 @@ class Turn(Described):
             raise SettingsError("revolutions must be from 1 to 100, or negative, not 0")
         if self.frames < 2 * abs(self.revolutions) + 1:
             raise SettingsError(
-                f"{self.seconds:g} s at {self.fps} frames a second are too few frames for "
-                f"{abs(self.revolutions)} revolutions; take at least 3 frames a revolution"
+                f"{self.seconds:g} s at {self.fps} frames per second are too few frames for "
+                f"{abs(self.revolutions)} revolutions; use at least 3 frames per revolution"
             )
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a figure looks: its engine, and the materials of its surfaces."""
+"""Style of a figure: its engine, and the materials of its surfaces."""
 
 from __future__ import annotations
 
@@ -45,17 +45,17 @@ RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 def require_engine(engine: str, distances: bool = False) -> None:
     """Raise `OutputError` for an engine that does not work here, before Blender would end the process.
 
-    `distances` asks for one that shows a map of distances.
+    `distances` asks for one that shows a distance map.
     """
     if engine == "workbench" and distances:
-        raise OutputError("workbench shows no map of distances; take cycles or eevee")
+        raise OutputError("workbench shows no distance map; choose cycles or eevee")
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
             raise OutputError(
                 "a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences"
             )
     elif not can_draw():
-        raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or take cycles")
+        raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or choose cycles")
 
 
 def set_engine(scene: bpy.types.Scene, engine: str, paper: Color) -> None:
@@ -120,7 +120,7 @@ def assign_materials(
 
 
 def label_of(obj: bpy.types.Object) -> int | None:
-    """Return the label that a surface was made of; None for one by threshold."""
+    """Return the label that a surface was made from, or None for a threshold."""
     return None if read_provenance(obj) is None else settings_of(obj).label
 
 

@@ -236,9 +236,9 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
     if names and NOTE not in names:
         raise OutputError(f"{folder.name} holds {names[0]} and not a turntable; choose another folder")
     if names and not resume and not overwrite:
-        raise OutputError(f"{folder.name} is not empty; go on with it (--resume), or begin anew (--overwrite)")
+        raise OutputError(f"{folder.name} is not empty; continue it (--resume), or start over (--overwrite)")
     if is_finished_video(path) and not resume and not overwrite:
-        raise OutputError(f"{path.name} is there already; replace it (--overwrite), or choose another name")
+        raise OutputError(f"{path.name} already exists; replace it (--overwrite), or choose another name")
 
 
 def is_finished_video(path: Path) -> bool:
@@ -260,5 +260,5 @@ def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
         before = {}
     if before is not None and before != json.loads(json.dumps(note)):
         raise OutputError(
-            f"{folder.name} holds the frames of another turntable; overwrite them (--overwrite), or take another name"
+            f"{folder.name} holds the frames of another turntable; overwrite them (--overwrite), or choose another name"
         )

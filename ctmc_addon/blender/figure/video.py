@@ -20,12 +20,13 @@ def require_video(path: Path, transparent: bool) -> None:
     suffix = path.suffix.lower()
     if suffix not in VIDEO_FORMATS:
         raise OutputError(
-            f"{suffix} is not a video that Blender writes; take {', '.join(VIDEO_FORMATS)}, or a folder for PNG frames"
+            f"{suffix} is not a video that Blender writes; choose {', '.join(VIDEO_FORMATS)}, or a "
+            "folder for PNG frames"
         )
     if transparent:
-        raise OutputError("a video has a background; write PNG frames into a folder, or leave the transparency out")
+        raise OutputError("a video has a background; write PNG frames into a folder, or leave out the transparency")
     if not has_format(suffix):
-        raise OutputError(f"this Blender was built without {suffix} videos; take PNG frames in a folder")
+        raise OutputError(f"this Blender was built without {suffix} videos; write PNG frames into a folder")
 
 
 def has_format(suffix: str) -> bool:
@@ -46,7 +47,7 @@ class Video(NamedTuple):
     folder : str
         An empty one that the video goes to; Blender gives it its name.
     name : str
-        What people call it; its suffix chooses the format.
+        Name for messages; its suffix chooses the format.
     fps : int
         Pictures a second.
     size : (width, height) int
@@ -89,7 +90,9 @@ class Video(NamedTuple):
         """
         written = sorted(Path(self.folder).iterdir())
         if len(written) != 1 or not written[0].stat().st_size:
-            raise OutputError(f"this Blender cannot write {Path(self.name).suffix} videos; take PNG frames in a folder")
+            raise OutputError(
+                f"this Blender cannot write {Path(self.name).suffix} videos; write PNG frames into a folder"
+            )
         return written[0]
 
 

@@ -115,7 +115,7 @@ def rotation_test_steps(
     scene = bpy.data.scenes.new(NAME)
     blocks: tuple[bpy.types.ID, ...] = ()
     renders = render_results()
-    stages = Stages({"Timing whole frames": 8, "Timing the triangles alone": 2})
+    stages = Stages({"Timing whole frames": 8, "Timing only the triangles": 2})
     try:
         with levels_in(scene, simplified) as levels:
             show_only(levels, levels[0])
@@ -129,7 +129,7 @@ def rotation_test_steps(
             if engine == "BLENDER_WORKBENCH":
                 with TriangleDrawing(scene, levels, size) as triangles:
                     drawn = yield from stages.run(
-                        "Timing the triangles alone", rotation_steps(levels, triangles, rounds, step_degrees)
+                        "Timing only the triangles", rotation_steps(levels, triangles, rounds, step_degrees)
                     )
             return [
                 LevelTimes(level.percent, len(level.mesh.faces), tuple(times), tuple(draws))

@@ -83,7 +83,7 @@ def show_box(
 
 
 def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.Collection:
-    """Return the collection of a patient's folder in a scene, made where there is none."""
+    """Return the collection of a patient's folder in a scene; make it if needed."""
     for collection in scene.collection.children_recursive:
         if collection.get(FOLDER) == folder:
             return collection

@@ -60,7 +60,7 @@ def set_up_studio(
     azimuth: float = AZIMUTH,
     elevation: float = ELEVATION,
 ) -> tuple[bpy.types.ID, ...]:
-    """Give a scene a camera framed on objects, three lights and a background, in place of those it made before.
+    """Give a scene a camera framed on objects, three lights and a background, replacing earlier ones.
 
     Objects, materials and lights of others stay as they are. What F12 depends on is set: the scene's camera, world,
     view transform, and enough light paths for translucent surfaces; engine, size and samples stay.
@@ -68,12 +68,12 @@ def set_up_studio(
     Parameters
     ----------
     azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
+        Camera position, degrees: from the patient's front towards the left, and up.
 
     Returns
     -------
     tuple of ID
-        What was made: the collection, objects, then their data, then the world.
+        The new collection, objects, then their data, then the world.
     """
     remove_studio(scene)
     points = np.concatenate([corners_of(obj, scene) for obj in objects])

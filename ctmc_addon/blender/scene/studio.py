@@ -71,12 +71,12 @@ def prepare_scene(
     size : (width, height) int
         Of the picture, pixels.
     azimuth, elevation : float
-        Where the camera stands, degrees: from the patient's front towards the left, and up.
+        Camera position, degrees: from the patient's front towards the left, and up.
 
     Returns
     -------
     tuple of ID
-        What was made: objects first, then their data, then the world.
+        The new objects, then their data, then the world.
     """
     axes = view_axes(azimuth, elevation)
     points = np.concatenate([corners_of(obj, scene) for obj in objects])

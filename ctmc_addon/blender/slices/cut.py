@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Surfaces cut open at a slice, by a modifier that stays live; the cap carries the slice's picture.
 
-What lies beyond the slice towards the head, the front or the right is taken away, by Geometry Nodes (cut_nodes.py) that
+Everything beyond the slice towards the head, the front or the right is removed by Geometry Nodes (cut_nodes.py) that
 ask an arrow on the slice: moving the slice moves the cut, and turning the arrow turns it.
 """
 
@@ -45,7 +45,7 @@ def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], p
 
 
 def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeTree:
-    """Return the node group that cuts at a slice, with its arrow, made where there is none."""
+    """Return the node group that cuts at a slice, with its arrow; make it if needed."""
     for tree in bpy.data.node_groups:
         if tree.get(CUT) == plane:
             return tree

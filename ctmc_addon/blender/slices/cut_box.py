@@ -87,7 +87,7 @@ def cut_away(surfaces: Iterable[bpy.types.Object], box: bpy.types.Object) -> Non
 
 
 def nodes_of(box: bpy.types.Object) -> bpy.types.NodeTree | None:
-    """Return the node group that cuts with a box; None where there is none yet."""
+    """Return the node group that cuts with a box, or None."""
     return next((tree for tree in bpy.data.node_groups if tree.get(CUT_AWAY) == box), None)
 
 
@@ -144,7 +144,7 @@ def cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
 
 
 def cut_box_of(obj: bpy.types.Object | None) -> bpy.types.Object | None:
-    """Return the box that an object is, or that cuts it last; None where there is none."""
+    """Return the box that an object is, or the last that cuts it, or None."""
     if obj is None or is_cut_box(obj):
         return obj
     return next((cut.node_group[CUT_AWAY] for cut in reversed(cuts_away(obj))), None)

@@ -44,9 +44,9 @@ def cut_nodes(
     cut : Object
         The slice, whose material the cap has.
     coordinates : (2, 3) float64
-        Where on its picture a place lies, as `picture_coordinates` has it.
+        Position on its picture, as `picture_coordinates` returns it.
     reach : float
-        How large the slice is, Blender units.
+        Size of the slice, Blender units.
     """
     tree = bpy.data.node_groups.new(name, "GeometryNodeTree")
     tree.is_modifier = True

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What can be cut open: meshes, but neither slices nor the boxes that cut."""
+"""Objects that can be cut open: meshes, but neither slices nor the boxes that cut."""
 
 from __future__ import annotations
 

@@ -39,7 +39,7 @@ def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Ob
 def at_corners(
     scene: bpy.types.Scene, fingerprint: str, corners_mm: NDArray[np.float64], scale: float
 ) -> bpy.types.Object | None:
-    """Return the slice of a CT whose corners, (4, 3) RAS+ mm, are these; None where there is none."""
+    """Return the slice of a CT with these corners, (4, 3) RAS+ mm, or None."""
     for obj in slices_of(scene, fingerprint):
         if np.abs(corners_of(obj, scale) - corners_mm).max() < STILL:
             return obj
@@ -79,7 +79,7 @@ def show_window(scene: bpy.types.Scene, fingerprint: str, window: float, level: 
 
 
 def pack_pictures() -> None:
-    """Put the pictures that were taken anew into the .blend that is being saved."""
+    """Put updated pictures into the .blend that is being saved."""
     for obj in bpy.data.objects:
         for material, _ in pictures_of(obj) if is_slice(obj) and obj.library is None else ():
             pack(material)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a slice looks like: its gray values as a picture in the file, and a material that shows them.
+"""Show a slice: its gray values as a picture in the file, and a material for it.
 
 The picture holds the values themselves, HU of a CT, in 32 bit floats, and in its alpha what is not air around the body;
 window and level are nodes of the material. Where on the picture a point lies is worked out from its place in the
@@ -154,7 +154,7 @@ def set_window(material: bpy.types.Material, window: float, level: float) -> Non
 
 
 def pack(material: bpy.types.Material) -> None:
-    """Put the pictures that are new or were taken anew into the .blend."""
+    """Put new and updated pictures into the .blend."""
     for picture in (picture_of(material), picture_of(material, SOLID)):
         if picture is not None and (picture.is_dirty or picture.packed_file is None):
             picture.pack()

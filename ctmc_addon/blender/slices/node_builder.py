@@ -103,7 +103,7 @@ class Nodes:
         return next(socket for socket in node.outputs if socket.enabled)
 
     def vertex_from(self, corner: Any, steps: int) -> Any:
-        """Return the number of the vertex that lies so many corners farther along the face."""
+        """Return the number of the vertex that lies some corners farther along the face."""
         return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:

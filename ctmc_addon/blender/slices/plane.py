@@ -42,7 +42,7 @@ def add_slice(
     section : SliceIndex
         Which slice.
     plane : str
-        What it is called: 'axial', 'coronal' or 'sagittal'.
+        Name: 'axial', 'coronal' or 'sagittal'.
     window, level : float
         Of its material, in the volume's values.
     scale : float

@@ -124,8 +124,8 @@ def require_no_other_keys(obj: bpy.types.Object) -> None:
     )
     if others:
         raise MeshError(
-            f"{obj.name} has the shape key {others[0]}, which another surface cannot take over; "
-            "remove it, or deselect the object for a new one"
+            f"{obj.name} has the shape key {others[0]}, which a new surface cannot keep; remove it, "
+            "or deselect the object to make a new one"
         )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What Blender makes of an object: keys mixed, modifiers applied."""
+"""Evaluate an object as Blender does: keys mixed, modifiers applied."""
 
 from __future__ import annotations
 

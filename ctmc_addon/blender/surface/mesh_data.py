@@ -86,7 +86,7 @@ def mesh_of(uid: int) -> bpy.types.Mesh:
     """
     mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == uid), None)
     if mesh is None:
-        raise MeshError("undo has taken the surface while it was made; make it again")
+        raise MeshError("undo removed the surface while it was being made; make it again")
     return mesh
 
 

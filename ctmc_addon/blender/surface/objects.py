@@ -54,7 +54,7 @@ def add_reconstruction(
     mesh : Mesh or None
         What `surface_mesh_steps` has made of it at this scale; None makes it now.
     structure : str
-        What the surface is of, for the object's name; empty takes what the volume calls the label.
+        Name of the structure, for the object's name; empty takes the volume's name of the label.
     fingerprint : str
         Of the volume's values.
     opacity : float, optional
@@ -198,7 +198,7 @@ def call(obj: bpy.types.Object, name: str) -> None:
 
 
 def shortened(text: str, size: int) -> str:
-    """Return the beginning of a text, of so many bytes at most."""
+    """Return the beginning of a text, at most `size` bytes."""
     return text.encode("utf-8", "replace")[:size].decode("utf-8", "ignore")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a surface lies in the scene: from RAS+ millimeters to Blender's units and back.
+"""Place a surface in the scene: from RAS+ millimeters to Blender's units and back.
 
 1 mm is `scale` units, and RAS axes are Blender's axes (Z up = head). The object stands at the surface's
 center, and its vertices are kept relative to it, so float32 holds them to far below a micrometre.
@@ -33,7 +33,7 @@ Rows = tuple[tuple[float, ...], ...]
 
 @dataclass(frozen=True)
 class Placement:
-    """How millimeters become an object's local space.
+    """Transform from millimeters to an object's local space.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How an object was made, kept in its custom property `ctmc`: complete, or None.
+"""Record how an object was made, in its custom property `ctmc`: complete, or None.
 
 JSON inside, as voxel counts outgrow Blender's whole numbers; any Blender shows it without this extension. The name
 `ctmc` belongs to nobody, so a property that is not complete is another's, and its object is not a surface of ours.
@@ -22,14 +22,14 @@ PROPERTY = "ctmc"
 
 @dataclass(frozen=True)
 class Provenance:
-    """How a surface was made.
+    """Record of how a surface was made.
 
     Parameters
     ----------
     settings : ReconstructionSettings
         Their alpha follows the object's.
     placement : Placement
-        How millimeters became the object's local space.
+        Transform from millimeters to the object's local space when it was made.
     version : str
         Of this package.
     name : str

@@ -59,7 +59,7 @@ def positions_mm(
     Parameters
     ----------
     local : (V, 3) float32
-        Where the vertices are now.
+        Positions of the vertices now.
     alpha : float
         Value of the key `alpha`, if the mesh has one.
     """

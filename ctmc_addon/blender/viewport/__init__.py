@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is drawn over a 3D viewport and stored nowhere, and where it looks from."""
+"""Temporary drawings over a 3D viewport, and the direction it looks from."""
 
 from .eye import clip, frame, is_held, show_from
 from .legend import draw_legend

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a 3D viewport looks from: framed on a box, from a side of the patient.
+"""Set the direction of a 3D viewport: framed on a box, from a side of the patient.
 
 RAS axes are Blender's axes, so a side of the patient is an axis of the scene.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is drawn over a 3D viewport and kept nowhere: a picture at its place, lines, letters.
+"""Draw temporary pictures, lines and letters over a 3D viewport.
 
 Places are Blender units in world space. `gpu` and `blf` exist only where Blender draws, so they are imported where
 something is drawn.
@@ -99,7 +99,7 @@ def draw_lines(
     points : (n, 3) float
         World space.
     pairs : iterable of (int, int)
-        Which points a line joins.
+        Points that each line joins.
     color : Color
     size : (width, height) float
         Of the viewport, pixels.

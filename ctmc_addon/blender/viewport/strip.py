@@ -32,7 +32,7 @@ BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # one beside t
 
 @dataclass(frozen=True)
 class Strip:
-    """Where the strip lies in a region.
+    """Position of the strip in a region.
 
     Parameters
     ----------
@@ -235,7 +235,7 @@ def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: 
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What the strip shows.
+    """Content of the strip.
 
     Parameters
     ----------
@@ -244,13 +244,13 @@ class Shown:
     bands : sequence of (low, high, texts)
         The longest text that fits is written, or the first above the band.
     limits : tuple of (threshold, upper)
-        None where there is none; an upper limit then stands at the end.
+        None without one; an upper limit is then at the end.
     held : int or None
         The line that the mouse holds or would take, 0 or 1.
     title, hint : str
         At the left and the right of the upper edge.
     pointed : tuple of (value, text) or None
-        What is under the mouse.
+        Part of the strip under the mouse.
     """
 
     bars: tuple[NDArray[np.float64], float, float]
@@ -324,7 +324,7 @@ def draw_bars(strip: Strip, shown: Shown) -> None:
 
 
 def draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
-    """The two lines, each with a grip at its head; the upper limit's is hollow where there is none."""
+    """The two lines, each with a grip at its head; the upper limit's is hollow if there is none."""
     scale = strip.scale
     threshold, upper = shown.limits
     for number, value in enumerate((threshold, upper)):

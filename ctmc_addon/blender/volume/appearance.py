@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a Volume object looks like: a material whose ramps are in the volume's own values, HU of a CT.
+"""Materials of a Volume object, with ramps in the volume's own values, HU of a CT.
 
 Below the threshold nothing is seen; above it the volume grows dense within a few HU. The color follows window and
 level, so threshold, window and level of the sidebar are all there is to turn.
@@ -24,7 +24,7 @@ BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends i
 
 @dataclass(frozen=True)
 class Appearance:
-    """How a volume object looks: a preset.
+    """Preset for the look of a volume object.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class Appearance:
     width : float
         HU from the threshold to the full density.
     density_per_mm : float
-        How much is hidden in 1 mm at full density.
+        Share hidden by 1 mm at full density.
     window, level : float
         HU of the dark to the light end of the colors.
     colors : two linear colors

@@ -28,11 +28,13 @@ def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`."""
     parser = commands.add_parser(
         "info",
-        help="say what a volume is",
-        description="Shape, spacing, orientation, place in RAS mm, values, series, labels and notes of a volume.",
+        help="describe a volume",
+        description=(
+            "Print the shape, spacing, orientation, position in RAS mm, values, series, labels and notes of a volume."
+        ),
     )
     add_input(parser)
-    parser.add_argument("--json", action="store_true", help="as JSON, for programs")
+    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.set_defaults(run=run)
 
 
@@ -89,7 +91,7 @@ def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
     extents = yield from label_extents_steps(volume)
     counts = {value: extent.voxels for value, extent in extents.items()}
     counts[0] = math.prod(volume.size) - sum(counts.values())
-    if volume.layers:  # where labels overlap a voxel is counted more than once
+    if volume.layers:  # A voxel of overlapping labels is counted more than once.
         counts[0] = 0
         for number in range(volume.size[2]):
             planes = [layer.slab(number, number + 1) == 0 for layer in volume.each_layer]
@@ -112,10 +114,10 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     sides = zip("xyz", ends[:3], ends[3:], strict=True)
     place = ", ".join(f"{axis} {low:.6g} to {high:.6g}" for axis, low, high in sides)
     axes = zip(("columns", "rows", "slices"), facts["orientation"], strict=True)
-    values = "no number" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
+    values = "no finite value" if facts["low"] is None else f"{facts['low']:.10g} to {facts['high']:.10g}"
     values += f", {facts['kind'].plural}"
     if facts["not_finite"]:
-        values += f"; {facts['not_finite']} are NaN or infinite, --nan-as gives them a value"
+        values += f"; {facts['not_finite']} are NaN or infinite: replace them with --nan-as"
     labels = [
         f"{label['value']:g}{' ' + label['name'] if label['name'] else ''}: {label['voxels']} voxels"
         for label in facts["labels"][:MOST_LABELS]
@@ -131,7 +133,7 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
             "orientation",
             f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})",
         ),
-        ("place", f"{place} mm (RAS, from the centers of the outermost samples)"),
+        ("place", f"{place} mm (RAS, centers of the outermost samples)"),
         ("dtype", facts["dtype"]),
         ("values", values),
     ]

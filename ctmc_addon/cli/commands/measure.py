@@ -34,16 +34,17 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "measure",
         help="measure structures: volume, area, diameter, HU",
-        description="Measure structures: volume, area, components, largest diameter, mean and deviation of the gray "
-        "values inside. Surfaces are made as `ctmc reconstruct` makes them, with the same settings, and not written.",
+        description="Measure structures: volume, area, components, largest diameter, mean and standard deviation "
+        "of the gray values inside. Makes surfaces as `ctmc reconstruct` does, with the same "
+        "settings, but writes none.",
     )
     add_input(parser)
-    parser.add_argument("-o", "--output", metavar="FILE.csv", help="a row for each structure, units in the heads")
+    parser.add_argument("-o", "--output", metavar="FILE.csv", help="one row per structure, with units in the header")
     parser.add_argument(
         "--ct",
         metavar="PATH",
-        help="of labels: the CT that has samples where they have theirs, for the values inside; its axes may have "
-        "another order or direction (default: INPUT, where its labels lie beside it)",
+        help="CT for the gray values inside labels, with samples at the same positions; axes may have "
+        "another order or direction (default: INPUT, if it is a CT with a label file beside it)",
     )
     add_settings(parser, many=("label",))
     add_work(parser)
@@ -55,9 +56,9 @@ def run(args: argparse.Namespace) -> None:
     settings, choices = settings_and_labels(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
     if settings.simplifies and settings.simplifier == "decimate":
-        raise UsageError("ctmc measure simplifies by itself; leave --simplifier decimate out")
+        raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
     if args.ct and not choices:
-        raise UsageError("--ct is the CT of labels; give --label, or the CT as INPUT with --threshold")
+        raise UsageError("--ct needs labels; give --label, or give the CT as INPUT with --threshold")
     stages = Stages(STAGES)
     reading, reading_ct, making, measuring = STAGES
     with Progress() as progress:
@@ -98,6 +99,6 @@ def ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionS
     options = readers.ReadingOptions() if args.ct else reading_of(args)
     ct = yield from needed_steps(source, path, options, ReconstructionSettings(), several=True)
     if ct.kind == ValueKind.LABEL:
-        raise LabelError(f"{path.name} has labels; give the CT to --ct, and the labels as INPUT")
+        raise LabelError(f"{path.name} holds labels; give the CT with --ct and the labels as INPUT")
     samples_on_grid(volume, ct)  # raises before the surfaces are made
     return ct

@@ -71,23 +71,23 @@ def add_parser(commands: Any) -> None:
         "--output",
         required=True,
         metavar="OUTPUT",
-        help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)}, its folder must exist; or a folder with a slash at its end, "
-        "for a file of each label or time",
+        help=f"{', '.join(mesh_files.SURFACE_SUFFIXES)} in an existing folder, or a folder ending in a "
+        "slash for one file per label or time",
     )
     add_settings(parser, many=("label",))
     group = parser.add_argument_group("output")
-    group.add_argument("--format", choices=FORMATS, default="stl", help="of the files in a folder (default stl)")
+    group.add_argument("--format", choices=FORMATS, default="stl", help="format of the files in a folder (default stl)")
     group.add_argument(
         "--space", choices=mesh_files.SPACES, default="ras", help="axes of .stl, .ply, .obj and .3mf, mm (default ras)"
     )
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
-    group.add_argument("--figure", metavar="FILE.png", help="a picture, in the style illustration")
-    add_opacity(group, "opacity", "default: that of the anatomical name, and opaque alone")
+    group.add_argument("--figure", metavar="FILE.png", help="picture of the surface, in the style illustration")
+    add_opacity(group, "opacity", "default: by anatomical name, a single surface opaque")
     add_work(group)
     group.add_argument(
         "--scheduler",
         metavar="ADDRESS",
-        help="have slabs extracted by a dask.distributed cluster that sees INPUT, such as tcp://host:8786",
+        help="extract slabs on a dask.distributed cluster that can read INPUT, such as tcp://host:8786",
     )
     parser.set_defaults(run=run)
 
@@ -111,7 +111,7 @@ def run(args: argparse.Namespace) -> None:
         ),
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
-        raise UsageError("an STL or PLY has no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
+        raise UsageError("STL and PLY files hold no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     if asks_all_times(args):
@@ -269,11 +269,11 @@ def checked(volume: Volume, source: readers.VolumeSource, path: Path, label: int
         names = () if is_sibling else readers.segmentation_names(path)
         if names and volume.kind == ValueKind.HU:
             raise LabelError(
-                f"{path.name} holds HU, and {names[0]} is not beside it; put it there, or give a threshold"
+                f"{path.name} holds HU, and {names[0]} is not in its folder; put it there, or give a threshold"
             )
         require_labels(volume)
     if is_sibling:
-        note = f"{path.name} holds gray values: labels are taken from {source.path.name} beside it"
+        note = f"{path.name} holds gray values; labels come from {source.path.name} beside it"
         return replace(volume, notes=(note, *volume.notes))
     return volume
 

@@ -57,7 +57,7 @@ METHODS = ("compete", "connected")
 
 @dataclass(frozen=True)
 class Request:
-    """What the flags ask for.
+    """A request as the flags describe it.
 
     Parameters
     ----------
@@ -83,9 +83,9 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "segment",
         help="make labels from points in a CT",
-        description="Make structures from points in a CT, and write them as labels: a segmentation of 3D Slicer "
-        "(.seg.nrrd: names, colors, structures that overlap), NIfTI (.nii, .nii.gz) or a DICOM segmentation (.dcm). "
-        "Points are RAS+ mm, a flag for each.",
+        description="Segment structures from points in a CT and write them as labels: a 3D Slicer segmentation "
+        "(.seg.nrrd, with names, colors and overlaps), NIfTI (.nii, .nii.gz) or a DICOM segmentation "
+        "(.dcm). Points are in RAS+ mm; repeat the flag for each.",
     )
     add_input(parser)
     parser.add_argument(
@@ -93,44 +93,47 @@ def add_parser(commands: Any) -> None:
     )
     parser.add_argument(
         "--with-identity", action="store_true",
-        help="let a DICOM segmentation (.dcm) carry the patient's name, birth date and ID, as DICOM asks for",
+        help="write the patient's name, birth date and ID into a DICOM segmentation (.dcm), as DICOM requires",
     )  # fmt: skip
     parser.add_argument(
         "--seed", action="append", dest="points", nargs=4, default=[], metavar=("NAME", "X", "Y", "Z"),
-        help="a point in a structure; with --method compete a later point corrects what earlier ones gave",
+        help="point inside a structure; with --method compete, later points correct earlier ones",
     )  # fmt: skip
     parser.add_argument(
         "--background", action="append", dest="points", nargs=3, default=[], metavar=("X", "Y", "Z"),
-        help="a point that belongs to no structure; closes a leak",
+        help="point outside all structures; stops a leak",
     )  # fmt: skip
-    parser.add_argument("--range", nargs=2, metavar=("LOW", "HIGH"), help="only values between these two")
+    parser.add_argument("--range", nargs=2, metavar=("LOW", "HIGH"), help="take only values between these two")
     own = defaults(ReconstructionSettings)
     for name in ("region", "region_unit"):
         add_flag(parser, name, SETTINGS[name], own[name])
     parser.add_argument(
         "--method", choices=METHODS, default=METHODS[0],
-        help="compete: each voxel to the point from which mm and differences of HU are least, cut off where the border "
-        "is sharpest; connected: what hangs together in --range (default: compete)",
+        help="compete: assign each voxel to the nearest point, counting mm and HU differences, and cut "
+            "where the border is sharpest; connected: take the voxels connected to the points within "
+            "--range (default: compete)",
     )  # fmt: skip
     parser.add_argument(
         "--max-mm",
         metavar="MM",
-        help="a structure reaches no farther from its points; more for a large organ with one point "
-        f"(default: {MAX_MM:g} for compete)",
+        help="farthest distance from its points that a structure reaches; increase for a large organ with "
+        f"one point (default: {MAX_MM:g} for compete)",
     )
     parser.add_argument(
         "--hu-per-mm",
         metavar="HU",
-        help=f"compete: a difference that counts as a millimeter, more for a noisy CT (default: {HU_PER_MM:g})",
+        help=(
+            f"compete: HU difference that counts as one millimeter; increase for a noisy CT (default: {HU_PER_MM:g})"
+        ),
     )
     parser.add_argument(
-        "--opening-mm", metavar="MM", help="connected: through no opening narrower than this (default: any)"
+        "--opening-mm", metavar="MM", help="connected: do not pass openings narrower than this (default: pass all)"
     )
     parser.add_argument(
         "--margin", action="append", nargs=2, default=[], metavar=("NAME", "MM"),
-        help="grow a structure at the end, or shrink it by a negative number",
+        help="grow a finished structure; a negative number shrinks it",
     )  # fmt: skip
-    parser.add_argument("--from", dest="labels", metavar="FILE", help="labels on the CT's grid to go on from")
+    parser.add_argument("--from", dest="labels", metavar="FILE", help="labels on the CT's grid to start from")
     add_quiet(parser)
     parser.set_defaults(run=run)
 
@@ -149,7 +152,7 @@ def run(args: argparse.Namespace) -> None:
         images = dicom_segmentation.images_of(source, options) if as_dicom else []
         ct = progress.finish(stages.run(reading, source.read_steps(options)))
         if ct.kind == ValueKind.LABEL:
-            raise LabelError(f"{Path(args.input).name} has labels; give the CT, and the labels by --from")
+            raise LabelError(f"{Path(args.input).name} holds labels; give the CT as INPUT and the labels with --from")
         structures = Structures(ct.shape)
         if args.labels:
             progress.finish(stages.run(before, structures.read_steps(args.labels, ct)))
@@ -171,8 +174,8 @@ def check_identity(as_dicom: bool, with_identity: bool) -> None:
     """Refuse an identity that is not asked for, and one that is asked for where none can be."""
     if as_dicom and not with_identity:
         raise UsageError(
-            "a DICOM segmentation carries the patient's name, birth date and ID, as DICOM asks for; allow it by "
-            "--with-identity, or write a .seg.nrrd, which carries none"
+            "a DICOM segmentation carries the patient's name, birth date and ID, as DICOM requires; "
+            "allow it with --with-identity, or write a .seg.nrrd, which carries none"
         )
     if with_identity and not as_dicom:
         raise UsageError("--with-identity is for a DICOM segmentation, -o labels.dcm; other files carry no identity")
@@ -181,7 +184,7 @@ def check_identity(as_dicom: bool, with_identity: bool) -> None:
 
 
 def request_of(args: argparse.Namespace) -> Request:
-    """Return what the flags ask for; a `UsageError` where they contradict each other."""
+    """Return the request that the flags describe, or raise a `UsageError` if they contradict each other."""
     points: list[tuple[str, tuple[float, ...]]] = []
     for words in args.points:
         if len(words) == 3:
@@ -197,11 +200,13 @@ def request_of(args: argparse.Namespace) -> Request:
         raise UsageError("--margin is given twice for one structure; give it once, with the sum")
     limits = None if args.range is None else numbers_of("--range", args.range)
     if not seeds and not (args.labels and margins):
-        raise UsageError("give a point, --seed NAME X Y Z, or --from labels and a --margin")
+        raise UsageError("give a point with --seed NAME X Y Z, or labels with --from and a --margin")
     if points and not seeds:
-        raise UsageError("--background takes voxels from a structure; give the structure a point, --seed NAME X Y Z")
+        raise UsageError(
+            "--background takes voxels from a structure; give the structure a point with --seed NAME X Y Z"
+        )
     if args.method == "connected" and seeds and limits is None:
-        raise UsageError("--method connected needs --range LOW HIGH: what hangs together in it is taken")
+        raise UsageError("--method connected needs --range LOW HIGH: it takes connected voxels in that range")
     if args.method == "connected" and len(seeds) < len(points):
         raise UsageError("--background is for --method compete; with connected choose --opening-mm or a --range")
     if args.method == "compete" and args.opening_mm is not None:
@@ -242,8 +247,9 @@ def segmented_steps(structures: Structures, ct: Volume, request: Request) -> Ste
         for (name, sample), (_, point) in zip(samples, request.points, strict=True):
             if name and not allowed[sample]:
                 raise SettingsError(
-                    f"the point {numbers_text(point)} of {name} has the value {value_at(part, sample):.5g}, outside "
-                    f"of the range {request.limits[0]:g} to {request.limits[1]:g}; give another point or a wider range"
+                    f"the point {numbers_text(point)} of {name} has the value "
+                    f"{value_at(part, sample):.5g}, outside the range {request.limits[0]:g} to "
+                    f"{request.limits[1]:g}; give another point or a wider range"
                 )
     x, y, z = (slice(*side) for side in box)
     if request.method == "connected":
@@ -265,11 +271,11 @@ def clicked_sample(ct: Volume, point: tuple[float, ...], box: Box) -> Sample:
     """Return the sample of a region at a point; refuse one that lies outside of it, or that has no value."""
     sample = sample_at(ct, point)
     if not math.isfinite(value_at(ct, sample)):
-        raise SettingsError(f"the CT has no value at the point {numbers_text(point)}, but NaN; give another point")
+        raise SettingsError(f"the CT is NaN at the point {numbers_text(point)}; give another point")
     z, y, x = (at - low for at, (low, _) in zip(sample, reversed(box), strict=True))
     if min(z, y, x) < 0 or any(at >= high - low for at, (low, high) in zip((x, y, z), box, strict=True)):
         raise SettingsError(
-            f"the point {numbers_text(point)} lies outside of the region; give another point or a larger --region"
+            f"the point {numbers_text(point)} lies outside the region; give another point or a larger --region"
         )
     return z, y, x
 

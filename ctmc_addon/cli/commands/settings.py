@@ -14,9 +14,9 @@ def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`."""
     parser = commands.add_parser(
         "settings",
-        help="print the settings as TOML, each with its text",
-        description="Print every setting with its text and value, for a file that --settings reads: "
-        "ctmc settings --label 2 > case.toml",
+        help="print all settings as TOML, with explanations",
+        description="Print every setting with its explanation and value, as a file for --settings: ctmc settings "
+        "--label 2 > case.toml",
     )
     add_settings(parser, many=("label",))
     add_reading(parser, names=False)

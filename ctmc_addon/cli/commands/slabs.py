@@ -22,9 +22,9 @@ from ..scheduler import PATIENCE, Scheduler
 
 TICK = 0.05  # seconds between two looks at the futures
 AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
-LOST = "the scheduler {} lost a slab; start again when it runs"
+LOST = "the scheduler {} lost a slab; run this again once it is up"
 LONGEST_ALONE = 60.0  # seconds without any worker
-RETRIES = 2  # of a task that failed for another reason than the content of the file
+RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 
 @dataclass(frozen=True)
@@ -35,9 +35,9 @@ class ClusterWorkers:
     ----------
     cluster : Scheduler
     path : Path
-        Of the file or folder, from the root on.
+        Absolute path of the file or folder.
     reading : ReadingOptions
-        How it is read.
+        Reading options of the file.
     """
 
     cluster: Scheduler
@@ -90,8 +90,9 @@ class ClusterWorkers:
                 seen = looked if self.count else seen
                 if looked - seen > LONGEST_ALONE:
                     raise CtmcError(
-                        f"the scheduler {self.cluster.address} has had no worker for {LONGEST_ALONE:.0f} s; "
-                        f"see why they ended, start one with `dask worker {self.cluster.address}`, and run this again"
+                        f"the scheduler {self.cluster.address} has had no worker for "
+                        f"{LONGEST_ALONE:.0f} s; check why the workers ended, start one with `dask "
+                        f"worker {self.cluster.address}`, and run this again"
                     )
 
     def _result(self, future: Any) -> SlabResult:
@@ -104,9 +105,9 @@ class ClusterWorkers:
         if isinstance(error, CtmcError):
             raise error
         if isinstance(error, self.cluster.distributed.KilledWorker):
-            raise CtmcError("the workers that took a slab were lost, again and again; see their logs for the reason")
+            raise CtmcError("workers were lost again and again while extracting a slab; see their logs for the reason")
         raise CtmcError(
-            f"a worker could not extract a slab ({type(error).__name__}: {error}); it needs ctmc and the same files"
+            f"a worker could not extract a slab ({type(error).__name__}: {error}); workers need ctmc and the same files"
         ) from error
 
 
@@ -126,11 +127,11 @@ def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions)
 
 
 def slab_result(path: str, reading: Mapping[str, Any], packed: bytes) -> SlabResult:
-    """Do a task, on a worker; the file is opened anew, as it cannot serve two threads at once."""
+    """Do a task on a worker; open the file again, because it cannot serve two threads at once."""
     task: SlabTask = pickle.loads(packed)
     try:
         options = readers.ReadingOptions.from_dict(reading)
         volume = finish(readers.open_volume(path, options.allow_outside).slabs_steps(options))
     except ReadError as error:
-        raise ReadError(f"a worker says: {error}; INPUT must lie where all workers see it under its path") from error
+        raise ReadError(f"a worker reports: {error}; all workers must see INPUT under the same path") from error
     return finish(slab_result_steps(volume, task))

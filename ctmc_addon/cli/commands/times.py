@@ -51,14 +51,14 @@ def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, sc
         If it is not.
     """
     if may_be_several(choices):
-        raise UsageError("--time all makes one surface of each time; give one label, or one time")
+        raise UsageError("--time all makes one surface per time; give one label, or one time")
     if figure or scheduler:
         flag = "--figure" if figure else "--scheduler"
         raise UsageError(f"{flag} is for one surface; give one time, or leave {flag} out")
     if suffix and suffix not in IN_TURN:
         raise UsageError(
-            f"--time all makes several surfaces, and a {suffix} does not show them in turn; "
-            "give a .blend, or a folder with a slash at its end"
+            f"--time all makes several surfaces, which a {suffix} cannot show one after the other; "
+            "write a .blend, or a folder ending in a slash"
         )
 
 
@@ -81,7 +81,7 @@ def times_steps(
     """Make the surface of each of `count` times; return them and the last volume. A `writer` writes each at once.
 
     Without a threshold Otsu's of the first time is used for all, so that a change is one of the volume. A time without
-    a surface is left out and said.
+    a surface is left out and reported.
 
     Raises
     ------
@@ -117,7 +117,7 @@ def times_steps(
         per_time.append(replace(one, results=(replace(one.results[0], stages=(stage, *one.results[0].stages)),)))
         times.append(number + 1)
     if volume is None or not per_time:
-        raise reason or ReadError("there is no time to read; check the file")
+        raise reason or ReadError("no time could be read; check the file")
     digits = len(str(count))
     names = tuple(f"{one.titles[0]} time {time:0{digits}d}" for one, time in zip(per_time, times, strict=True))
     notes = (note,) if note else ()

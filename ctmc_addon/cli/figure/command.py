@@ -31,7 +31,7 @@ def add_parser(commands: Any) -> None:
     parser: Parser = commands.add_parser(
         "figure", help="a figure for print, a sheet or a turntable", description=DESCRIPTION
     )
-    common.add_common(parser, "FILE.png; its folder is made", "figure")
+    common.add_common(parser, "FILE.png; its folder is created if needed", "figure")
     common.add_surfaces(parser)
     common.add_map(parser)
     common.add_blend(parser)
@@ -45,7 +45,7 @@ def run(args: argparse.Namespace) -> None:
     settings, choices = settings_and_labels(args)
     distances = common.map_of(args)
     if distances.deviation:
-        settings, choices = common.only_one(args, "a map of distances"), ()
+        settings, choices = common.only_one(args, "a distance map"), ()
     common.require_surfaces(args, choices)
     require_blender("a figure")
     from ...blender.figure.page.sheet import deviation_figure_steps

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the figure commands share: flags of the page and of the look, reading, surfaces in a scene of their own."""
+"""Code that the figure commands share: flags of page and look, reading, surfaces in a separate scene."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def style_of(args: argparse.Namespace) -> FigureStyle:
 
 
 def map_of(args: argparse.Namespace) -> DistanceMapSettings:
-    """Return whether the flags ask for a map of distances, and where its colors end."""
+    """Return whether the flags ask for a distance map, and where its colors end."""
     with flags_checked():
         return DistanceMapSettings(**values_of(args, DistanceMapSettings))
 
@@ -118,7 +118,7 @@ def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequen
 
 def add_map(parser: argparse.ArgumentParser) -> None:
     """Add the flags for colors of distances."""
-    group = parser.add_argument_group("map of distances")
+    group = parser.add_argument_group("distance map")
     add_described(group, DistanceMapSettings)
 
 
@@ -141,8 +141,10 @@ def blend_of(args: argparse.Namespace, target: Path) -> Path | None:
 def add_surfaces(parser: argparse.ArgumentParser) -> None:
     """Add the flags for names and transparency of several labels."""
     group = parser.add_argument_group("several labels")
-    group.add_argument("--names", nargs="+", metavar="NAME", help="of the labels, for legend and caption")
-    add_opacity(group, "opacities", "default: --hiding-opacity for what hides a tumor, that of the name for others")
+    group.add_argument("--names", nargs="+", metavar="NAME", help="names of the labels, for legend and caption")
+    add_opacity(
+        group, "opacities", "default: --hiding-opacity for structures that hide a tumor, otherwise by anatomical name"
+    )
     add_described(group, Transparency)
 
 

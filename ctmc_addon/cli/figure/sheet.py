@@ -26,8 +26,8 @@ DESCRIPTION = (
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
     """The flags of `ctmc figure sheet`."""
-    common.add_common(parser, "FILE.png; its folder is made", "sheet")
-    group = parser.add_argument_group("what is compared")
+    common.add_common(parser, "FILE.png; its folder is created if needed", "sheet")
+    group = parser.add_argument_group("settings to compare")
     add_described(group, Comparison, readers={"strides": sides_of})
     common.add_map(parser)
     common.add_blend(parser)

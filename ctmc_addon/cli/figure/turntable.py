@@ -18,8 +18,9 @@ from . import common
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Rendering": 8}
 DESCRIPTION = (
-    "Turn a surface, or several labels, once or more about the vertical axis, in a loop without a seam: as a video by "
-    "the suffix of OUTPUT (.mp4, .mkv, .mov, .webm, .avi, .ogv), else as PNG frames in a folder of that name."
+    "Turn one or several surfaces about the vertical axis in a seamless loop. OUTPUT with the suffix "
+    "of a video (.mp4, .mkv, .mov, .webm, .avi, .ogv) becomes a video, any other name a folder of "
+    "PNG frames."
 )
 
 
@@ -30,8 +31,8 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("turntable")
     add_described(group, Turn)
     again = group.add_mutually_exclusive_group()
-    again.add_argument("--resume", action="store_true", help="go on where this turntable was stopped")
-    again.add_argument("--overwrite", action="store_true", help="replace an older turntable")
+    again.add_argument("--resume", action="store_true", help="continue this turntable if it was interrupted")
+    again.add_argument("--overwrite", action="store_true", help="replace an existing turntable")
     common.add_blend(parser)
     parser.set_defaults(run=common.in_made_folders(run))
 
@@ -51,7 +52,7 @@ def run(args: argparse.Namespace) -> None:
     target = Path(args.output)
     require_turntable(target, page, args.resume, args.overwrite)
     if args.resume and is_finished_video(target):
-        print(f"{target.name} is there already and was left as it is; --overwrite makes it anew")
+        print(f"{target.name} already exists and was not changed; replace it with --overwrite")
         return
     blend = common.blend_of(args, target if is_video(target) else target.with_name(target.name + ".blend"))
     stages = Stages(STAGES)

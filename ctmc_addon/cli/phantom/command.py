@@ -23,11 +23,11 @@ def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`."""
     parser = commands.add_parser(
         "phantom",
-        help="make a CT with known truth",
-        description="Make an abdominal CT with a liver and tumors of known volume. Slices are means over their "
-        "thickness, as a scanner's are; a voxel has the label of its center.",
+        help="make a CT with known ground truth",
+        description="Make an abdominal CT with a liver and tumors of known volume. Each slice averages over its "
+        "thickness, as in a scanner; a voxel takes the label at its center.",
     )
-    parser.add_argument("folder", metavar="DIR", help="where to write; made with its parents")
+    parser.add_argument("folder", metavar="DIR", help="output folder, created if needed")
     parser.add_argument("--slices", type=at_least(3), default=29, metavar="N", help="3 or more (default 29)")
     parser.add_argument(
         "--size", type=at_least(16), default=512, metavar="N", help="rows and columns, 16 or more (default 512)"
@@ -66,7 +66,7 @@ def run(args: argparse.Namespace) -> None:
                     "phantom",
                     f"{shape}, seed {phantom.seed}",
                 ),
-                ("tumors", f"{volumes}, together {volume_text(sum(phantom.tumour_volumes_mm3))}"),
+                ("tumors", f"{volumes}, {volume_text(sum(phantom.tumour_volumes_mm3))} in total"),
                 ("liver", f"{volume_text(phantom.liver_volume_mm3)} with its tumors"),
                 ("written", ", ".join(written)),
             ]
@@ -79,7 +79,7 @@ def write_phantom_steps(phantom: Phantom, folder: Path, formats: list[str]) -> S
     written = []
     for at, name in enumerate(formats):
         written += yield from equal_part(WRITERS[name](phantom, folder), at, len(formats))
-    yield Step(1.0, "Writing the truth")
+    yield Step(1.0, "Writing the ground truth")
     write_json(folder / "truth.json", truth_of(phantom))
     return [*written, "truth.json"]
 

@@ -27,7 +27,7 @@ def add_parser(commands: Any) -> None:
     parser = commands.add_parser(
         "foam",
         help="make a large CT of an open foam",
-        description="Make a CT of an open foam, uint8, slice by slice: of any size, in little memory.",
+        description="Make a uint8 CT of an open foam slice by slice, so that any size needs little memory.",
     )
     parser.add_argument("output", metavar="OUTPUT", help=f"{' or '.join(SUFFIXES)}; its folder must exist")
     parser.add_argument("--slices", type=at_least(2), default=256, metavar="N", help="2 or more (default 256)")

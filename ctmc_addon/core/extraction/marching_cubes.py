@@ -158,7 +158,7 @@ def extract_steps(
     surface = yield from stages.run("", piece_steps(grid, threshold, normals, budget or Budget(), topology, alphas))
     if not len(surface.faces):
         check_threshold(threshold, grid.window_values, upper=grid.upper)
-        raise MeshError(f"no sample of this grid is cut off by threshold {threshold:g}; use a smaller stride")
+        raise MeshError(f"threshold {threshold:g} separates no samples of this grid; use a smaller stride")
     if surface.normals is not None:
         completing = complete_normals_steps(surface.normals, surface.linear, surface.faces)
         yield from stages.run(COMPLETING, completing)

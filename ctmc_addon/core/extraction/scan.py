@@ -78,7 +78,7 @@ def scan_steps(
 
 
 def slab_threads(slabs: int, threads: int) -> int:
-    """How many of these threads share so many slabs: all or one."""
+    """Return how many of these threads share the slabs: all or one."""
     return threads if slabs >= THREADED_SLABS else 1
 
 

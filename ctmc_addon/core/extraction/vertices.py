@@ -116,7 +116,7 @@ def _fill_edges(
     rise = high - low
     # The outside sample of a closed border repeats its neighbor's value: no rise, so the cap lies half-way.
     if sampler.may_be_nan and not np.isfinite(rise).all():
-        raise VolumeError("there are NaN or infinite values beside the surface; read them as a number with nan_as")
+        raise VolumeError("there are NaN or infinite values beside the surface; replace them with nan_as")
     on_cap = np.flatnonzero(rise == 0)
     rise[on_cap] = 1.0
     t = level - low

@@ -22,7 +22,7 @@ DEPTH_MM = (130.0, 270.0)  # back to front
 LEAST_MM = 80.0  # of the body that is like that; a face is longer
 FEWEST = 50  # vertices of a band
 MOST = 400_000  # vertices that are looked at
-NOTE = "this surface shows a face, by which a person can be recognized: take care whom it is given to"
+NOTE = "this surface shows a face, which can identify the person; share it with care"
 
 
 def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tuple[str, ...]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How triangles hang together: their edges, and the components they form.
+"""Connectivity of triangles: their edges, and the components they form.
 
 Only vertex numbers are looked at, no positions. Work is cut into blocks, so that steps are short.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From clicks and strokes to structures: masks on a grid, without a trained model. NumPy alone.
+"""Turn clicks and strokes into structures: masks on a grid, without a trained model, with NumPy only.
 
 A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, hand in `volume.part(box)` and masks of its
 shape: nothing else is read or touched.

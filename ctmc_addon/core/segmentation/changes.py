@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a stroke changed, as runs of samples that turned over: all that undo has to keep.
+"""Changes of a stroke as runs of flipped samples: all that undo has to keep.
 
 Turning the same runs over again takes the change back, so one record serves undo and redo.
 """
@@ -33,7 +33,7 @@ class Change:
 
     @property
     def voxels(self) -> int:
-        """How many samples turned over."""
+        """Number of flipped samples."""
         return int((self.stop - self.start).sum())
 
     @property

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs together with clicked points, through openings that are wide enough.
+"""Find what is connected to clicked points, through openings that are wide enough.
 
 The mask is eroded by half an opening, flooded from the points, and the flood dilated back by as much inside the mask:
 a leak through a bridge that is narrower than the opening is cut. All distances are exact (`distance`).
@@ -26,7 +26,7 @@ def connected_steps(
     max_mm: float = math.inf,
     opening_mm: float = 0.0,
 ) -> Steps[Mask]:
-    """Return what hangs together with some samples.
+    """Return the part of a mask that is connected to given samples.
 
     Parameters
     ----------

@@ -183,7 +183,7 @@ def far_inside_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, at_least:
     Parameters
     ----------
     mask : (slices, rows, columns) bool
-        What lies behind the border of the grid is not outside.
+        Space beyond the border of the grid does not count as outside.
     spacing_mm : (x, y, z) float
     limit_mm : float
         0 or more.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What hangs together in a mask: keep components by their size or by a click, fill holes.
+"""Connected components of a mask: keep them by size or by a click, fill holes.
 
-Neighbors are those along the axes, as for the surface that is made of the mask.
+Neighbors are those along the axes, as for the surface made from the mask.
 """
 
 from __future__ import annotations
@@ -63,7 +63,7 @@ def islands_steps(
     at_least_mm3 : float
         Smallest volume of a component.
     largest : int, optional
-        How many components at most, the largest first; of equal ones those later in the grid.
+        Most components to keep, the largest first; of equal ones those later in the grid.
     drop : bool
         Return what would not be kept.
 
@@ -82,7 +82,10 @@ def islands_steps(
     [[[0, 0, 0, 1]]]
     """
     if not at_least_mm3 >= 0 or (largest is not None and largest < 0):
-        raise SettingsError(f"islands are kept from 0 mm3 and 0 of them on, not {at_least_mm3:g} and {largest}")
+        raise SettingsError(
+            "islands to keep have a volume of 0 mm3 or more and a number of 0 or more, not "
+            f"{at_least_mm3:g} and {largest}"
+        )
     components = yield from label_components_steps(mask)
     selected = components.voxels * voxel_mm3 >= at_least_mm3 * (1 - 1e-9)
     if largest is not None:

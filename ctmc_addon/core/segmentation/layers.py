@@ -110,4 +110,4 @@ def layers_of(masks: Sequence[Mask]) -> tuple[list[Labels], list[int]]:
 def require_count(count: int) -> None:
     """Raise a `SettingsError` where so many structures are too many for labels of one byte, or none."""
     if not 0 < count <= MOST_STRUCTURES:
-        raise SettingsError(f"{count} structures are not a segmentation; draw 1 to {MOST_STRUCTURES}")
+        raise SettingsError(f"a segmentation has 1 to {MOST_STRUCTURES} structures, not {count}; draw or remove some")

@@ -24,7 +24,7 @@ def margin_steps(mask: Mask, spacing_mm: Spacing, margin_mm: float, within: Mask
         A grown mask has every sample at most so far from one of its own; a shrunk mask loses every sample at most so
         far from one outside.
     within : (slices, rows, columns) bool, optional
-        Where it may grow, such as a range.
+        Samples into which it may grow, such as those in a range.
 
     Raises
     ------

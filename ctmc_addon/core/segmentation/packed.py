@@ -56,7 +56,7 @@ def unpack_into(mask: Mask, packed: Mapping[int, bytes]) -> None:
 
 
 def unpacked_mask(packed: Mapping[int, bytes], shape: tuple[int, ...]) -> Mask:
-    """Return the mask that has these slices, and no other."""
+    """Return the mask that has only these slices."""
     mask = np.zeros(shape, bool)
     unpack_into(mask, packed)
     return mask

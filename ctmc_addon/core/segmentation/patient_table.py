@@ -36,7 +36,7 @@ STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 @dataclass(frozen=True, eq=False)
 class PatientTable:
-    """Where the table of a CT lies.
+    """Position of the table in a CT.
 
     Parameters
     ----------
@@ -73,7 +73,9 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     if volume.kind == ValueKind.LABEL:
         return volume
     if volume.kind != ValueKind.HU or np.dtype(volume.dtype).kind == "u":
-        raise ReadError(f"{volume.name} holds {volume.kind}, and a table is known by its HU; leave remove_table out")
+        raise ReadError(
+            f"{volume.name} holds {volume.kind}, and a table can be found only in HU; leave out remove_table"
+        )
     stages = Stages(STAGES)
     reading, looking = STAGES
     stride = [max(1, min(int(COARSE_MM / mm), size - 1)) for mm, size in zip(volume.spacing, volume.size, strict=True)]
@@ -142,7 +144,7 @@ def _enlarged(first: NDArray[np.int32], steps: list[int], shape: list[int]) -> N
 
 
 class WithoutTable(SliceReader):
-    """Reads what another reader has, and air in place of a table.
+    """Reads the values of another reader, with air instead of a table.
 
     Parameters
     ----------

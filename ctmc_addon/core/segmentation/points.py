@@ -43,7 +43,7 @@ def sample_at(volume: SampleGrid, point_ras_mm: Point) -> Sample:
         box = ", ".join(f"{axis} {low:.4g} to {high:.4g}" for axis, low, high in ends)
         given = " ".join(f"{part:g}" for part in point.tolist())
         raise SettingsError(
-            f"the point {given} lies outside of the volume, which has {box} mm; give it in RAS+ mm (Slicer's R A S)"
+            f"the point {given} lies outside the volume, which spans {box} mm; give it in RAS+ mm (Slicer's R A S)"
         )
     x, y, z = index.tolist()
     return z, y, x

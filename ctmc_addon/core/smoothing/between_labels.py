@@ -168,7 +168,7 @@ class _Nodes(NamedTuple):
     place : (n,) intp
         On the grid.
     beside : (2, 3, n) intp
-        The numbers of the nodes before and behind along each axis; n where there is none.
+        The numbers of the nodes before and behind along each axis; n without one.
     start : (n,) float32
     pull, share, goal : (n,) float32
         The factor of the field's bending, that of the field itself, and what is added to it, in a step.

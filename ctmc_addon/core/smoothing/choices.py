@@ -34,9 +34,10 @@ CHOICES: dict[str, SmoothingChoice] = {
     OF_LABEL: SmoothingChoice(for_gray=False),
 }
 TEXT = (
-    "How the values are smoothed before extraction. constrained = the smoothest surface with every sample of the "
-    "label on its own side, the volume kept; gaussian = by a Gaussian, for gray values too, and small components "
-    "vanish; auto = constrained for a label, none for a threshold, gaussian where its width is given"
+    "Smoothing before extraction. constrained = the smoothest surface that keeps every sample of the "
+    "label on its own side, and the volume; gaussian = a Gaussian filter, for gray values too, which "
+    "removes small components; auto = constrained for a label, none for a threshold, gaussian if its "
+    "width is given"
 )
 
 

@@ -78,7 +78,7 @@ THICK = (
 
 
 def grids_of(slice_steps: int) -> tuple[SmoothingGrid, ...]:
-    """Return the grids on which a field with so many steps a slice is smoothed, the coarsest first."""
+    """Return the grids on which a field with `slice_steps` steps per slice is smoothed, the coarsest first."""
     return THICK if slice_steps > 2 else THIN
 
 

@@ -78,7 +78,9 @@ def field_steps(
     if settings.label is not None:
         notes = (*label_notes(volume, region), *notes)
     if settings.label is None and settings.threshold is None:
-        advice = "" if volume.kind != ValueKind.LABEL else " It tells no labels apart: give one, several or all."
+        advice = (
+            "" if volume.kind != ValueKind.LABEL else " It does not separate labels: give one label, several or all."
+        )
         notes = (f"No threshold or label was given: Otsu's threshold {threshold:g} is used.{advice}", *notes)
     inner = relative_box(window, origin)
     plain: GrayValues | LabelMask

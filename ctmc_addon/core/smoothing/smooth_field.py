@@ -21,7 +21,7 @@ class SmoothField:
     values : (slices, rows, columns) float32, millimeters
         Positive inside, negative outside, never 0 at a sample of the label; about the distance to the surface near it.
     slice_steps, first_slice : int
-        Every so many slices, from this one, is one of the label's.
+        Step between the label's slices, and the first of them.
     constant_mm : float
         Added to keep the volume; small components of the label have constants of their own before, see
         `constrained_steps`.

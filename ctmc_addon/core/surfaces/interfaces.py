@@ -40,7 +40,7 @@ from .request import Scope, scope_of_labels
 FIELDS, WALLS, OWNING, CROSSING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
     "Smoothing the walls",
-    "Finding who owns each sample",
+    "Assigning samples to labels",
     "Finding where labels meet",
     "Placing vertices and triangles",
     "Keeping the volumes",

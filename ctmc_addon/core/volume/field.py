@@ -59,7 +59,7 @@ class Field:
     window_in_values : Box
         The window, counted from the first value.
     slice_steps, first_slice : int
-        Every so many slices of the values, from this one, is one of the volume's.
+        Step between the volume's slices among those of the values, and the first of them.
     surface : Surface or None
         The surface of the values in index space, where smoothing has made it.
     """
@@ -155,7 +155,7 @@ class Field:
         smoothed = " after smoothing" if self.values.mixes_samples else ""
         ends = np.array([[[min(lows, default=math.nan), max(highs, default=math.nan)]]])
         check_threshold(self.level, ends, self.kind, f"{self.place}{smoothed}", self.settings.upper)
-        raise MeshError(f"no sample of this grid is cut off by threshold {self.level:g}; use a smaller stride")
+        raise MeshError(f"threshold {self.level:g} separates no samples of this grid; use a smaller stride")
 
     @property
     def _window_of_volume(self) -> Box:

@@ -72,7 +72,7 @@ class GrayValues:
     needed : Box
         Where in it no value may be NaN or infinite, unless they are replaced.
     nan_as : float, optional
-        What replaces NaN and infinite values.
+        Number that replaces NaN and infinite values.
     """
 
     own_bytes = wrong_side = 0

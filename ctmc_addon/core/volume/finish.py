@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the surface of a structure is like to look at: bone, a vessel or an organ, by its anatomical name."""
+"""Choose how the surface of a structure looks, bone, vessel or organ, by its anatomical name."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def finish_of(label: int | None, name: str = "") -> str:
 
 @cache
 def _finishes() -> dict[tuple[int, int, int], str]:
-    """What the table's bones and vessels are like, by their colors."""
+    """Finishes of the table's bones and vessels, by their colors."""
     return {
         known.rgb: finish
         for finish, names in (("bone", _BONES), ("vessel", _VESSELS))

@@ -169,7 +169,7 @@ def side_positions(corners: NDArray[np.float64], gap: float = 0.06) -> dict[str,
 
 
 def settings_of_copy(settings: ReconstructionSettings, stride: tuple[int, int, int]) -> ReconstructionSettings:
-    """Return what settings ask of a volume in terms of its copy that keeps every so many samples (x, y, z).
+    """Return a volume's settings for its copy that keeps one of every few samples along (x, y, z).
 
     Examples
     --------

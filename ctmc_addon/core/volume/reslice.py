@@ -40,7 +40,7 @@ def resliced(
     corners_mm : (4, 3) float64
         Of the plane, as `slice_corners` has them: row and column 0; last column; last column and row; last row.
     outside : float
-        What is outside the volume.
+        Value of samples outside the volume.
     """
     rows, columns = shape
     across, down = corners_mm[1] - corners_mm[0], corners_mm[3] - corners_mm[0]

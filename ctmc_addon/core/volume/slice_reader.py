@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a volume's values come from: a file or memory, some slices at a time."""
+"""Read a volume's values from a file or from memory, some slices at a time."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ STEP_BYTES = 1 << 22  # unpacked in 0.02 s
 class SliceReader(ABC):
     """Fetches values of a file; rising slices are the fastest, as a packed file cannot go back.
 
-    What a reader can do is asked of it, not guessed from its class.
+    Ask a reader what it can do; do not guess from its class.
     """
 
     shape: tuple[int, int, int]
@@ -45,12 +45,12 @@ class SliceReader(ABC):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed of the values read so far, in sentences for the user."""
+        """Changes of the values read so far, in sentences for the user."""
         return ()
 
     @property
     def at_once(self) -> int:
-        """How many slices are read between two steps."""
+        """Slices read between two steps."""
         return max(1, STEP_BYTES // max(1, self.shape[1] * self.shape[2] * self.dtype.itemsize))
 
     @property

@@ -243,7 +243,7 @@ def with_labels(
     ----------
     picture : (rows, columns, 4) float32, 0 to 1
     layers : sequence of (rows, columns)
-        Labels, 0 where there is none.
+        Labels, 0 outside all of them.
 
     Examples
     --------

@@ -7,7 +7,7 @@ from enum import StrEnum
 
 
 class ValueKind(StrEnum):
-    """What the values of a volume mean.
+    """Meaning of a volume's values.
 
     Examples
     --------

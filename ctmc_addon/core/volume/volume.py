@@ -85,15 +85,15 @@ class Volume(SampleGrid):
     Parameters
     ----------
     reader : (slices, rows, columns) bool, int8 to int64, uint8 to uint64, float32 or float64; or a SliceReader
-        Where the values come from. An array is never copied, and seen read-only.
+        Source of the values. An array is never copied and becomes read-only.
     affine : (4, 4) float64
         Index (x, y, z) = (column, row, slice) to RAS+ millimeters; may be oblique, mirrored or sheared.
     notes : tuple of str
-        What a reader had to assume, in plain sentences for the user.
+        Assumptions of the reader, in plain sentences for the user.
     name : str
         Stem of the file or folder; never taken from a DICOM tag.
     kind : ValueKind or str
-        What the values mean: "HU", "gray value" or "label".
+        Meaning of the values: "HU", "gray value" or "label".
     label_names : mapping of int to str
         Names of label values, where the file has them.
     label_colors : mapping of int to (red, green, blue) int
@@ -232,7 +232,7 @@ class Volume(SampleGrid):
             return self.reader.read(_moved(slices, z), _moved(rows, y), _moved(columns, x))
 
     def in_memory_steps(self, stride: tuple[int, int, int] = (1, 1, 1)) -> Steps[Volume]:
-        """Return the volume with its values in memory: all, or every so many along x, y and z from the first on."""
+        """Return the volume with its values in memory: all, or one of every few along x, y and z from the first on."""
         for axis, size, side in zip("xyz", self.size, stride, strict=True):
             if side >= size:
                 raise SettingsError(
@@ -272,7 +272,7 @@ class Volume(SampleGrid):
             yield
         except OSError as error:
             reason = error.strerror or str(error)
-            raise ReadError(f"{self.name} cannot be read any more ({reason}); load it from where it is now") from error
+            raise ReadError(f"{self.name} can no longer be read ({reason}); load it from where it is now") from error
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))

@@ -46,11 +46,11 @@ from ..state import session, structures, surfaces, volumes
 from ..translations import translate
 from .paths import RELATIVE
 
-ESC = "A Blender of its own renders it, so that this window stays free to look around; Esc stops it and leaves nothing"
+ESC = "A separate Blender renders it, so this window stays free; Esc stops it and leaves no file"
 
 
 class FigureOperator(jobs.LongOperator):
-    """What the four operators of figures share: a file dialog, a page, a style, and work that locks the file.
+    """Base of the four operators of figures: a file dialog, a page, a style, and work that locks the file.
 
     Inherited before `bpy.types.Operator`.
     """
@@ -130,7 +130,7 @@ def blend_of(panel: Any, target: Path) -> Path | None:
 
 
 def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
-    """Return the selected reconstructions; where there is none, the active one."""
+    """Return the selected reconstructions, or else the active one."""
     active = context.view_layer.objects.active
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
@@ -190,9 +190,8 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
     bl_idname = "ctmc.figure"
     bl_label = "Make Figure"
     bl_description = (
-        "Render the selected surfaces to a PNG of a size in mm, with scale bar, the patient's axes and a caption, in a "
-        "scene of its own; slice objects, distances and angles that are visible are drawn too. "
-        f"{ESC}"
+        "Render the selected surfaces to a PNG with a size in mm, scale bar, the patient's axes and "
+        f"a caption; visible slice objects, distances and angles are drawn too. {ESC}"
     )
 
     needs = (jobs.idle, has_surfaces)
@@ -211,8 +210,8 @@ class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
     bl_idname = "ctmc.figure_sheet"
     bl_label = "Make Sheet"
     bl_description = (
-        "Reconstruct the CT with the settings of the panel and these changes to them, and render the surfaces side by "
-        f"side with triangles, seconds and error, to a PNG. The scene gets no surface from it. {ESC}"
+        "Reconstruct the CT with variations of the panel's settings, and render the surfaces side by "
+        f"side to a PNG, with triangles, seconds and error. Adds no surface to the scene. {ESC}"
     )
     kind = named = "sheet"
 
@@ -250,8 +249,8 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
     bl_idname = "ctmc.figure_deviation"
     bl_label = "Make Distance Map"
     bl_description = (
-        "Render the active surface to a PNG, in the colors of its distance to the surface of full resolution, "
-        f"which is reconstructed for it, with a color bar in mm. {ESC}"
+        "Render the active surface to a PNG, colored by its distance to the full-resolution surface, with a color bar "
+        f"in mm. Reconstructs the full surface first. {ESC}"
     )
     named = "distances"
 
@@ -279,14 +278,14 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
     bl_idname = "ctmc.figure_turntable"
     bl_label = "Make Turntable"
     bl_description = (
-        "Render the selected surfaces turning once or more, without a seam, to a video or to PNG frames in a folder. "
-        "A Blender of its own renders them, so that this window stays free to look around. Frames that are done when "
-        "Esc stops it stay, and the same turntable goes on with them"
+        "Render the selected surfaces turning in a seamless loop, to a video or to PNG frames in a "
+        "folder. A separate Blender renders them, so this window stays free. Esc stops it; finished "
+        "frames stay, and rendering the same turntable again continues with them"
     )
     kind = named = "turntable"
 
     overwrite: BoolProperty(
-        name="Overwrite", description="Begin anew where frames of a turntable are there already", options={"SKIP_SAVE"}
+        name="Overwrite", description="Start over if frames of a turntable already exist", options={"SKIP_SAVE"}
     )
 
     needs = (jobs.idle, has_surfaces)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the camera of figures stands: the operator `ctmc.figure_view`."""
+"""Operator `ctmc.figure_view`: set the direction of the figures' camera."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ class CTMC_OT_figure_view(bpy.types.Operator):
 
     bl_idname = "ctmc.figure_view"
     bl_label = "View From"
-    bl_description = "Where the camera of figures stands; the head stays up"
+    bl_description = "Direction from which the camera of figures looks; the head stays up"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     side: EnumProperty(
         name="Side",
-        description="Where the camera stands",
+        description="Camera position",
         items=[
-            ("viewport", "This Viewport", "As the viewport looks at it now"),
+            ("viewport", "This Viewport", "As the viewport shows it now"),
             ("oblique", "Front and Left", "From the front, a little from the patient's left and from above"),
             ("front", "Front", "Before the patient"),
             ("left", "Left", "At the patient's left"),

@@ -70,7 +70,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         levels = parsed_levels(panel.rotation_levels)
         windowed = self.windowed and not bpy.app.background
         if panel.rotation_kind != "rotate" and not windowed:
-            raise SettingsError(f"{panel.rotation_kind} is timed in a window alone; choose rotate without one")
+            raise SettingsError(f"{panel.rotation_kind} can be timed only in a window; choose rotate without one")
         mesh = full_mesh(scene, obj)
         view = ViewportDrawing(context.window, viewport_of(context), panel.rotation_kind) if windowed else None
         options = {"rounds": panel.rotation_rounds, "step_degrees": float(panel.rotation_step)}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the sidebar draws; the panels stand in this order."""
+"""Panels of the sidebar, in their order."""
 
 from typing import Any
 

@@ -45,7 +45,7 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
 
 
 def draw_subject(layout: Any, panel: Any) -> None:
-    """What this kind of figure is of, and what it alone asks for."""
+    """Draw the contents of this kind of figure, and its own settings."""
     column = layout.column(align=True)
     if panel.kind == "sheet":
         for name in ("strides", "alphas", "levels"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What several panels draw: a setting with its switch, sentences in lines, a job's progress."""
+"""Elements of several panels: a setting with its switch, sentences in lines, a job's progress."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ NARROW = 250.0  # pixels below which buttons and facts stand one below the other
 
 
 class SidePanel:
-    """What all panels of the tab share; inherited before `bpy.types.Panel`."""
+    """Base of all panels of the tab, before `bpy.types.Panel`."""
 
     bl_space_type = "VIEW_3D"
     bl_region_type = "UI"
@@ -159,7 +159,7 @@ def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) ->
 
 
 def draw_job(layout: Any, job: jobs.Job) -> None:
-    """How far a job is, and the button that stops it, in the place of the button that started it."""
+    """Draw the progress of a job and the button that stops it, where the button that started it was."""
     row = layout.row(align=True)
     row.progress(factor=min(1.0, job.step.fraction), text=translate(job.step.message))
     row.operator("ctmc.cancel", text="", icon="X")

@@ -69,7 +69,7 @@ class CTMC_PT_surface(StepPanel, bpy.types.Panel):
 
 
 class CTMC_PT_voxels(StepPanel, bpy.types.Panel):
-    """How finely, and what it costs."""
+    """Panel for voxels and alpha, with the cost estimate."""
 
     bl_idname = "CTMC_PT_voxels"
     bl_label = "Voxels and Alpha"
@@ -91,7 +91,7 @@ class CTMC_PT_simplify(StepPanel, bpy.types.Panel):
 
 
 class CTMC_PT_make(StepPanel, bpy.types.Panel):
-    """The button, and what is said of the next surface."""
+    """Panel with the button, and messages on the next surface."""
 
     bl_idname = "CTMC_PT_make"
     bl_label = "Reconstruct"
@@ -139,13 +139,13 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """What the present settings would cost; always four lines, so that nothing jumps while it is counted."""
+    """Draw the cost estimate of the settings, always in four lines, so that nothing jumps while it is counted."""
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
     values = ["..." if waits else "-"] * 4
     if cost is not None and not cost.error:
         values = [count(cost.voxels), count(cost.faces), size_of_bytes(cost.memory), duration(cost.seconds)]
-    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Time, About"))
+    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Estimated Time"))
     draw_table(layout, list(zip(names, values, strict=True)))
 
 
@@ -174,7 +174,7 @@ def removed_text(context: bpy.types.Context, settings: Any) -> str:
 
 
 def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The button, or how far it is; simplify, preview, export, command; then what is to be said."""
+    """Draw the button or its progress; simplify, preview, export, command; then messages."""
     job, scene = jobs.running(), context.scene
     row = layout.row(align=True)
     row.scale_y = 1.5
@@ -200,7 +200,7 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
 
 
 def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """What went wrong, what cannot be made, what has no effect; mostly nothing."""
+    """Draw errors, refusals and settings without effect, if any."""
     scene_session = session.of(context.scene)
     if scene_session.message:
         draw_text(layout.box(), context, scene_session.message, "ERROR")
@@ -216,7 +216,7 @@ def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if not alpha_matters(settings):
         draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
     if settings.preview and settings.use_label and sum(item.chosen for item in settings.labels) > 1:
-        text = translate("The preview shows the first structure that is ticked")
+        text = translate("The preview shows the first ticked structure")
         draw_text(layout, context, text, "INFO")
 
 

@@ -29,7 +29,7 @@ class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
 
     bl_idname = "ctmc.preset_add"
     bl_label = "Add CTMC Preset"
-    bl_description = "Keep the settings of the panel as a preset"
+    bl_description = "Save the settings of the panel as a preset"
 
     preset_menu = "CTMC_PT_presets"
     preset_subdir = SUBFOLDER

@@ -24,7 +24,7 @@ from .layout import StepPanel, draw_shape_change, draw_table, draw_text, prepare
 
 
 class CTMC_PT_results(StepPanel, bpy.types.Panel):
-    """What is known of the active surface."""
+    """Draw what is known of the active surface."""
 
     bl_idname = "CTMC_PT_results"
     bl_label = "Results"
@@ -95,7 +95,7 @@ def surface_text(measures: Measures | None) -> str:
 
 
 def components_text(measures: Measures | None) -> str:
-    """Of how many components a surface is, and how many are small."""
+    """Return how many components a surface has, and how many are small."""
     if measures is None:
         return translate("Components: not counted")
     text = "{count} components"

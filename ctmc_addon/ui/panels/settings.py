@@ -21,7 +21,7 @@ class SettingsPanel(SubPanel):
 
 
 class CTMC_PT_parts(SettingsPanel, bpy.types.Panel):
-    """Which components of the surface are kept, and whether it is closed."""
+    """Settings for kept components, and for closing the surface."""
 
     bl_idname = "CTMC_PT_parts"
     bl_label = "Components"
@@ -37,7 +37,7 @@ class CTMC_PT_normals(SettingsPanel, bpy.types.Panel):
 
 
 class CTMC_PT_advanced(SettingsPanel, bpy.types.Panel):
-    """How ambiguous voxels are cut, and what NaN is read as."""
+    """Settings for ambiguous voxels, and for what replaces NaN."""
 
     bl_idname = "CTMC_PT_advanced"
     bl_label = "Advanced"

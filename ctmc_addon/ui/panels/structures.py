@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of structures in the panel Surface: what each is made of, its look, and which of them are made."""
+"""The list of structures in the panel Surface: their source, look and ticks."""
 
 from __future__ import annotations
 
@@ -32,13 +32,13 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
         row.operator("ctmc.tick_structures", text=text).which = which
     draw_marked(layout, context, settings)
     if structures.missing(context.scene):
-        draw_text(layout, context, translate("Labels of the list are not in memory; press Load Again"), "INFO")
+        draw_text(layout, context, translate("Some labels of the list are not in memory; press Load Again"), "INFO")
         if volumes.loaded(context.scene) is not None:
             layout.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 
 
 def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """What can be added while the list is empty."""
+    """Draw what can be added while the list is empty."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         layout.prop(settings, "label")
@@ -48,7 +48,7 @@ def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
 
 
 def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """What the marked structure is made of, how opaque it is, and its volume."""
+    """Draw source, opacity and volume of the selected structure."""
     if not 0 <= settings.label_index < len(settings.labels):
         return
     item = settings.labels[settings.label_index]

@@ -27,7 +27,7 @@ def property_of(about: Setting, default: Any, **options: Any) -> Any:
     default
         None for a field that may be absent and has no switch: 0 or an empty text stands for that then.
     **options
-        Of Blender's property, in place of those that are made here; `name` of the property too.
+        Arguments of Blender's property, instead of those made here; `name` of the property too.
     """
     is_absent = default is None
     label = options.pop("name", about.label)

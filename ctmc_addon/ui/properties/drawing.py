@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is drawn, and how: `scene.ctmc_draw`. Each structure keeps its slices packed, so the file holds every stroke.
+"""Drawn structures and tool settings: `scene.ctmc_draw`. Slices are kept packed, so the file holds every stroke.
 
 Undo, saving, autosave and Blender's question before a file closes then know what was drawn without a word from us.
 As in settings.py, this module must not hold `bpy` itself.
@@ -53,7 +53,7 @@ class CTMCDrawnClick(PropertyGroup):
 
 
 class CTMCDrawnStructure(PropertyGroup):
-    """What was drawn of a structure; its line of the list `scene.ctmc.labels` has the same source.
+    """Drawing of a structure; its line of the list `scene.ctmc.labels` has the same source.
 
     Loading another CT empties that list, so name and color are kept here, for when the CT comes back.
     """
@@ -68,7 +68,7 @@ class CTMCDrawnStructure(PropertyGroup):
 
 
 class CTMCDrawing(PropertyGroup):
-    """What was drawn in a scene, and how the tools draw."""
+    """Drawings of a scene, and settings of the tools."""
 
     structures: CollectionProperty(type=CTMCDrawnStructure, options={"HIDDEN"})
     radius_mm: decimal(
@@ -81,22 +81,22 @@ class CTMCDrawing(PropertyGroup):
         max=500.0,
         precision=1,
     )
-    ball: boolean("Ball", "Draw a ball through the slices around; otherwise a disc in the slice alone")
+    ball: boolean("Ball", "Draw a ball through the neighboring slices instead of a disc in the slice")
     on_surfaces: boolean(
         "On Surfaces",
-        "Draw along the CT's surfaces too, with a ball, where one lies before the slices",
+        "Also draw along the CT's surfaces, with a ball, where one lies in front of the slices",
     )
     method: choice(
         "Grow",
         "How far a click reaches",
         items=[
             ("compete", "To Borders", "To where the border is sharpest; for tumors and organs"),
-            ("connected", "In Range", "What hangs together in the range; for vessels and bone"),
+            ("connected", "In Range", "Through connected values in the range; for vessels and bone"),
         ],
     )
     hu_per_mm: decimal(
         "Noise [HU]",
-        "How many HU count as much as a millimeter. Larger = a smoother border, for a noisy CT",
+        "HU difference that counts as one millimeter. Larger = a smoother border, for a noisy CT",
         default=HU_PER_MM,
         min=0.1,
         soft_max=20.0,
@@ -105,7 +105,7 @@ class CTMCDrawing(PropertyGroup):
     )
     reach_mm: decimal(
         "Reach",
-        "Nothing farther from a click is touched",
+        "Leave voxels farther from a click unchanged",
         unit="CAMERA",
         default=MAX_MM,
         min=1.0,
@@ -115,7 +115,7 @@ class CTMCDrawing(PropertyGroup):
     )
     opening_mm: decimal(
         "Opening",
-        "Narrower connections are cut, so that a vessel does not leak into an organ. 0 = none is cut",
+        "Cut connections narrower than this, so that a vessel does not leak into an organ. 0 = cut none",
         unit="CAMERA",
         min=0.0,
         soft_max=10.0,
@@ -124,19 +124,19 @@ class CTMCDrawing(PropertyGroup):
     )
     depth_mm: decimal(
         "Depth",
-        "How deep Scissors cut, from what the view sees first of the structure in the lasso. 0 = through everything",
+        "How deep Scissors cut, from the nearest point of the structure in the lasso. 0 = through everything",
         unit="CAMERA",
         min=0.0,
         soft_max=200.0,
         max=5000.0,
         precision=1,
     )
-    use_range: boolean("Stay in Range", "Brush, growing and margin touch only values in the range")
+    use_range: boolean("Stay in Range", "Brush, growing and margin change only values in the range")
     low: decimal("From", "Lowest value, in HU or gray values", default=150.0, precision=1, step=500)
     high: decimal("To", "Highest value, in HU or gray values", default=3000.0, precision=1, step=500)
     margin_mm: decimal(
         "Margin",
-        "By how much Margin grows the structure; below 0 shrinks it",
+        "Distance by which Margin grows the structure; a negative one shrinks it",
         unit="CAMERA",
         default=2.0,
         soft_min=-20.0,
@@ -146,16 +146,16 @@ class CTMCDrawing(PropertyGroup):
         precision=1,
     )
     islands_ml: decimal(
-        "Smaller [ml]", "Islands that are smaller are removed", default=0.1, min=0.0, soft_max=10.0, precision=3
+        "Smaller [ml]", "Remove islands smaller than this", default=0.1, min=0.0, soft_max=10.0, precision=3
     )
     other: text("With", "The structure to combine with")
     combination: choice(
         "Combine",
-        "What is left of the structure",
+        "How to combine the structures",
         items=[
-            ("or", "Add", "What either of the two has"),
-            ("minus", "Take Away", "What the other one does not have"),
-            ("and", "Overlap", "What both have"),
+            ("or", "Add", "Voxels in either structure"),
+            ("minus", "Subtract", "Voxels not in the other structure"),
+            ("and", "Overlap", "Voxels in both structures"),
         ],
     )
 

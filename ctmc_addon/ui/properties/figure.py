@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What figures are made with: `scene.ctmc_figure`, generated from blender.figure.spec.
+"""Settings of figures: `scene.ctmc_figure`, generated from blender.figure.spec.
 
 Beside the generated properties stand what the panel alone asks: which kind, format and file, and the switches. As in
 settings.py, this module must not hold `bpy` itself, nor anything that does.
@@ -17,7 +17,7 @@ from ...core import defaults, descriptions
 from .described import as_typed, property_of, tooltip, with_unit
 from .kinds import boolean, choice, text
 
-FRAMES = "frames"  # in place of a video's suffix
+FRAMES = "frames"  # instead of a video's suffix
 OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (
@@ -69,11 +69,11 @@ def panel_properties() -> dict[str, Any]:
     """Return the properties that the panel alone asks for."""
     from ...blender.figure.spec import VIDEO_FORMATS, Comparison
 
-    frames = (FRAMES, "PNG Frames", "A folder with a picture for every frame")
+    frames = (FRAMES, "PNG Frames", "A folder with one picture per frame")
     properties: dict[str, Any] = {
         "kind": choice(
             "Kind",
-            "What is made",
+            "Kind of figure",
             items=[
                 ("figure", "Figure", "The selected surfaces on a page, a PNG"),
                 ("sheet", "Sheet", "The CT with several settings, side by side, a PNG"),
@@ -82,19 +82,19 @@ def panel_properties() -> dict[str, Any]:
             ],
         ),
         "write_blend": boolean(
-            "Write .blend", "Write the figure's own scene beside it, to be changed and rendered again", default=True
+            "Write .blend", "Also write the figure's scene, to change and render it again", default=True
         ),
         "use_caption": boolean("Use Caption", "Write a caption under the figure", default=True),
         "film": choice(
             "Format",
-            "What a turntable is written as, where its name has no suffix",
+            "Format of a turntable whose name has no suffix",
             items=[*((suffix, suffix[1:].upper(), "A video") for suffix in VIDEO_FORMATS), frames],
         ),
     }
     for name in COMPARED:
         properties[f"use_{name}"] = boolean(
             f"Compare {descriptions(Comparison)[name].label}",
-            "Compare these; where two are compared, the first goes down and the second across",
+            "Compare these; if two settings are compared, the first goes down and the second across",
             default=name == "strides",
         )
     return properties

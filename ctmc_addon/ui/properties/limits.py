@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a setting of core is kept by Blender: whether it has a switch, and its limits in float32.
+"""Adapt a setting of core to Blender: whether it has a switch, and its limits in float32.
 
 As in settings.py, this module must not hold `bpy` itself.
 """

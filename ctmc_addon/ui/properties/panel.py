@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What only the panel has: settings shown as a person thinks of them, the preview, the rotation test.
+"""Settings of the panel only: those shown as a person thinks of them, the preview, the rotation test.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -145,13 +145,13 @@ def panel_properties() -> dict[str, Any]:
     return {
         "surface_from": choice(
             "Surface From",
-            "Whether one surface is sought at a gray value, or those of structures",
+            "Make one surface at a gray value, or one for each structure",
             items=[
-                ("threshold", "Threshold", "At a gray value: what is at or above it is inside"),
+                ("threshold", "Threshold", "At a gray value: values at or above it are inside"),
                 (
                     "label",
                     "Structures",
-                    "Several structures at once: labels, and thresholds that were added to the list",
+                    "Several structures at once: labels, and thresholds added to the list",
                 ),
             ],
             get=get_surface_from,
@@ -159,22 +159,22 @@ def panel_properties() -> dict[str, Any]:
         ),
         "goal": choice(
             "Simplify To",
-            "What simplification aims at",
+            "Target of the simplification",
             items=[
-                (NO_GOAL, "None", "Leave every triangle"),
+                (NO_GOAL, "None", "Keep every triangle"),
                 ("reduction", "Ratio", "A share of the triangles"),
                 ("target_faces", "Triangles", "A number of triangles"),
-                ("max_error_mm", "Maximum Error", "As few triangles as keep the surface within a distance"),
+                ("max_error_mm", "Maximum Error", "As few triangles as possible within a distance of the full surface"),
             ],
             get=get_goal,
             set=set_goal,
         ),
         "method": choice(
             "Method",
-            "What simplifies",
+            "Simplification method",
             items=[
                 ("builtin", "Built-In", "Quadric error simplification, once: exact, and the mesh is small"),
-                ("decimate", "Decimate", "Blender's modifier, which stays live; it knows no maximum error"),
+                ("decimate", "Decimate", "Blender's modifier, which stays live; it has no maximum error"),
             ],
             get=get_method,
             set=set_method,
@@ -197,7 +197,7 @@ def panel_properties() -> dict[str, Any]:
         ),
         "region_in": choice(
             "Unit",
-            "Unit of the region's numbers; another leaves the box where it is",
+            "Unit of the region's numbers; changing it does not move the box",
             items=[("voxel", "Voxels", "Voxel indices"), ("mm", "mm", "RAS+ millimeters")],
             get=get_unit,
             set=set_unit,
@@ -231,20 +231,18 @@ def panel_properties() -> dict[str, Any]:
         ),
         "rotation_kind": choice(
             "Motion",
-            "What is timed",
+            "Motion to time",
             items=[
                 ("rotate", "Rotate", "Turn about the patient's long axis"),
                 ("zoom", "Zoom", "Draw nearer and back"),
                 ("pan", "Pan", "Move sideways and back"),
             ],
         ),
-        "rotation_levels": text(
-            "Levels [%]", "Shares of triangles to remove that are compared [%]", default="0, 50, 90"
-        ),
+        "rotation_levels": text("Levels [%]", "Shares of removed triangles to compare [%]", default="0, 50, 90"),
         "rotation_step": integer(
             "Step [°]", "Angle between two pictures [degrees]. Smaller = more pictures", default=20, min=1, max=180
         ),
         "rotation_rounds": integer(
-            "Rounds", "How often each level is turned. Larger = steadier mean", default=5, min=1, max=100
+            "Rounds", "How often to turn each level. Larger = steadier mean", default=5, min=1, max=100
         ),
     }

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What belongs to the machine and not to a file: threads, preview budget, scene scale, memory limit, units."""
+"""Preferences of the machine, not of a file: threads, preview budget, scene scale, memory limit, units."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
 
     threads: IntProperty(
         name="Threads",
-        description="Threads that extract and read. 0 = one for each processor, at most 8. The result is the same",
+        description="Threads for extracting and reading. 0 = one for each processor, at most 8. Results are the same",
         default=0,
         min=0,
         max=64,
@@ -46,7 +46,7 @@ class CTMCPreferences(bpy.types.AddonPreferences):
     )
     scene_scale: FloatProperty(
         name="Scene Scale",
-        description="Blender units of 1 mm, for new surfaces. Exports are in millimeters whatever it is",
+        description="Blender units per mm, for new surfaces. Exports are always in millimeters",
         default=SCALE,
         min=0.0001,
         max=10.0,

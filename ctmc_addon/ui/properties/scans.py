@@ -18,13 +18,13 @@ from .structures import structure_properties
 
 OWN = {
     "volume_path": text("CT", "File or folder that the CT was read from"),
-    "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
-    "threshold": decimal("Threshold", "What is at or above it is inside [HU or gray value]"),
+    "volume_fingerprint": text("Fingerprint", "Fingerprint of the CT"),
+    "threshold": decimal("Threshold", "Values at or above it are inside [HU or gray value]"),
     "use_threshold": boolean("Threshold", "Whether a threshold was chosen"),
-    "upper": decimal("Upper Limit", "What is above it is outside [HU or gray value]"),
+    "upper": decimal("Upper Limit", "Values above it are outside [HU or gray value]"),
     "use_upper": boolean("Upper Limit", "Whether there is an upper limit"),
     "label": integer("Label", "Value of the label in the volume"),
-    "use_label": boolean("Structures", "Whether surfaces are made of the list"),
+    "use_label": boolean("Structures", "Whether surfaces are made from the list"),
 }
 """Besides structures and how it was read; a value stands before its switch, which it would switch on."""
 CTMCScan = type(
@@ -50,7 +50,7 @@ def take_over(target: Any, source: Any) -> None:
 
 
 def copy_lines(target: Any, source: Any) -> None:
-    """Copy the lines of a list into another, in place of those it has."""
+    """Replace the lines of a list by copies of those of another."""
     target.clear()
     for line in source:
         new = target.add()

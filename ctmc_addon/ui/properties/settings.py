@@ -31,7 +31,7 @@ OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 
 
 class SettingsMethods(StructureMethods):
-    """What `scene.ctmc` can do beside holding its properties."""
+    """Methods of `scene.ctmc`."""
 
     def to_settings(self) -> ReconstructionSettings:
         """Return the settings as core takes them, checked.
@@ -119,7 +119,7 @@ def volume_properties() -> dict[str, Any]:
     """Return what the file knows of its CT, and how it is to be read."""
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
-        "volume_fingerprint": text("Fingerprint", "To know the CT again by"),
+        "volume_fingerprint": text("Fingerprint", "Fingerprint of the CT"),
     } | {**structure_properties(), **scene_properties()}
 
 

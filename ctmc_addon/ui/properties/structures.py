@@ -34,7 +34,7 @@ _filling: list[bool] = []  # not empty while code fills the list
 
 @contextmanager
 def filling() -> Iterator[None]:
-    """Fill the list without telling anybody, and without ticks that follow each other."""
+    """Fill the list without sending change events."""
     _filling.append(True)
     _ticking.append(True)
     try:
@@ -106,22 +106,22 @@ def on_limits(item: Any, _context: Any) -> None:
 
 
 class CTMCLabel(PropertyGroup):
-    """A structure: what it is made of, its name, color and opacity, and whether a surface is made of it."""
+    """A structure: its source, name, color and opacity, and whether to make a surface of it."""
 
     kind: choice(
         "Made Of",
-        "What tells the structure from the rest",
+        "How the structure is defined",
         items=[(LABEL, "Label", "Voxels that have its number"), (THRESHOLD, "Threshold", "Values of the CT")],
     )
     value: integer("Value", "Value of the label in the volume")
-    threshold: decimal("Threshold", "What is at or above it is inside [HU or gray value]", update=on_limits)
+    threshold: decimal("Threshold", "Values at or above it are inside [HU or gray value]", update=on_limits)
     use_upper: boolean("Upper Limit", "Whether there is an upper limit", update=on_limits)
-    upper: decimal("Upper Limit", "What is above it is outside [HU or gray value]", update=on_limits)
-    source: text("Source", "Which of the sources of labels it is of; empty for the CT's own", options={"HIDDEN"})
+    upper: decimal("Upper Limit", "Values above it are outside [HU or gray value]", update=on_limits)
+    source: text("Source", "Label source of the structure; empty for the CT's own labels", options={"HIDDEN"})
     chosen: boolean("Reconstruct", "Make a surface of this structure", update=on_tick)
     name: text(
         "Name",
-        "What the structure is; its surface is called so. Double-click to change it",
+        "Name of the structure and of its surface. Double-click to change it",
         update=on_look("label_name"),
     )
     color: decimals(
@@ -135,8 +135,8 @@ class CTMCLabel(PropertyGroup):
     )
     opacity: decimal(
         "Opacity",
-        "How opaque the structure's surface is, in the viewport, renders, figures and exports; "
-        "made alone, a surface begins opaque",
+        "How opaque the structure's surface is, in the viewport, renders, figures and exports; a "
+        "surface made alone starts opaque",
         subtype="FACTOR",
         min=0.0,
         max=1.0,
@@ -150,13 +150,13 @@ class CTMCLabel(PropertyGroup):
 class CTMCLabelSource(PropertyGroup):
     """A file or mask whose labels are structures of the CT; `state.structures` holds its voxels by the key."""
 
-    key: text("Key", "To know its labels again by", options={"HIDDEN"})
+    key: text("Key", "Fingerprint of its labels", options={"HIDDEN"})
     path: text("Path", "File or folder that the labels were read from; empty where they were made here")
-    offset: integer("Offset", "What is added to its numbers, so that no label has another's", options={"HIDDEN"})
+    offset: integer("Offset", "Offset of its numbers, so that no two labels share one", options={"HIDDEN"})
 
 
 class StructureMethods:
-    """What `scene.ctmc` can do with its structures."""
+    """Methods of `scene.ctmc` for its structures."""
 
     labels: Any
     label_sources: Any
@@ -164,7 +164,7 @@ class StructureMethods:
     use_label: Any
 
     def structure_of(self, settings: ReconstructionSettings) -> Any:
-        """Return the line of the list that a surface of these settings is of; None where there is none."""
+        """Return the line of the list for a surface with these settings, or None."""
         return next((item for item in self.labels if is_made_of(item, settings)), None)
 
     def ticked_settings(self, settings: ReconstructionSettings) -> list[ReconstructionSettings]:
@@ -251,7 +251,7 @@ def structure_properties() -> dict[str, Any]:
     """Return what the file knows of the structures of its CT."""
     return {
         "labels": collection("Structures", "Structures of the CT", type=CTMCLabel),
-        "label_index": integer("Structure", "Line of the list that is marked"),
+        "label_index": integer("Structure", "Selected line of the list"),
         "label_sources": collection("Label Sources", "Where the labels come from", type=CTMCLabelSource),
     }
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the viewport shows beside the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
+"""What the viewport shows besides the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -99,9 +99,9 @@ def set_level(view: Any, level: float) -> None:
 
 
 class CTMCView(PropertyGroup):
-    """What the viewport shows of the CT itself."""
+    """Settings of the CT's display in the viewport."""
 
-    show_slice: boolean("Slice in Viewport", "Show a slice of the CT at its true place", default=True)
+    show_slice: boolean("Slice in Viewport", "Show a slice of the CT at its true position", default=True)
     show_letters: boolean(
         "Orientation Letters",
         "Show the patient's sides: R and L, A and P (front and back), S and I (head and feet)",
@@ -109,7 +109,7 @@ class CTMCView(PropertyGroup):
     )
     plane: choice(
         "Plane",
-        "Which way the slice lies in the patient",
+        "Orientation of the slice in the patient",
         items=[
             ("axial", "Axial", "Across the body; the slider runs from the feet to the head"),
             ("coronal", "Coronal", "As seen from the front; the slider runs from back to front"),
@@ -118,7 +118,7 @@ class CTMCView(PropertyGroup):
     )
     position: decimal(
         "Position",
-        "Where the slice lies: 0 = feet, back or left end of the volume, 1 = head, front or right end",
+        "Position of the slice: 0 = feet, back or left end of the volume, 1 = head, front or right end",
         subtype="FACTOR",
         min=0.0,
         max=1.0,

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who hears of a change of a setting. Knows no Blender, so that properties may import it."""
+"""Subscriptions to changes of settings. Does not import Blender, so that properties can import it."""
 
 from __future__ import annotations
 

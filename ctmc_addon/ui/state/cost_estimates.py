@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the settings of the panel will cost, all surfaces together; finished surfaces make the next estimate better."""
+"""Estimate the cost of the panel's settings for all surfaces; finished surfaces improve the next estimate."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was drawn, for other programs: a `.seg.nrrd` beside the .blend, written whenever that is saved.
+"""Write drawings for other programs: a `.seg.nrrd` beside the .blend, whenever that is saved.
 
 The .blend itself holds the drawing, so this file may be moved or deleted; 3D Slicer opens it, and so does Load Labels.
 """

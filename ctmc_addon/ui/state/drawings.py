@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was drawn, in the file: each a line of the list of structures, and a source of its labels, the mask."""
+"""Keep drawings in the file: each is a line of the list of structures, and a source of labels, the mask."""
 
 from __future__ import annotations
 

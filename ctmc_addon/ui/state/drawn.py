@@ -20,7 +20,7 @@ class Drawn:
         The mask as labels of the list of structures. After every change of the file they are another volume, as what
         is known of a volume, such as where its labels lie, is kept with it.
     unpacked : dict of int to bytes
-        The slices of the file that the mask was made of.
+        Slices of the file that the mask was made from.
     revision : int
         Another number after every change of the mask; what shows it asks whether it has shown this one.
     hash : str

@@ -117,7 +117,7 @@ class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
 
     bl_idname = "ctmc.scissors"
     bl_label = "Scissors"
-    bl_description = "Remove from a structure what a lasso encloses in the view; with Ctrl, what it does not"
+    bl_description = "Remove from a structure what a lasso encloses in the view; Ctrl removes everything else"
     bl_icon = "ops.sculpt.lasso_trim"
     bl_keymap = keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
 
@@ -169,8 +169,8 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
     """Say place and value under the mouse in the status bar, and let the event through."""
 
     bl_idname = "ctmc.draw_hover"
-    bl_label = "Place and Value"
-    bl_description = "Say place and value under the mouse in the status bar"
+    bl_label = "Position and Value"
+    bl_description = "Show position and value under the mouse in the status bar"
     bl_options = {"INTERNAL"}  # noqa: RUF012  (Blender reads it from the class)
 
     needs = (volumes.has_volume,)

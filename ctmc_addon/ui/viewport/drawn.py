@@ -43,7 +43,7 @@ def seen_color(item: Any) -> tuple[float, ...]:
 
 
 def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Iterator[OverlayPicture]:
-    """Yield what was drawn, in a slice, a picture for each structure; made anew only when it has changed."""
+    """Yield a picture of each drawn structure in a slice, made again only when it has changed."""
     active, scale = drawings.active(scene), machine().scale
     for item in drawings.structures(scene):
         if not item.shown:

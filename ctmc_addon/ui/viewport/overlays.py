@@ -85,7 +85,7 @@ def ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]],
 
 
 def slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
-    """Return the slice as it is now, made anew only when something about it has changed."""
+    """Return the current slice, made again only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
     labels, bands = wanted_labels(settings), ticked_bands(settings)

@@ -72,7 +72,7 @@ def after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None
 
 
 def after_undo(scene: bpy.types.Scene, *_: Any) -> None:
-    """Take all pictures anew: undo restores the positions of slices, but not their pictures."""
+    """Update all pictures: undo restores the positions of slices, but not their pictures."""
     bpy.context.view_layer.update()  # the world matrices of what undo brought back are not there before
     show(scene, again=True)
     show_from_sides(scene)

@@ -90,7 +90,7 @@ def test_what_cannot_be_compared_is_refused(given, said):
 
 def test_alpha_on_a_bare_label_is_refused(scene, tmp_path):
     label = Volume((np.indices((8, 8, 8)).sum(axis=0) < 9).astype(np.uint8), np.eye(4))
-    with pytest.raises(SettingsError, match="a bare label has none"):
+    with pytest.raises(SettingsError, match="a label that is not smoothed"):
         sheet(label, tmp_path / "a.png", ReconstructionSettings(label=1, smoothing="none"), alphas=[0.0, 1.0])
 
 
@@ -162,12 +162,12 @@ def test_the_same_surface_has_no_distance(scene, volume, tmp_path):
 
 
 def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
-    with pytest.raises(OutputError, match="workbench shows no map"):
+    with pytest.raises(OutputError, match="workbench shows no distance map"):
         sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, style=FigureStyle(engine="workbench"))
     with pytest.raises(SettingsError, match="must end between"):
         sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, limit_mm=0.0)
     decimating = ReconstructionSettings(threshold=60.0, simplifier="decimate", reduction=0.5)
-    with pytest.raises(SettingsError, match="leave --simplifier decimate out"):
+    with pytest.raises(SettingsError, match="leave out --simplifier decimate"):
         sheet(volume, tmp_path / "a.png", decimating, strides=[(1, 1)])
     assert not list(tmp_path.iterdir())
     assert len(bpy.data.scenes) == 1

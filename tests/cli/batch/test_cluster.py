@@ -57,7 +57,7 @@ def test_a_lost_workers_case_is_done_elsewhere_with_the_same_files(cluster, tmp_
 def test_the_extension_calls_no_scheduler(monkeypatch):
     monkeypatch.setattr(scheduler, "__name__", "bl_ext.user_default.ctmc.ctmc_addon.cli.scheduler")
     monkeypatch.setattr("asyncio.run", None)
-    with pytest.raises(scheduler.CtmcError, match="the extension in Blender asks for no network"):
+    with pytest.raises(scheduler.CtmcError, match="the Blender extension does not use the network"):
         scheduler.Scheduler("tcp://127.0.0.1:8786")
 
 
@@ -67,15 +67,15 @@ def test_a_scheduler_that_does_not_answer_is_said_with_the_time(refused, tmp_pat
     with socket.create_server(("127.0.0.1", 0)) as taken:
         port = taken.getsockname()[1]
     sentence = refused("batch", tmp_path, "-o", tmp_path / "out", "--scheduler", f"tcp://127.0.0.1:{port}")
-    assert f"the scheduler tcp://127.0.0.1:{port} did not answer, tried for " in sentence
+    assert f"the scheduler tcp://127.0.0.1:{port} did not answer within " in sentence
     assert not (tmp_path / "out").exists()
 
 
 @pytest.mark.parametrize(
     ("reply", "words"),
     [
-        (b"", "did not answer, tried for "),  # a scheduler that hangs
-        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "is not a scheduler; check the port"),  # its web page
+        (b"", "did not answer within "),  # a scheduler that hangs
+        (b"HTTP/1.1 400 Bad Request\r\n\r\n", "is not a dask scheduler; check the port"),  # its web page
     ],
 )
 def test_what_takes_the_call_and_is_no_scheduler_is_given_up(refused, tmp_path, monkeypatch, reply, words):

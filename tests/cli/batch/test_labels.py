@@ -18,8 +18,8 @@ def test_each_label_of_lits_is_said_to_be_from_the_segmentation(ctmc, phantom_fo
     for label in (1, 2):
         report = json.loads((tmp_path / "out" / f"volume-4-label-{label}.json").read_text("utf-8"))
         assert report["settings"]["label"] == label
-        note = "volume-4.nii.gz holds gray values: labels are taken from segmentation-4.nii.gz beside it"
-        assert [said for said in report["notes"] if "taken from" in said] == [note]
+        note = "volume-4.nii.gz holds gray values; labels come from segmentation-4.nii.gz beside it"
+        assert [said for said in report["notes"] if "labels come from" in said] == [note]
 
 
 @pytest.mark.usefixtures("scene")

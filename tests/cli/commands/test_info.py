@@ -56,7 +56,7 @@ def test_a_slice_of_a_folder_is_not_said_to_hold_its_labels(ctmc, phantom_folder
     first = sorted((phantom_folder / "png").iterdir())[0]
     out = facts(ctmc("info", first))
     assert f"{first.name} is one slice: its folder was read" in out
-    assert "labels are taken from" not in out
+    assert "labels come from" not in out
 
 
 def test_flip_and_spacing_change_what_is_said(ctmc, phantom_folder):
@@ -90,9 +90,9 @@ def test_voxels_without_a_value_are_counted(ctmc, tmp_path):
     values = np.zeros((3, 4, 5), np.float32)
     values[1, 1, 1:3] = np.nan, np.inf
     np.save(tmp_path / "broken.npy", values)
-    assert "2 are NaN or infinite, --nan-as gives them a value" in facts(ctmc("info", tmp_path / "broken.npy"))
+    assert "2 are NaN or infinite: replace them with --nan-as" in facts(ctmc("info", tmp_path / "broken.npy"))
     np.save(tmp_path / "broken.npy", np.full((3, 4, 5), np.nan))
-    assert "no number, gray values; 60 are NaN" in facts(ctmc("info", tmp_path / "broken.npy"))
+    assert "no finite value, gray values; 60 are NaN" in facts(ctmc("info", tmp_path / "broken.npy"))
 
 
 @pytest.mark.parametrize(

@@ -75,7 +75,7 @@ def test_a_ct_on_another_grid_is_refused_before_surfaces_are_made(refused, case,
     folder, _, _ = case
     monkeypatch.setattr(measure, "surfaces_steps", lambda *_: pytest.fail("surfaces were made"))
     sentence = refused("measure", folder / "moved.nii", "--ct", folder / "volume-3.nii", "--label", "all")
-    assert "beside the samples of the CT" in sentence
+    assert "away from those of the CT" in sentence
 
 
 def test_a_threshold_is_measured_in_its_own_volume(ctmc, case, tmp_path):
@@ -93,9 +93,9 @@ def test_a_threshold_is_measured_in_its_own_volume(ctmc, case, tmp_path):
     [
         (
             ["moved.nii", "--ct", "volume-3.nii", "--label", "all"],
-            "moved lies up to 1.5 mm beside the samples of the CT; resample it",
+            "moved has samples up to 1.5 mm away from those of the CT; resample it",
         ),
-        (["moved.nii", "--ct", "segmentation-3.nii", "--label", "1"], "has labels; give the CT to --ct"),
+        (["moved.nii", "--ct", "segmentation-3.nii", "--label", "1"], "holds labels; give the CT with --ct"),
         (["moved.nii", "--label", "7"], "the labels are 1, 2"),
     ],
 )
@@ -109,8 +109,8 @@ def test_bad_input_is_one_sentence_and_leaves_no_file(refused, case, tmp_path, w
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (["--simplify", 0.5, "--simplifier", "decimate"], "leave --simplifier decimate out"),
-        (["--ct", "none.nii", "--threshold", 2], "--ct is the CT of labels"),
+        (["--simplify", 0.5, "--simplifier", "decimate"], "leave out --simplifier decimate"),
+        (["--ct", "none.nii", "--threshold", 2], "--ct needs labels"),
     ],
 )
 def test_flags_that_cannot_be_are_refused_before_anything_is_read(misused, tmp_path, words, sentence):

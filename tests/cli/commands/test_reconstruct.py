@@ -125,7 +125,7 @@ def test_a_surface_that_is_open_has_no_volume(ctmc, phantom_folder, tmp_path):
 def test_the_sibling_segmentation_is_taken_and_said(ctmc, phantom_folder, tmp_path):
     outcome = ctmc("reconstruct", phantom_folder / "volume-4.nii.gz", "-o", tmp_path / "liver.ply", "--label", "1")
     assert outcome.code == 0, outcome.errors
-    assert "labels are taken from segmentation-4.nii.gz beside it" in outcome.out
+    assert "labels come from segmentation-4.nii.gz beside it" in outcome.out
 
 
 def test_one_slice_of_a_folder_takes_no_labels_from_it(ctmc, tmp_path):

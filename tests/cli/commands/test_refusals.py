@@ -81,7 +81,7 @@ def test_a_label_is_not_sought_among_hounsfield_units(refused, phantom_folder, t
 def test_a_case_of_lits_without_its_labels_is_told_which_file_is_missing(refused, phantom_folder, tmp_path):
     shutil.copy(phantom_folder / "volume-4.nii.gz", tmp_path / "volume-6.nii.gz")
     sentence = refused("measure", tmp_path / "volume-6.nii.gz", "--label", "liver")
-    assert "volume-6.nii.gz holds HU, and segmentation-6.nii.gz is not beside it; put it there" in sentence
+    assert "volume-6.nii.gz holds HU, and segmentation-6.nii.gz is not in its folder; put it there" in sentence
     assert "dicom holds HU, which are densities" in refused("measure", phantom_folder / "dicom", "--label", "liver")
 
 
@@ -112,7 +112,7 @@ def test_a_place_that_cannot_be_written_is_said_before_the_work(refused, tmp_pat
     (tmp_path / "file").write_text("")
     # INPUT does not exist: had reading begun, the sentence would be about it.
     assert words in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / name)
-    assert "--figure b.png makes it" in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / "b.png")
+    assert "add --figure b.png" in refused("reconstruct", tmp_path / "no input", "-o", tmp_path / "b.png")
     assert "an empty name needs one of the suffixes" in refused("reconstruct", tmp_path / "no input", "-o", "")
 
 

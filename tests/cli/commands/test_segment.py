@@ -128,13 +128,16 @@ def test_a_background_point_takes_voxels_away(ctmc, ct, tmp_path):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("-o", "l.seg.nrrd", "--seed", "liver", 99, 0, 3), "the point 99 0 3 lies outside of the volume"),
+        (("-o", "l.seg.nrrd", "--seed", "liver", 99, 0, 3), "the point 99 0 3 lies outside the volume"),
         (
             ("-o", "l.stl", "--seed", "liver", 20, 0, 3),
             "l.stl needs one of the suffixes .seg.nrrd, .nrrd, .nii, .nii.gz, .dcm; it",
         ),
         (("-o", "l.csv.gz", "--seed", "liver", 20, 0, 3), "needs one of the suffixes .seg.nrrd"),
-        (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "spleen", 2), "there is no structure 'spleen'"),
+        (
+            ("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "spleen", 2),
+            "--margin names 'spleen', but no structure has that name",
+        ),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--margin", "liver", -90), "nothing is left of liver"),
         (("-o", "l.nrrd", "--seed", "liver", 20, 0, 3, "--max-mm", 0), "--max-mm must be from 0.01 to 10000, not 0"),
         (
@@ -158,7 +161,7 @@ def test_labels_of_another_grid_are_refused(refused, ct, tmp_path):
     moved[0, 3] += 1
     nibabel.save(nibabel.Nifti1Image(ball(20, 0, 3, 9).astype(np.uint8).T, moved), tmp_path / "labels.nii")
     words = ("-o", tmp_path / "l.nrrd", "--from", tmp_path / "labels.nii", "--margin", "label 1", 3)
-    assert "lies up to 1 mm beside the samples of the CT" in refused("segment", ct, *words)
+    assert "has samples up to 1 mm away from those of the CT" in refused("segment", ct, *words)
 
 
 def saved(values, affine, path):
@@ -189,7 +192,7 @@ def test_labels_in_another_order_of_the_axes_are_put_on_the_grid_of_the_ct(ctmc,
 def test_labels_above_255_are_numbered_anew_with_a_note(ctmc, ct, tmp_path):
     labels = saved(np.where(ball(20, 0, 3, 9), 4000, 0).astype(np.int16), AFFINE, tmp_path / "labels.nii")
     done = ctmc("segment", ct, "-o", tmp_path / "l.nii", "--from", labels, "--margin", "label 4000", 3)
-    assert "numbered anew, as one is 4000" in done.out
+    assert "renumbered, because one is 4000" in done.out
     assert set(np.unique(readers.read_volume(tmp_path / "l.nii").values)) == {0, 1}
 
 
@@ -200,7 +203,7 @@ def test_segments_of_a_file_keep_their_colors_and_stay_two_where_they_have_one_n
     content = first.read_bytes().replace(b"Name:=spleen", b"Name:=liver").replace(b"0.478431", b"0.200000")
     first.write_bytes(content)
     done = ctmc("segment", ct, "-o", tmp_path / "l.seg.nrrd", "--from", first, "--margin", "liver", 4)
-    assert "has two structures called liver; the second is liver 2 here" in done.out
+    assert "has two structures called liver; the second is renamed liver 2" in done.out
     _, header = nrrd.read(str(tmp_path / "l.seg.nrrd"))
     assert [header[f"Segment{at}_Name"] for at in (0, 1)] == ["liver", "liver 2"]
     assert header["Segment0_Color"].startswith("0.2 ")
@@ -219,7 +222,7 @@ def test_notes_say_what_a_person_may_not_expect(ctmc, ct, tmp_path):
     points = ("--seed", "liver", 20, 0, 3, "--margin", "liver", 0.5)
     done = ctmc("segment", ct, "-o", tmp_path / "l.nrrd", *points)
     notes = " ".join(done.out.split())
-    assert "0.5 mm change nothing of liver, as voxels are 2 mm apart" in notes
+    assert "A margin of 0.5 mm does not change liver, because voxels are 2 mm apart" in notes
     np.save(tmp_path / "ct.npy", values())
     done = ctmc("segment", tmp_path / "ct.npy", "-o", tmp_path / "m.nrrd", "--seed", "liver", -10, -15, 5)
     assert done.out.split("note")[1].split()
@@ -233,10 +236,10 @@ def test_a_point_out_of_range_region_or_values_is_named(refused, tmp_path):
     both = ("--method", "connected", "--range", 60, 140, "--seed", "liver", 20, 0, 3, "--seed", "liver", 0, -14, 3)
     sentence = refused("segment", ct, *out, *both)
     assert "the point 0 -14 3 of liver has the value" in sentence
-    assert "outside of the range 60 to 140" in sentence
-    assert "no value at the point -18 4 6, but NaN" in refused("segment", ct, *out, "--seed", "liver", -18, 4, 6)
+    assert "outside the range 60 to 140" in sentence
+    assert "the CT is NaN at the point -18 4 6" in refused("segment", ct, *out, "--seed", "liver", -18, 4, 6)
     region = ("--region", 10, -20, -10, 38, 20, 10, "--region-unit", "mm", "--seed", "liver", 0, 0, 3)
-    assert "the point 0 0 3 lies outside of the region" in refused("segment", ct, *out, *region)
+    assert "the point 0 0 3 lies outside the region" in refused("segment", ct, *out, *region)
 
 
 def test_a_full_disk_is_one_sentence(refused, ct, tmp_path, monkeypatch):
@@ -252,7 +255,7 @@ def test_a_full_disk_is_one_sentence(refused, ct, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        ((), "give a point, --seed NAME X Y Z"),
+        ((), "give a point with --seed NAME X Y Z"),
         (("--seed", "liver", 20, 0, "three"), "--seed takes finite numbers, not 20 0 three"),
         (("--seed", " ", 20, 0, 3), "--seed begins with the structure's name"),
         (("--seed", "liver", 20, 0, 3, "--method", "connected"), "needs --range LOW HIGH"),
@@ -263,7 +266,7 @@ def test_a_full_disk_is_one_sentence(refused, ct, tmp_path, monkeypatch):
         (("--from", "l.nrrd", "--margin", "a", 2, "--background", 20, 0, 3), "give the structure a point"),
         (("--seed", "a", 20, 0, 3, "--margin", "a", 2, "--margin", "a", 3), "--margin is given twice"),
         (("--seed", "liver", 20, 0, 3, "--opening-mm", 3), "--opening-mm is for --method connected"),
-        (("--seed", "liver", 20, 0, 3, "-o", "l.dcm"), "allow it by --with-identity, or write a .seg.nrrd"),
+        (("--seed", "liver", 20, 0, 3, "-o", "l.dcm"), "allow it with --with-identity, or write a .seg.nrrd"),
         (("--seed", "liver", 20, 0, 3, "--with-identity"), "--with-identity is for a DICOM segmentation"),
     ],
 )
@@ -278,7 +281,7 @@ def test_a_dicom_segmentation_needs_highdicom_and_dicom_images(refused, ct, tmp_
     highdicom = ModuleType("highdicom")
     highdicom.__version__ = "0.26.1"
     monkeypatch.setitem(sys.modules, "highdicom", highdicom)
-    assert "highdicom is 0.26.1 here, and a DICOM segmentation needs 0.27" in refused(*words)
+    assert "a DICOM segmentation needs highdicom 0.27 or newer, not 0.26.1" in refused(*words)
     highdicom.__version__ = "0.28.2"
-    assert "the DICOM images it was made on, and ct.nii is NIfTI" in refused(*words)
+    assert "must refer to DICOM images, and ct.nii is NIfTI" in refused(*words)
     assert not (tmp_path / "l.dcm").exists()

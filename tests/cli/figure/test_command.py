@@ -60,10 +60,10 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
     film = tmp_path / "a.mp4"
     film.write_bytes(b"mine")
     sentence = refused("figure", "turntable", ct, *words, "-o", film)
-    assert "a.mp4 is there already; replace it (--overwrite)" in sentence
+    assert "a.mp4 already exists; replace it (--overwrite)" in sentence
     done = ctmc("figure", "turntable", ct, *words, "-o", film, "--resume")
     assert (done.code, done.errors) == (0, [])
-    assert "a.mp4 is there already and was left as it is" in done.out
+    assert "a.mp4 already exists and was not changed" in done.out
     assert film.read_bytes() == b"mine"
     assert ctmc("figure", "turntable", ct, *words, "-o", film, "--overwrite").code == 0
     assert film.stat().st_size > 1000
@@ -77,7 +77,7 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
         (("figure", "-o", "a.png", "--width-mm", 0), "--width-mm: must be from 20 to 400, not 0"),
         (("figure", "-o", "a.png", "--elevation", 100), "--elevation: must be from -90 to 90, not 100"),
         (("figure", "-o", "a.png", "--names", "a", "b"), "2 names for 1 surfaces"),
-        (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a map of distances shows one label, not 2"),
+        (("figure", "-o", "a.png", "--label", 1, 2, "--deviation"), "a distance map shows one label, not 2"),
         (("figure", "-o", "a.png", "--label", 1, 2, "--opacity", "1=7"), "a share from 0 to 1"),
         (("figure", "sheet", "-o", "a.png"), "give one or two"),
         (("figure", "sheet", "-o", "a.png", "--levels", 100), "from 0 to 99"),
@@ -98,7 +98,7 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
     [
         (
             ("figure", "sheet", "-o", "a.png", "--label", 2, "--smoothing", "none", "--alphas", 0, 1),
-            "a bare label has none",
+            "a label that is not smoothed",
         ),
         (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),

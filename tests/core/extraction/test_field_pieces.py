@@ -261,9 +261,7 @@ def test_a_file_that_fails_in_the_middle_says_so():
             super().fill(out, slices, rows, columns)
 
     volume = Volume(Broken(waves()), AFFINE, name="ct")
-    with pytest.raises(
-        CtmcError, match=r"^ct cannot be read any more \(Input/output error\); load it from where it is"
-    ):
+    with pytest.raises(CtmcError, match=r"^ct can no longer be read \(Input/output error\); load it from where it is"):
         reconstruct(volume, ReconstructionSettings(threshold=120), Budget(slab_bytes=1))
 
 

@@ -87,7 +87,7 @@ def test_limits_that_contradict_each_other_or_the_values_are_refused():
     volume = Volume(distances(12), np.eye(4))
     with pytest.raises(SettingsError, match="upper 3 is below threshold 5"):
         ReconstructionSettings(threshold=5, upper=3)
-    with pytest.raises(SettingsError, match="upper 3 and label 1 are set together"):
+    with pytest.raises(SettingsError, match="upper 3 and label 1 cannot be set together"):
         ReconstructionSettings(label=1, upper=3)
     with pytest.raises(ThresholdError, match=r"upper limit 0\.1 is below the minimum"):
         reconstruct(volume, ReconstructionSettings(threshold=0, upper=0.1))

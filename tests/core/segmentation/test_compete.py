@@ -228,19 +228,19 @@ def test_blocks_are_about_as_long_as_wide():
 
 def test_competing_refuses_what_cannot_be():
     volume = Volume(np.zeros((8, 8, 8), np.int16), np.eye(4), kind="HU")
-    with pytest.raises(SettingsError, match="no click lies in a structure"):
+    with pytest.raises(SettingsError, match="no click marks a structure"):
         finish(compete_steps(volume, [Click((4, 4, 4), 0)]))
-    with pytest.raises(SettingsError, match="lies outside of the range"):
+    with pytest.raises(SettingsError, match="lies outside the range"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], np.zeros((8, 8, 8), bool)))
-    with pytest.raises(SettingsError, match="256 clicks compete"):
+    with pytest.raises(SettingsError, match="256 clicks are too many"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)] * 256))
     with pytest.raises(SettingsError, match=r"hu_per_mm must be from 0\.01 to 10000, not 0"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], hu_per_mm=0.0))
     with pytest.raises(SettingsError, match=r"max_mm must be from 0\.01 to 10000, not 1e"):
         finish(compete_steps(volume, [Click((4, 4, 4), 1)], max_mm=1e300))
-    with pytest.raises(SettingsError, match="of structure 300"):
+    with pytest.raises(SettingsError, match="names structure 300"):
         finish(compete_steps(volume, [Click((4, 4, 4), 300)]))
-    with pytest.raises(SettingsError, match="the volume has"):
+    with pytest.raises(SettingsError, match="the volume, which has"):
         finish(compete_steps(volume, [Click((9, 4, 4), 1)]))
 
 

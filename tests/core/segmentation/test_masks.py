@@ -267,7 +267,9 @@ def test_towards_an_empty_slice_a_structure_ends():
     assert not filled[4:].any()
 
 
-@pytest.mark.parametrize(("drawn", "words"), [([3], "1 slice is drawn"), ([1, 9], "slice 9 is none of 0 to 4")])
+@pytest.mark.parametrize(
+    ("drawn", "words"), [([3], "two or more drawn slices, not 1"), ([1, 9], "slice 9 is not one of 0 to 4")]
+)
 def test_between_slices_refuses_what_it_cannot_fill(drawn, words):
     with pytest.raises(SettingsError, match=words):
         finish(between_slices_steps(np.zeros((5, 4, 4), bool), SPACING, drawn=drawn))
@@ -318,7 +320,7 @@ def test_layers_hold_every_mask_whole():
         assert ((layers[layer] == number) == mask).all()
     apart = [np.arange(24).reshape(2, 3, 4) % 3 == rest for rest in range(3)]
     assert layers_of(apart)[1] == [0, 0, 0]
-    with pytest.raises(SettingsError, match="0 structures"):
+    with pytest.raises(SettingsError, match="1 to 255 structures, not 0"):
         layers_of([])
 
 

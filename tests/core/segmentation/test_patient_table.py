@@ -84,5 +84,5 @@ def test_labels_stay_and_gray_values_are_refused():
     values, affine = turned(phantom()[0], "LPS")
     labels = Volume((values > 0).astype(np.uint8), affine, kind="label")
     assert finish(without_table_steps(labels)) is labels
-    with pytest.raises(ReadError, match="known by its HU"):
+    with pytest.raises(ReadError, match="found only in HU"):
         finish(without_table_steps(Volume(values, affine)))

@@ -51,5 +51,5 @@ def test_a_file_that_is_gone_is_a_sentence(tmp_path):
     slabs = finish(open_volume(tmp_path / "ct.npy").slabs_steps())
     (tmp_path / "ct.npy").unlink()
     for fetch in (lambda: slabs.slab(0, 2), lambda: finish(slabs.in_memory_steps((2, 2, 2)))):
-        with pytest.raises(CtmcError, match=r"ct cannot be read any more .*; load it from where it is now"):
+        with pytest.raises(CtmcError, match=r"ct can no longer be read .*; load it from where it is now"):
             fetch()

@@ -288,14 +288,14 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
     chosen.use_levels, chosen.levels = True, "0 120"
     refused("figure_sheet", "from 0 to 99")
     chosen.levels, chosen.engine = "0 50", "workbench"
-    refused("figure_deviation", "workbench shows no map")
-    assert "workbench shows no map" in session.of(loaded).message
+    refused("figure_deviation", "workbench shows no distance map")
+    assert "workbench shows no distance map" in session.of(loaded).message
 
 
 def test_a_users_blend_of_that_name_is_not_replaced(surface, tmp_path):
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
     size = (tmp_path / "day.blend").stat().st_size
-    with pytest.raises(RuntimeError, match="is there already and is not a figure's"):
+    with pytest.raises(RuntimeError, match="already exists and is not a figure"):
         bpy.ops.ctmc.figure(filepath=str(tmp_path / "day.png"))
     assert (tmp_path / "day.blend").stat().st_size == size
     assert not (tmp_path / "day.png").exists()

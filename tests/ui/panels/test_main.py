@@ -115,7 +115,7 @@ def test_every_panel_but_the_steps_of_the_work_begins_closed(scene):
 
 
 def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
-    says = "The preview shows the first structure that is ticked"
+    says = "The preview shows the first ticked structure"
     scene.ctmc.show_labels([(1, "", (1, 0, 0)), (2, "", (0, 1, 0))])
     scene.ctmc.labels[0].chosen = True
     assert says not in " ".join(drawn(*panels.STEPS).texts)

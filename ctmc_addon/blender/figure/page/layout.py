@@ -191,7 +191,7 @@ def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float
 
 
 def legend_mm(rows: int, font: float) -> float:
-    """Return the height of a legend of so many rows, mm."""
+    """Return the height of a legend with some rows, mm."""
     return (rows - 1) * LEADING * font + font
 
 

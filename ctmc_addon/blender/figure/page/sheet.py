@@ -114,8 +114,8 @@ def sheet_steps(
     budget = budget or Budget()
     if comparison.alphas and not comparison.smoothings and not settings.alpha_matters:
         raise SettingsError(
-            "alpha moves vertices between gray values, and a bare label has none: "
-            "choose a threshold, or smooth the label (--threshold T, or --label N without --smoothing none)"
+            "alpha has no effect on a label that is not smoothed: choose a threshold, or smooth the "
+            "label (--threshold T, or --label N without --smoothing none)"
         )
     stages = Stages(STAGES)
     bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
@@ -138,7 +138,7 @@ def cells_steps(
     deviation: bool,
     budget: Budget,
 ) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
-    """Return every cell of a sheet, and its map of distances if there is to be one."""
+    """Return every cell of a sheet, and its distance map if there is to be one."""
     compared, maps = [], []
     for number, (title, settings) in enumerate(variants):
         stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
@@ -204,9 +204,7 @@ def deviation_figure_steps(
 def require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
     """Raise `SettingsError` for a simplifier that works in Blender, or a color bar that ends nowhere."""
     if settings.simplifies and settings.simplifier == "decimate":
-        raise SettingsError(
-            "distances are measured with the built-in simplifier; choose that one (leave --simplifier decimate out)"
-        )
+        raise SettingsError("distances need the built-in simplifier; choose it (leave out --simplifier decimate)")
     if limit_mm is not None and not 0 < limit_mm <= 1000:
         raise SettingsError(f"the color bar must end between 0 and 1000 mm, not at {limit_mm:g}")
 

@@ -104,9 +104,9 @@ def render_figure_steps(
     style : str
         One of `STYLES`.
     azimuth, elevation : float
-        Where the camera stands, degrees.
+        Camera position, degrees.
     names : sequence of str
-        What the objects are, for what hides a tumor; by default their own.
+        Names of the objects, to find those that hide a tumor; by default their own.
     chosen : sequence of float or None
         The opacity that a person has chosen for each.
     own_process : bool
@@ -148,4 +148,4 @@ def require_own_blend(path: Path) -> None:
         except (OSError, ValueError):  # not a .blend, or the one that is open
             own = False
         if not own:
-            raise OutputError(f"{path.name} is there already and is not a figure's; move it, or give another name")
+            raise OutputError(f"{path.name} already exists and is not a figure; move it, or choose another name")

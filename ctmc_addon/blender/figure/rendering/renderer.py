@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Who renders a figure's scene: this process, or a Blender of its own that can be ended at any moment.
+"""Render a figure's scene, in this process or in a separate Blender that can be ended at any moment.
 
 Nothing interrupts Blender while it renders: neither Ctrl-C nor Esc nor a window that wants to be drawn is heard before
 the picture is done. A process of its own gets the scene as a .blend in a hidden folder beside the output. Closing the
@@ -119,7 +119,9 @@ class RenderProcess:
             )
         except OSError as error:
             self.errors.close()
-            raise OutputError(f"no process could be started to render ({error.strerror}); end others first") from error
+            raise OutputError(
+                f"no process could be started to render ({error.strerror}); close other programs"
+            ) from error
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
         self._send(greeting(folder / SCENE))
@@ -145,11 +147,11 @@ class RenderProcess:
             try:
                 answer = json.loads(said)
             except ValueError as error:
-                raise RuntimeError(f"the process that renders said {said!r}") from error
+                raise RuntimeError(f"the rendering process reported {said!r}") from error
             if "sentence" in answer:
                 raise OutputError(answer["sentence"])
             if "defect" in answer:
-                raise RuntimeError(f"in the process that renders:\n{answer['defect']}")
+                raise RuntimeError(f"in the rendering process:\n{answer['defect']}")
             if "done" in answer:
                 return
             message = step.message.partition(", ")[0]

@@ -47,7 +47,7 @@ def serve(blend: str) -> None:
         bpy.ops.wm.open_mainfile(filepath=blend, load_ui=False, use_scripts=False)
     except RuntimeError as error:
         why = str(error).strip().removeprefix("Error: ")
-        say(out, line({"sentence": f"the scene cannot be read again to be rendered ({why}); choose another place"}))
+        say(out, line({"sentence": f"the scene to render cannot be read back ({why}); choose another folder"}))
         listening.join()  # It may be removing the folder, and ends this process.
     bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": share_of(str(text))})))
     while True:

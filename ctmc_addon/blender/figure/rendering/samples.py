@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How many samples Cycles takes of a pixel: some and a denoiser, or as many as the noise of the picture needs.
+"""Choose the samples Cycles takes per pixel: a few with a denoiser, or as many as the picture's noise needs.
 
 The soft light of illustrations is what is noisy. The other styles are lit by suns, and have as many samples as smooth
 outlines need; a denoiser would smear their triangle edges.

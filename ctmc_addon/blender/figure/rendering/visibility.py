@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a figure's camera sees of each surface, and what hides what from it: depth maps, compared cell by cell.
+"""Work out which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
 
 The camera is orthographic, so a surface is seen as its points (right, up, backward) in the camera's axes. Triangles are
 sampled so densely that no cell of a map is left out; the sample that is farthest backward, which is nearest to the
@@ -23,7 +23,7 @@ TOUCHING = 2.0  # cells: surfaces that lie this near to each other, such as shar
 
 @dataclass(frozen=True)
 class DepthMaps:
-    """How near each of several surfaces is to the camera, on one grid.
+    """Depths of several surfaces seen from the camera, on one grid.
 
     Parameters
     ----------
@@ -91,7 +91,7 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
 
 
 def barycentric(pieces: int) -> NDArray[np.float64]:
-    """Return the corners of a triangle whose sides are cut into so many pieces, (S, 3) shares of its corners.
+    """Return the corners of a triangle whose sides are cut into some pieces, (S, 3) shares of its corners.
 
     Examples
     --------

@@ -52,12 +52,12 @@ class Owners:
 
 
 def owner_type(labels: int) -> np.dtype[Any]:
-    """Return the smallest type that numbers so many labels and 0."""
+    """Return the smallest type that can number the labels and 0."""
     return np.min_scalar_type(labels)
 
 
 def owners_bytes(samples: int, voxels: int, labels: int, indicators: bool, between: bool) -> int:
-    """Bytes that the owners of so many samples take, and the labels of the voxels that they come from.
+    """Return the bytes for the owners of some samples, and for the labels of the voxels they come from.
 
     `between` if there are slices between those of the labels.
     """

@@ -175,7 +175,7 @@ def _connected_faces(difference: NDArray[np.float64], case: NDArray[np.intp]) ->
 
 
 def _tunnel(difference: NDArray[np.float64], decided: NDArray[np.intp]) -> NDArray[np.intp]:
-    """1 + the number of the tunnel in `TUNNELS`, 0 where there is none."""
+    """1 + the number of the tunnel in `TUNNELS`, or 0 without one."""
     tunnel = np.zeros(len(decided), np.intp)
     low, high = difference[list(LOW_FACE_CORNERS)], difference[[corner | 4 for corner in LOW_FACE_CORNERS]]
     # With a, b, c, d around a slice, a c - b d is positive where a and c are connected: start + slope z + bend z z.

@@ -188,7 +188,7 @@ class _Search:
 
     @property
     def alpha(self) -> float:
-        """The largest alpha at which no witness is below the angle; where there is none, the best one."""
+        """The largest alpha at which no witness is below the angle, or else the best one."""
         return self._at / STEPS
 
     @property

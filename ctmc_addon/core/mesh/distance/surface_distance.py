@@ -95,7 +95,7 @@ def surface_distance(mesh: TriangleMesh, reference: TriangleMesh) -> SurfaceDist
 def surface_distance_steps(
     mesh: TriangleMesh, reference: ReferenceSurface, threads: int | None = None
 ) -> Steps[SurfaceDistance]:
-    """`surface_distance` as steps, by so many threads, by default one for each processor."""
+    """`surface_distance` as steps, with `threads` threads, by default one for each processor."""
     if np.array_equal(mesh.vertices, reference.mesh.vertices) and np.array_equal(mesh.faces, reference.mesh.faces):
         return SurfaceDistance(0.0, 0.0, 0.0)
     preparing, measuring = STAGES

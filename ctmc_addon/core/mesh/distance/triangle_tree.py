@@ -84,7 +84,7 @@ class TriangleTree:
     def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
         """Take in a mesh."""
         if not len(mesh.faces):
-            raise MeshError("a mesh without triangles has no distance to anything; lower the threshold or reduction")
+            raise MeshError("no distance can be measured to a mesh without triangles; lower the threshold or reduction")
         low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)
         extent = float((high - low).max())
         self._low, self._cells_per_unit = low, (2**CODE_BITS - 1) / (extent or 1.0)
@@ -130,7 +130,7 @@ class TriangleTree:
     def distances_steps(
         self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
     ) -> Steps[Doubles]:
-        """`distances` as steps, by so many threads, by default one for each processor."""
+        """`distances` as steps, with `threads` threads, by default one for each processor."""
         out = np.empty(len(points))
 
         def measure(points: Doubles, block: NDArray[np.intp]) -> None:
@@ -196,7 +196,7 @@ class TriangleTree:
             pair, child = np.divmod(np.flatnonzero(near.T), BRANCH)
             box, point = box.take(pair) * BRANCH + child, point.take(pair)
             if len(point) > CROWD * points.shape[1]:
-                # The middle triangle of the box that is nearest to a point bounds its distance anew.
+                # The middle triangle of the box nearest to a point gives a new bound of its distance.
                 outside = outside[child, pair]
                 best = _least_of_each(point, outside)
                 triangle = np.minimum(box[best] * BRANCH**height + BRANCH**height // 2, len(self.order) - 1)

@@ -38,7 +38,7 @@ def keep_complex_components_steps(
     Returns
     -------
     surface : ComplexSurface
-        Triangles whose two sides have become the same are gone; vertices are numbered anew, in their order.
+        Triangles whose two sides are now the same are dropped; vertices are renumbered in their order.
     errors : dict of int to MeshError
         For every label of which nothing is left.
     """

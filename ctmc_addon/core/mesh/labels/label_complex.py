@@ -162,7 +162,7 @@ class Border(NamedTuple):
     Parameters
     ----------
     faces : (f, 3) int32
-        In their order in the complex; vertices numbered anew.
+        In their order in the complex; vertices are renumbered.
     beyond : (f,) int32
         The label on the other side of each triangle.
     used : (v,) int32

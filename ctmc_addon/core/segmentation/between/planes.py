@@ -44,7 +44,7 @@ class Outline(NamedTuple):
 class BetweenPlanes:
     """The body between two planes.
 
-    Samples inside of both planes are inside, those outside of both are outside: distances decide the others alone.
+    Samples inside both planes are inside, those outside both are outside: distances decide only the others.
 
     Parameters
     ----------

@@ -64,9 +64,11 @@ def between_slices_steps(
         drawn = np.flatnonzero(layers.any(axis=(1, 2))).tolist()
     numbers = np.array(sorted(set(drawn)), np.intp)
     if len(numbers) < 2:
-        raise SettingsError(f"{len(numbers)} slice is drawn, and between slices needs two or more; draw another")
+        raise SettingsError(f"filling between slices needs two or more drawn slices, not {len(numbers)}; draw another")
     if numbers[0] < 0 or numbers[-1] >= len(layers):
-        raise SettingsError(f"slice {numbers[-1] if numbers[0] >= 0 else numbers[0]} is none of 0 to {len(layers) - 1}")
+        raise SettingsError(
+            f"slice {numbers[-1] if numbers[0] >= 0 else numbers[0]} is not one of 0 to {len(layers) - 1}"
+        )
     measuring, filling, smoothing = STAGES
     stages = Stages(STAGES)
     first, columns = int(numbers[0]), layers.shape[2]
@@ -108,7 +110,7 @@ def drawn_axis(mask: Mask) -> int:
         return min(left_out, key=lambda axis: len(drawn[axis]) / (gaps[axis] + 1))
     in_one = [axis for axis in range(3) if len(drawn[axis]) < 2]
     if not in_one:
-        raise SettingsError("no slice is left out between those that are drawn; draw on slices that lie apart")
+        raise SettingsError("there is no slice to fill between the drawn ones; draw on slices farther apart")
     return in_one[0]
 
 

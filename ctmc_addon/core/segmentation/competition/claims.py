@@ -107,7 +107,7 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     structure : int
         0 for the surroundings.
     max_mm : float
-        How far the first click in a structure reaches.
+        Reach of the first click in a structure.
     """
     reach_mm = _reach_mm(claims.labels, block, structure, ground.sides_mm, max_mm)
     if reach_mm == 0:

@@ -73,7 +73,7 @@ def compete_steps(
     allowed : (slices, rows, columns) bool, optional
         Such as a range: other voxels belong to no structure.
     hu_per_mm : float
-        How many HU count as much as a millimeter; fewer make a click claim only what is more like it.
+        HU that count as one millimeter; with fewer, a click claims only values closer to its own.
     max_mm : float
         Nothing farther from all clicks as the crow flies belongs to a structure. A first click's longest time is 1.5
         times that, because differences of values count too.
@@ -93,7 +93,7 @@ def compete_steps(
     _require_within("max_mm", max_mm)
     own = _own_clicks(clicks, volume)
     if allowed is not None and not all(allowed[click.sample] for click in own):
-        raise SettingsError("a click in a structure lies outside of the range; widen the range, or click elsewhere")
+        raise SettingsError("a click in a structure lies outside the range; widen the range, or click elsewhere")
     stages = Stages(STAGES)
     finding, competing, bordering, drawing = STAGES
     window = window_around([click.sample for click in own], max_mm, volume.spacing, volume.shape)
@@ -115,7 +115,7 @@ def compete_steps(
     borders = yield from stages.run(bordering, _borders_steps(claims, means, (z, y, x), blocks))
     labels = np.zeros(volume.shape, np.uint8)
     labels[window] = yield from stages.run(drawing, drawn_steps(tissue, permitted, borders, factors))
-    for click in clicks:  # what is clicked is never ignored, whatever the values say
+    for click in clicks:  # A click always counts, whatever its value.
         ball, inside = _ball(click.sample, min(CLICKED_MM, max_mm), volume.spacing, labels.shape)
         labels[ball][inside if allowed is None else inside & allowed[ball]] = click.structure
     return labels
@@ -130,15 +130,19 @@ def _require_within(name: str, value: float) -> None:
 def _own_clicks(clicks: Sequence[Click], volume: Volume) -> list[Click]:
     """Return the clicks in structures; refuse what none can be."""
     if len(clicks) > MOST_CLICKS:
-        raise SettingsError(f"{len(clicks)} clicks compete, and at most {MOST_CLICKS} can; draw in several regions")
+        raise SettingsError(
+            f"{len(clicks)} clicks are too many, at most {MOST_CLICKS} can compete; draw in several regions"
+        )
     for click in clicks:
         if not 0 <= click.structure <= MOST_STRUCTURES:
-            raise SettingsError(f"a click is of structure {click.structure}; number structures from 1 to 255")
+            raise SettingsError(f"a click names structure {click.structure}; number structures from 1 to 255")
         if not all(0 <= at < count for at, count in zip(click.sample, volume.shape, strict=True)):
-            raise SettingsError(f"a click lies at {click.sample}, and the volume has {volume.shape}; click inside it")
+            raise SettingsError(
+                f"a click at {click.sample} lies outside the volume, which has {volume.shape}; click inside it"
+            )
     own = [click for click in clicks if click.structure]
     if not own:
-        raise SettingsError("no click lies in a structure; give one, the surroundings come after it")
+        raise SettingsError("no click marks a structure; click in one before clicking in its surroundings")
     return own
 
 

@@ -24,7 +24,7 @@ from .smoothing import Smoothing, Spacing
 
 
 class _SmoothedNote(str):
-    """The note on a smoothed label, told from other notes by its class, whatever they say."""
+    """The note on a smoothed label, distinguished from other notes by its class."""
 
     __slots__ = ()
 
@@ -95,7 +95,7 @@ def _smoothed_note(slice_steps: int, volumes: str = "") -> _SmoothedNote:
 
     `volumes` says after a semicolon what it encloses.
     """
-    steps = f", its slices in {slice_steps} steps each" if slice_steps > 1 else ""
+    steps = f", with {slice_steps} steps per slice" if slice_steps > 1 else ""
     return _SmoothedNote(f"The label is smoothed with every sample on its own side{steps}{volumes}.")
 
 

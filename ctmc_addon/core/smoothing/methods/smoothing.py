@@ -121,4 +121,4 @@ class Unsmoothed(Smoothing):
         """Return the note that alpha moves no vertex of a label."""
         if settings.label is None:
             return ()
-        return ("On a label that is not smoothed every crossing is the midpoint, and alpha has no effect.",)
+        return ("Alpha has no effect on a label that is not smoothed: every crossing is the midpoint.",)

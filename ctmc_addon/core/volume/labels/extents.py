@@ -31,7 +31,7 @@ CLOSE = 5  # names that are proposed for an unknown one
 
 
 class LabelExtent(NamedTuple):
-    """Where a label lies and how large it is.
+    """Box and size of a label.
 
     Parameters
     ----------
@@ -150,7 +150,7 @@ def chosen_labels_steps(
 ) -> Steps[tuple[int, ...]]:
     """Return the values of labels that are chosen by value, by name or by the word "all", each once.
 
-    A name means every label that has it; upper and lower case, spaces and underscores are not told apart.
+    A name means every label that has it; case, spaces and underscores make no difference.
 
     Raises
     ------
@@ -185,7 +185,7 @@ def existing_labels_steps(volume: Volume, box: Box, threads: int | None = None) 
 
 
 def not_a_label_steps(volume: Volume) -> Steps[str]:
-    """Return the first value of a volume that stands for no whole number, as text; empty where there is none.
+    """Return the first value of a volume that is not a whole number, as text; empty without one.
 
     Examples
     --------
@@ -211,11 +211,11 @@ def _labels_called(volume: Volume, name: str) -> list[int]:
         return found
     names = {_plain(known): known for known in volume.label_names.values()}
     if not names:
-        raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give its number")
+        raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give a number")
     close = difflib.get_close_matches(wanted, names, CLOSE)
     close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
     listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
-    more = "close to it are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
+    more = "similar names are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
     raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
 
 

@@ -98,8 +98,8 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     if np.abs(found - nearest).max() > NEAR:
         away = np.sqrt(((transform_points(ct.affine, nearest) - there_mm) ** 2).sum(axis=1)).max()
         raise VolumeError(
-            f"{labels.name} lies up to {away:.3g} mm beside the samples of the CT; resample it to the CT, "
-            "or use it without this CT"
+            f"{labels.name} has samples up to {away:.3g} mm away from those of the CT; resample it to "
+            "the CT, or use it without this CT"
         )
     return axes, shift
 
@@ -143,7 +143,7 @@ def _on_grid(layer: Volume, ct: Volume, axes: NDArray[np.int64], shift: NDArray[
     outside = np.count_nonzero(moved) - np.count_nonzero(inside)
     if outside:
         raise VolumeError(
-            f"{layer.name} has {outside} voxels of labels outside the CT; choose the labels of this CT, "
+            f"{layer.name} has {outside} labeled voxels outside the CT; choose the labels of this CT, "
             "or use them without this CT"
         )
     out = np.zeros(ct.shape, moved.dtype)

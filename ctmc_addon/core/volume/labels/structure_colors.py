@@ -28,7 +28,7 @@ def linear(rgb: RGB) -> LinearColor:
 
 
 def label_rgb(label: int) -> RGB:
-    """Return the sRGB color of a label that has none of its own: the same for its number in every file.
+    """Return the sRGB color of a label without a color: the same for its number in every file.
 
     Examples
     --------
@@ -53,7 +53,7 @@ def structure_color(label: int | None, rgb: RGB | None = None, name: str = "") -
     rgb : (red, green, blue) int, optional
         sRGB, what its file gives it: goes before the color of its name.
     name : str
-        What its file calls it: gives the opacity, and the color where the file has none.
+        Name in its file: gives the opacity, and the color if the file has none.
 
     Examples
     --------

@@ -69,7 +69,7 @@ class WholeNumbers:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed of the values so far; the same in any order of these."""
+        """Changes of the values so far; independent of their order."""
         distance, negative, label = self._farthest
         texts = (f"{-negative:.{digits}g}" for digits in (7, 9, 17))
         text = next((text for text in texts if text != str(label)), "")
@@ -137,7 +137,7 @@ class WholeLabels(SliceReader):
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was changed of the values read so far."""
+        """Changes of the values read so far."""
         return self.numbers.notes
 
     @property

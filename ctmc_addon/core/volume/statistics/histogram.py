@@ -25,7 +25,7 @@ class Limits(NamedTuple):
 
 
 class TissueRange(NamedTuple):
-    """Where on the axis a surface is called after a tissue: from `low` to `high`."""
+    """Range of the axis, `low` to `high`, in which a surface is named after a tissue."""
 
     name: str
     low: float
@@ -151,7 +151,7 @@ def moved_limit(limits: Limits, is_upper: bool, value: float, low: float, high: 
 def grabbed_limit(limits: Limits, value: float, high: float, reach: float) -> bool:
     """Return whether a press at `value` takes the upper limit: the nearer one within `reach`, else the threshold.
 
-    A press above the upper limit takes that; where there is none, it stands at the end, `high`.
+    A press above the upper limit takes that; without a limit, it is at the end, `high`.
     """
     upper = high if limits.upper is None else limits.upper
     if abs(value - upper) <= reach or abs(value - limits.threshold) <= reach:

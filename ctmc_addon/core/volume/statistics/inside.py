@@ -73,8 +73,8 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     on_ct = moved_box(extent.box, axes, shift)
     if any(low < 0 or stop > size for (low, stop), size in zip(on_ct, ct.size, strict=True)):
         raise LabelError(
-            f"label {label} of {labels.name} reaches out of {ct.name}; give the CT that it was drawn on, "
-            "or a region inside it"
+            f"label {label} of {labels.name} extends beyond {ct.name}; give the CT that it was drawn "
+            "on, or a region inside it"
         )
 
     def chosen(slab: range, rows: range, columns: range) -> NDArray[Any]:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The air around the body in a slice: what hangs together with the slice's border, and not air in lung or bowel."""
+"""Find the air around the body in a slice: air connected to the slice's border, not air in lung or bowel."""
 
 from __future__ import annotations
 

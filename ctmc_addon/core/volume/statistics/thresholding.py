@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which threshold is used: the setting, Otsu's threshold of the region, or half of a label.
+"""Choose the threshold: the setting, Otsu's threshold of the region, or half of a label.
 
 Panel, preview, slice tint, cost estimate and reconstruction all ask `used_threshold_steps` or `quick_threshold`.
 Otsu 1979, doi:10.1109/TSMC.1979.4310076.
@@ -151,7 +151,7 @@ def check_threshold(
     """
     low, high = value_range(values)
     if upper is not None and threshold > upper:  # Otsu's threshold; settings that contradict each other are refused
-        raise ThresholdError(f"threshold {threshold:g} is above the upper limit {upper:g}; choose another of them")
+        raise ThresholdError(f"threshold {threshold:g} is above the upper limit {upper:g}; change one of them")
     if low < threshold <= high and (upper is None or upper >= low):
         return
     if not low <= high:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the values of a volume are: range, histogram, labels, and a fingerprint to recognize the volume by."""
+"""Statistics of a volume's values: range, histogram, labels, and a fingerprint to recognize the volume."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def slabs_of(values: NDArray[Any] | Volume) -> Iterator[NDArray[Any]]:
 
 
 class ValueFacts(NamedTuple):
-    """Lowest and highest finite value, NaN where there is none, and how many are not finite."""
+    """Lowest and highest finite value, NaN without one, and the number of values that are not finite."""
 
     low: float
     high: float
@@ -62,7 +62,7 @@ def value_facts_steps(values: NDArray[Any] | Volume) -> Steps[ValueFacts]:
 
 
 def value_range(values: NDArray[Any] | Volume) -> tuple[float, float]:
-    """Return the lowest and the highest finite value; NaN twice where there is none.
+    """Return the lowest and the highest finite value, or NaN twice.
 
     Examples
     --------
@@ -155,12 +155,12 @@ def is_whole(volume: SampleGrid, box: Box) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class VolumeStatistics:
-    """What the values of a volume are.
+    """Statistics of a volume's values.
 
     Parameters
     ----------
     low, high : float
-        Lowest and highest finite value; NaN where there is none.
+        Lowest and highest finite value, or NaN.
     histogram : (counts, start, width) or None
         As `histogram` returns it; None where no value is finite.
     non_finite : int

@@ -54,7 +54,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     files: CollectionProperty(type=bpy.types.OperatorFileListElement, options={"SKIP_SAVE", "HIDDEN"})
     again: BoolProperty(
         name="Again",
-        description="Read the CT of this scene again, with the spacing and sides of the panel",
+        description="Read the CT of this scene again, with the spacing and orientation of the panel",
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
@@ -83,9 +83,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         layout.prop(self, "remove_table")
         lines = layout.column(align=True)
         lines.scale_y = 0.8
-        for line in in_lines(
-            translate("Of several series the one with most slices is read; the panel lists them all"), 34
-        ):
+        for line in in_lines(translate("The series with most slices is read; the panel lists all series"), 34):
             lines.label(text=line, translate=False)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
@@ -123,7 +121,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
-        So many files of the folder were `chosen`; all of it is read. Sources of labels are read `wanted` with it.
+        `chosen` is the number of chosen files; the whole folder is read. Read the label sources `wanted` with it.
         """
         stages = Stages(STAGES | ({LABELS: 40} if wanted else {}))
         headers, values, counting = STAGES
@@ -145,7 +143,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             reading = replace(reading, time=time if selected.times > 1 else None)
         slices = volume.size[2] if file is None else file.size[2]
         if 1 < chosen < slices:
-            note = f"the whole folder was read, {slices} slices, not the {chosen} files that were chosen"
+            note = f"the whole folder was read, {slices} slices, not only the {chosen} chosen files"
             volume = replace(volume, notes=(*volume.notes, note))
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(
@@ -219,7 +217,7 @@ def conclude(
     scene_session = session.of(scene)
     scene_session.message = scene_session.load_message = ""
     if expected not in ("", loaded.statistics.fingerprint):
-        text = "This is not the CT the file knew: {name} has changed since. Surfaces made before are of another CT"
+        text = "The CT has changed since this file was saved: {name}. Existing surfaces show the earlier CT"
         scene_session.load_message = translate(text).format(name=loaded.path.name)
     for key, read in labels:
         if isinstance(read, str):
@@ -227,7 +225,7 @@ def conclude(
             continue
         structures.put(key, read.labels)
         if read.key != key:
-            text = "These are not the labels the file knew: {name} has changed since"
+            text = "The labels have changed since this file was saved: {name}"
             scene_session.load_message = translate(text).format(name=read.path.name)
     change_events.notify(stored, "volume")
     cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
@@ -239,7 +237,7 @@ def conclude(
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if taken:
-        text += ". " + translate("Drawn structures that were taken along: {count}").format(count=taken)
+        text += ". " + translate("Drawn structures kept: {count}").format(count=taken)
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
         set_units(scene, machine().scale)
         text += ". " + translate("Blender's numbers are millimeters now")

@@ -26,8 +26,8 @@ class CTMC_OT_load_labels(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.load_labels"
     bl_label = "Load Labels"
     bl_description = (
-        "Add labels to the loaded CT: masks, a label volume, a DICOM segmentation (SEG) or structure set (RTSTRUCT) "
-        "in the same place, of all of the CT or a part of it"
+        "Add labels to the loaded CT: masks, a label volume, a DICOM segmentation (SEG) or a "
+        "structure set (RTSTRUCT) at the same position, covering all or part of the CT"
     )
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     message_field = "load_message"

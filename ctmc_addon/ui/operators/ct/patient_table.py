@@ -17,7 +17,7 @@ def holds_hu(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the CT is in HU, by which a table is known, with the reason if not."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind != ValueKind.HU:
-        operator.poll_message_set("A table is found in a CT in HU alone")
+        operator.poll_message_set("A table can be found only in a CT in HU")
         return False
     return True
 
@@ -28,8 +28,8 @@ class CTMC_OT_remove_table(Needs, bpy.types.Operator):
     bl_idname = "ctmc.remove_table"
     bl_label = "Remove Patient Table"
     bl_description = (
-        "Read the CT again and make air of what lies behind the patient and does not belong to the body, such as the "
-        "table; pressed again it comes back. Surfaces made before stay as they are"
+        "Read the CT again and replace what lies behind the patient and is not part of the body, "
+        "such as the table, by air; press again to bring it back. Existing surfaces do not change"
     )
 
     needs = (jobs.idle, volumes.has_volume, holds_hu)

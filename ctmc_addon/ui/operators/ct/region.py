@@ -16,7 +16,8 @@ class CTMC_OT_fit_region(Needs, bpy.types.Operator):
     bl_idname = "ctmc.fit_region"
     bl_label = "Fit"
     bl_description = (
-        "Put the region's box around the ticked labels, else around the whole CT; its handles in the viewport move it"
+        "Fit the region to the ticked labels, or to the whole CT if none is ticked; drag its handles "
+        "in the viewport to move it"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

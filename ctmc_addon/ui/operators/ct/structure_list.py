@@ -32,7 +32,7 @@ class CTMC_OT_tick_structures(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.tick_structures"
     bl_label = "Tick Structures"
-    bl_description = "Tick all structures of the list, none of them, or those that are not ticked"
+    bl_description = "Tick all structures of the list, none, or those not ticked now"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     which: EnumProperty(
@@ -40,7 +40,7 @@ class CTMC_OT_tick_structures(Needs, bpy.types.Operator):
         items=[
             ("all", "All", "Tick all"),
             ("none", "None", "Tick none"),
-            ("invert", "Invert", "Tick those that are not ticked"),
+            ("invert", "Invert", "Tick those not ticked, untick the others"),
         ],
     )
 
@@ -62,8 +62,8 @@ class CTMC_OT_add_threshold(Needs, bpy.types.Operator):
     bl_idname = "ctmc.add_threshold"
     bl_label = "Add Threshold"
     bl_description = (
-        "Add a structure to the list: what lies at or above the threshold of the panel, Otsu's where none is set, and "
-        "below its upper limit"
+        "Add a structure to the list by threshold: the panel's threshold and upper limit, or Otsu's "
+        "threshold if none is set"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -97,9 +97,7 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.remove_structure"
     bl_label = "Remove Structure"
-    bl_description = (
-        "Remove the marked structure from the list, with what was drawn of it. Its surface stays, and so do the files"
-    )
+    bl_description = "Remove the selected structure and its drawing from the list. Its surface and files stay"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     needs = (in_object_mode, has_structures)

@@ -30,8 +30,7 @@ class CTMC_OT_auto_threshold(Needs, bpy.types.Operator):
     bl_idname = "ctmc.auto_threshold"
     bl_label = "Otsu"
     bl_description = (
-        "Set the threshold that separates the values of the volume, or of the region, into the two classes farthest "
-        "apart"
+        "Set Otsu's threshold, which best separates the values of the volume, or of the region, into two classes"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -61,7 +60,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
     tissue: EnumProperty(
         name="Tissue",
-        description="What the surface is to enclose",
+        description="Tissue that the surface encloses",
         items=[(key, tissue.name, tissue.text) for key, tissue in TISSUES.items()],
         default="bone",
     )
@@ -70,7 +69,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         volume = volumes.current(context.scene)
         if volume is not None and volume.kind != ValueKind.HU:
-            cls.poll_message_set("Tissues are known by their HU, and this volume holds other values")
+            cls.poll_message_set("Thresholds of tissues are in HU, and this volume holds other values")
             return False
         return volumes.has_volume(cls, context)
 
@@ -93,7 +92,7 @@ def used_threshold(scene: bpy.types.Scene) -> float | None:
 
 
 def histogram_icon(scene: bpy.types.Scene) -> int:
-    """The icon number of the histogram's picture, painted anew if volume or limits have changed; 0 without one."""
+    """Return the icon number of the histogram's picture, redrawn if volume or limits have changed; 0 without one."""
     loaded = volumes.loaded(scene)
     if loaded is None or not _pictures:
         return 0

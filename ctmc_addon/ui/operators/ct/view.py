@@ -18,7 +18,7 @@ from ...translations import translate
 
 AS_IT_IS = "CT"
 SIDES = {
-    AS_IT_IS: ("View CT", "Bring the CT into the middle of the viewport, as large as it fits"),
+    AS_IT_IS: ("View CT", "Center the CT in the viewport, as large as it fits"),
     "A": ("Anterior", "Look at the CT from the front"),
     "P": ("Posterior", "Look at the CT from the back"),
     "L": ("Left", "Look at the CT from the patient's left"),
@@ -44,10 +44,10 @@ class CTMC_OT_view(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.view"
     bl_label = "View CT"
-    bl_description = "Bring the CT into the middle of the viewport, seen from a side of the patient or as it is"
+    bl_description = "Center the CT in the viewport, seen from a side of the patient or from the present direction"
 
     side: EnumProperty(
-        name="Side", description="Where the eye stands", items=[(key, *texts) for key, texts in SIDES.items()]
+        name="Side", description="Direction to look from", items=[(key, *texts) for key, texts in SIDES.items()]
     )
 
     needs = (volumes.has_volume,)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is done to a drawn structure as a whole: margin, islands, holes, combine, between slices."""
+"""Operators on a whole drawn structure: margin, islands, holes, combine, between slices."""
 
 from __future__ import annotations
 
@@ -88,7 +88,7 @@ class CTMC_OT_draw_margin(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_margin"
     bl_label = "Margin"
-    bl_description = "Grow the structure by the margin on all sides, within the range; below 0 shrink it"
+    bl_description = "Grow the structure by the margin on all sides, within the range; a negative margin shrinks it"
 
     def reach_mm(self, scene: bpy.types.Scene) -> float:
         return max(0.0, float(scene.ctmc_draw.margin_mm))
@@ -108,9 +108,9 @@ class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_islands"
     bl_label = "Remove Islands"
-    bl_description = "Remove parts of the structure that hang together with nothing and are small"
+    bl_description = "Remove small disconnected parts"
 
-    largest: BoolProperty(name="Largest Only", description="Keep the largest island alone", options={"SKIP_SAVE"})
+    largest: BoolProperty(name="Largest Only", description="Keep only the largest island", options={"SKIP_SAVE"})
 
     def work(self, scene: bpy.types.Scene) -> Work:
         at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_ml * 1000
@@ -127,7 +127,7 @@ class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_holes"
     bl_label = "Fill Holes"
-    bl_description = "Fill what the structure encloses on all sides"
+    bl_description = "Fill holes that the structure encloses on all sides"
 
     def work(self, _scene: bpy.types.Scene) -> Work:
         def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
@@ -141,7 +141,7 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_between"
     bl_label = "Between Slices"
-    bl_description = "Fill the slices between those that were drawn, in the planes in which they lie"
+    bl_description = "Fill the slices between the drawn ones, in each plane that was drawn on"
 
     def work(self, _scene: bpy.types.Scene) -> Work:
         budget = machine().budget
@@ -157,7 +157,7 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_combine"
     bl_label = "Combine"
-    bl_description = "Change the structure by another one, which stays as it is"
+    bl_description = "Combine the structure with another one, which does not change"
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the work on the whole CT: the other one may lie anywhere."""

@@ -2,7 +2,7 @@
 """From a click to a structure: the operator `ctmc.draw_grow`.
 
 To borders, all clicks in a structure compete with those in its surroundings, and a click changes what it alone changes:
-strokes drawn between two clicks stay. In a range, a click adds what hangs together there, and Alt takes it away.
+strokes drawn between two clicks stay. In a range, a click adds connected samples, and Alt removes them.
 """
 
 from __future__ import annotations
@@ -40,14 +40,14 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.draw_grow"
     bl_label = "Grow"
     bl_description = (
-        "Click in a structure: it grows to its border, or through what hangs together in the range. Alt click where it "
-        "has leaked into its surroundings takes that away"
+        "Click in a structure to grow it to its border, or through connected values in the range. "
+        "Alt click a leak to remove it"
     )
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     point_mm: FloatVectorProperty(name="Point", size=3, precision=3, options={"HIDDEN", "SKIP_SAVE"})
     surroundings: BoolProperty(
-        name="Surroundings", description="The click belongs to what is around the structure", options={"SKIP_SAVE"}
+        name="Surroundings", description="The click marks the surroundings of the structure", options={"SKIP_SAVE"}
     )
 
     needs = (jobs.idle, can_draw)
@@ -87,7 +87,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
 
 
 class Grown:
-    """What a click adds to a structure and takes from it, and what the next click starts from."""
+    """Samples that a click adds to a structure and removes from it, and the state that the next click starts from."""
 
     def __init__(self, window: Window, added: Mask, taken: Mask, kept: tuple[Any, Change] | None) -> None:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
@@ -121,7 +121,7 @@ def compete_click_steps(
         for click in clicks:  # earlier ones may lie outside of a range that was moved since
             allowed[click.sample] |= bool(click.structure) and click is not clicks[-1]
     if not any(click.structure for click in clicks):
-        raise SettingsError("click in the structure first; Alt click then takes away what has leaked")
+        raise SettingsError("click in the structure first; Alt click then removes leaks")
     after = (yield from compete_steps(volume, clicks, allowed, hu_per_mm, reach_mm)) == 1
     before = np.zeros(volume.shape, bool)
     key = (clicks[:-1], how)
@@ -142,11 +142,11 @@ def connected_click_steps(
     opening_mm: float,
     takes: bool,
 ) -> Steps[Grown]:
-    """Return what hangs together with a click: in a range to add it, in the structure to take it away."""
+    """Return the samples connected to a click: in a range to add them, in the structure to remove them."""
     window = whole(volume.shape)
     if takes:
         if before is None or not before[sample]:
-            raise SettingsError("nothing of the structure is there; Alt click where it has leaked")
+            raise SettingsError("the structure does not reach this point; Alt click where it has leaked")
         found = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
         return Grown(window, np.zeros_like(found), found, None)
     allowed = yield from range_mask_steps(volume, *limits)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What drawing needs, and what all of its operators ask of the scene."""
+"""Conditions of drawing, and what all of its operators read from the scene."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ def can_draw(operator: Any, context: bpy.types.Context) -> bool:
 def has_structure(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether there is a structure to work on, with the reason if not."""
     if drawings.active(context.scene) is None:
-        operator.poll_message_set("Mark a structure that was drawn, or add one")
+        operator.poll_message_set("Select a drawn structure, or add one")
         return False
     return True
 
 
 def require_active(scene: bpy.types.Scene) -> Any:
-    """Return the structure that is drawn on; a `SettingsError` where there is none."""
+    """Return the structure that is drawn on, or raise a `SettingsError`."""
     item = drawings.active(scene)
     if item is None:
         raise SettingsError("there is no structure; add one first")
@@ -62,7 +62,7 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
 
 
 class DrawTarget(NamedTuple):
-    """What work begins with, for `require` at its end: scene, CT, key of the structure, and its revision.
+    """State at the start of work, which `require` checks at its end: scene, CT, key and revision of the structure.
 
     Without a key a structure is to be made.
     """
@@ -86,7 +86,7 @@ def require(target: DrawTarget) -> tuple[bpy.types.Scene, Any]:
         raise SettingsError("the scene was removed; draw in another one")
     item = structure_of(scene, target.key) if target.key else drawings.active(scene)
     if target_of(scene, item) != target:
-        raise SettingsError("the structure has changed meanwhile, as by undo; do it once more")
+        raise SettingsError("the structure changed meanwhile, for example by undo; try again")
     return scene, item or active_or_new(scene)
 
 
@@ -104,7 +104,7 @@ def limits_of(drawing: Any) -> tuple[float, float] | None:
 
 
 def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:
-    """Return which samples of a window are in a range; None where there is none."""
+    """Return which samples of a window are in a range, or None without a range."""
     if limits is None:
         return None
     z, y, x = window

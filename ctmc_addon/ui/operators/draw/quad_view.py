@@ -28,9 +28,9 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
     bl_idname = "ctmc.quad_view"
     bl_label = "Quad View"
     bl_description = (
-        "Show three slices at once, from three sides, beside the view that turns; all can be drawn on, and Pick Point "
-        "moves them. Surfaces before a slice are hidden from its side. Once more brings one view back; the slices "
-        "stay, as objects"
+        "Show three slices beside the 3D view. All can be drawn on, and Pick Point moves them; each "
+        "hides the surfaces in front of it. Press again for a single view; the slices stay, as "
+        "objects"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

@@ -32,14 +32,14 @@ class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_cut"
     bl_label = "Cut by Lasso"
-    bl_description = "Remove what a lasso encloses in the view, through everything or to a depth; or all else"
+    bl_description = (
+        "Remove what a lasso encloses in the view, through everything or to a depth; or remove everything else"
+    )
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     view: FloatVectorProperty(size=16, options={"HIDDEN", "SKIP_SAVE"})
     lasso: CollectionProperty(type=CTMCPoint, options={"HIDDEN", "SKIP_SAVE"})
-    keep_inside: BoolProperty(
-        name="Keep Inside", description="Remove what is outside of the lasso", options={"SKIP_SAVE"}
-    )
+    keep_inside: BoolProperty(name="Keep Inside", description="Remove what is outside the lasso", options={"SKIP_SAVE"})
 
     needs = (jobs.idle, can_draw, has_structure)
 
@@ -59,11 +59,9 @@ class CTMC_OT_draw_lasso(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_lasso"
     bl_label = "Scissors"
-    bl_description = "Draw a lasso around what is to be removed; with Ctrl, around what is to stay. Esc cancels"
+    bl_description = "Draw a lasso around what to remove; hold Ctrl to keep it and remove the rest. Esc cancels"
 
-    keep_inside: BoolProperty(
-        name="Keep Inside", description="Remove what is outside of the lasso", options={"SKIP_SAVE"}
-    )
+    keep_inside: BoolProperty(name="Keep Inside", description="Remove what is outside the lasso", options={"SKIP_SAVE"})
 
     needs = (jobs.idle, can_draw, has_structure)
 

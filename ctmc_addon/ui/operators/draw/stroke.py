@@ -30,10 +30,10 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.draw_stroke"
     bl_label = "Draw Stroke"
-    bl_description = "Draw on a slice, with the radius of the brush; Ctrl erases. Esc takes the stroke back"
+    bl_description = "Draw on a slice with the radius of the brush; Ctrl erases. Esc cancels the stroke"
     bl_options = {"UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    erase: BoolProperty(name="Erase", description="Take away in place of drawing", options={"SKIP_SAVE"})
+    erase: BoolProperty(name="Erase", description="Erase instead of drawing", options={"SKIP_SAVE"})
     stroke: CollectionProperty(type=CTMCPoint, options={"HIDDEN", "SKIP_SAVE"})
     normal: FloatVectorProperty(size=3, default=(0.0, 0.0, 1.0), options={"HIDDEN", "SKIP_SAVE"})
 

@@ -30,11 +30,11 @@ class CTMC_OT_draw_add(Needs, bpy.types.Operator):
 
 
 class CTMC_OT_draw_tool(Needs, bpy.types.Operator):
-    """Take a tool, and show a slice to draw on where there is none."""
+    """Select a tool, and show a slice to draw on if none is shown."""
 
     bl_idname = "ctmc.draw_tool"
-    bl_label = "Take Tool"
-    bl_description = "Take this tool, which is in the toolbar too (T)"
+    bl_label = "Select Tool"
+    bl_description = "Select this tool, also found in the toolbar (T)"
 
     tool: StringProperty(options={"HIDDEN", "SKIP_SAVE"})
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What stands beside the surfaces: slices, volume, rulers."""
+"""Operators for objects beside the surfaces: slices, volume, rulers."""

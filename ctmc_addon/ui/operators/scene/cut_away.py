@@ -31,7 +31,7 @@ FRONT = Vector((0.0, 1.0, 0.0))  # of the patient, RAS
 def has_box(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the active object is cut by a box or is one, with the reason if not."""
     if cut_box_of(context.view_layer.objects.active) is None:
-        operator.poll_message_set("Make a surface active that a box cuts, or the box")
+        operator.poll_message_set("First make the box active, or a surface that it cuts")
         return False
     return True
 
@@ -51,8 +51,9 @@ class CTMC_OT_cut_away(bpy.types.Operator):
     bl_idname = "ctmc.cut_away"
     bl_label = "Cut Away"
     bl_description = (
-        "Take what lies in a box away from the selected surfaces: the active box, else a new one, which begins as the "
-        "panel's region, or as the half nearest to the viewer. Moving, turning or scaling the box changes the cut"
+        "Cut away what lies inside a box from the selected surfaces: the active box, or a new one "
+        "that starts as the panel's region, or as the half nearest to the viewer. Move, turn or "
+        "scale the box to change the cut"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -77,18 +78,18 @@ class CTMC_OT_cut_away(bpy.types.Operator):
         bpy.ops.object.select_all(action="DESELECT")
         box.select_set(True)
         context.view_layer.objects.active = box
-        self.report({"INFO"}, translate("Surfaces that were cut: {count}").format(count=len(surfaces)))
+        self.report({"INFO"}, translate("Surfaces cut: {count}").format(count=len(surfaces)))
         return {"FINISHED"}
 
 
 class CTMC_OT_flip_cut_away(bpy.types.Operator):
-    """Take away outside the box in place of inside, and back."""
+    """Cut away outside the box instead of inside, and back."""
 
     bl_idname = "ctmc.flip_cut_away"
     bl_label = "Inside/Outside"
     bl_description = (
-        "Take away what lies outside the box in place of inside, and back: of the active box, or of the last that cuts "
-        "the active surface. Surfaces that the same box cuts follow"
+        "Cut away what lies outside the box instead of inside, or back: for the active box, or the "
+        "last one that cuts the active surface. Other surfaces cut by the same box follow"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

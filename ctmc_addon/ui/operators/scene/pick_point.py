@@ -60,8 +60,8 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
     bl_idname = "ctmc.pick_point"
     bl_label = "Pick Point"
     bl_description = (
-        "Click in a slice or on a surface: the other slices, drawn and added, and the 3D cursor move there. The status "
-        "bar says place and value under the mouse. Esc or a right click ends it"
+        "Click in a slice or on a surface to move the other slices and the 3D cursor there. The "
+        "status bar shows position and value under the mouse. Esc or a right click ends it"
     )
 
     point_mm: FloatVectorProperty(name="Point", size=3, options={"HIDDEN", "SKIP_SAVE"})

@@ -78,7 +78,7 @@ class RulerClicks(Clicks):
         return {"PASS_THROUGH"}
 
     def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
-        """Return the object under the mouse and where it is hit; None where there is none."""
+        """Return the object under the mouse and where it is hit, or None."""
         ray = ray_under(area, event)
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 
@@ -99,7 +99,7 @@ class CTMC_OT_measure_distance(RulerClicks, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     kind, called = "distance", "Distance"
-    asks = ("Click on the first point. Esc: nothing is measured", "Click on the last point. Esc: nothing is measured")
+    asks = ("Click on the first point. Esc: cancel", "Click on the last point. Esc: cancel")
 
     points_mm: FloatVectorProperty(name="Points", size=6, options={"HIDDEN", "SKIP_SAVE"})
 
@@ -115,9 +115,9 @@ class CTMC_OT_measure_angle(RulerClicks, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     kind, called = "angle", "Angle"
     asks = (
-        "Click on the first point. Esc: nothing is measured",
-        "Click on the corner. Esc: nothing is measured",
-        "Click on the last point. Esc: nothing is measured",
+        "Click on the first point. Esc: cancel",
+        "Click on the corner. Esc: cancel",
+        "Click on the last point. Esc: cancel",
     )
 
     points_mm: FloatVectorProperty(name="Points", size=9, options={"HIDDEN", "SKIP_SAVE"})

@@ -33,14 +33,14 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
     bl_idname = "ctmc.add_slice"
     bl_label = "Add Slice"
-    bl_description = "Add the slice that is shown as a plane at its place, with the CT on it; it is saved and rendered"
+    bl_description = "Add the shown slice as a plane at its position, with the CT on it; it is saved and rendered"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     three: BoolProperty(
         name="Three Planes",
         description=(
-            "Add an axial, a coronal and a sagittal slice that cross at the 3D cursor; where that is outside the CT or "
-            "at the world origin, those that the sidebar has chosen"
+            "Add an axial, a coronal and a sagittal slice that cross at the 3D cursor; if the cursor "
+            "is outside the CT or at the world origin, add the slices chosen in the sidebar"
         ),
         default=False,
     )
@@ -60,8 +60,8 @@ class CTMC_OT_add_slice(bpy.types.Operator):
         else:
             sections = {view.plane: slice_at(volume, view.plane, view.position)}
         count = add_slices(context, sections)
-        text = translate("Slices that were added: {count}").format(count=count)
-        self.report({"INFO"}, text if count else translate("The slice stands there already; it is shown"))
+        text = translate("Slices added: {count}").format(count=count)
+        self.report({"INFO"}, text if count else translate("This slice exists already; it is shown now"))
         return {"FINISHED"}
 
 
@@ -90,7 +90,7 @@ def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> i
 
 
 def known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
-    """Return the slice object that stands at a slice of the scene's CT; None where there is none."""
+    """Return the slice object at a slice of the scene's CT, or None."""
     ct = volumes.require_loaded(scene)
     return at_corners(scene, ct.statistics.fingerprint, slice_corners(ct.volume, section), machine().scale)
 
@@ -109,8 +109,8 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
     bl_idname = "ctmc.cut_at_slice"
     bl_label = "Cut at Slice"
     bl_description = (
-        "Cut the selected surfaces open at the active slice object, or at the slice that is shown; the cut shows the "
-        "CT. Moving the slice object moves the cut; the modifier CTMC Cut takes it away"
+        "Cut the selected surfaces open at the active slice object, or at the shown slice; the cut "
+        "shows the CT. Move the slice object to move the cut; remove the modifier CTMC Cut to undo it"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -138,7 +138,7 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
         # The cut shows the same picture at the same place.
         plane.hide_set(True)
         slice_objects.show_pictures()
-        self.report({"INFO"}, translate("Surfaces that were cut: {count}").format(count=len(surfaces)))
+        self.report({"INFO"}, translate("Surfaces cut: {count}").format(count=len(surfaces)))
         return {"FINISHED"}
 
 
@@ -148,15 +148,15 @@ class CTMC_OT_flip_cut(bpy.types.Operator):
     bl_idname = "ctmc.flip_cut"
     bl_label = "Flip Cut"
     bl_description = (
-        "Keep the other half: of the last cut of the active surface, or of the cut at the active slice object. "
-        "Surfaces that are cut at the same slice follow"
+        "Keep the other half of the last cut of the active surface, or of the cut at the active "
+        "slice object. Other surfaces cut at the same slice follow"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if not cuts_of(context.view_layer.objects.active):
-            cls.poll_message_set("Make a surface active that was cut at a slice")
+            cls.poll_message_set("First make a surface active that is cut at a slice")
             return False
         return True
 

@@ -27,8 +27,9 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
     bl_idname = "ctmc.setup_studio"
     bl_label = "Set Up Camera and Lights"
     bl_description = (
-        "Add a camera that frames what is shown from the patient's front left, a key, fill and rim light sized to it, "
-        "and a background; they stand in a collection of their own, CTMC Studio, that may be deleted"
+        "Add a camera that frames what is shown from the patient's front left, with key, fill and "
+        "rim lights and a background. They are in a collection of their own, CTMC Studio, that may "
+        "be deleted"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -45,7 +46,7 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
             folder = set_up_studio(context.scene, shown_surfaces(context), panel.azimuth, panel.elevation)[0]
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
-        text = translate("Camera and lights stand in the collection {name}; F12 renders")
+        text = translate("Camera and lights are in the collection {name}; F12 renders")
         self.report({"INFO"}, text.format(name=folder.name))
         return {"FINISHED"}
 

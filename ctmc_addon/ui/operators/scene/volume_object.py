@@ -47,7 +47,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
 
     appearance: EnumProperty(
         name="Appearance",
-        description="What is seen of the CT; threshold, window and level change it afterwards",
+        description="Tissue to show; threshold, window and level change it afterwards",
         items=[(name, about.label, about.text) for name, about in APPEARANCES.items()],
     )
 

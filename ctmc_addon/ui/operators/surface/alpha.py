@@ -30,7 +30,7 @@ class CTMC_OT_choose_alpha(jobs.LongOperator, bpy.types.Operator):
         full = surfaces.full_of(obj, scene)
         if full is None or full.surface is None:
             raise MeshError(
-                f"{obj.name} is simplified already and its full surface is not in memory; reconstruct it anew"
+                f"{obj.name} is simplified already and its full surface is not in memory; reconstruct it again"
             )
         return choosing_steps(full, scene.ctmc.to_settings().min_angle_deg, scene.session_uid)
 

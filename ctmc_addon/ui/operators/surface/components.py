@@ -19,7 +19,7 @@ from .simplify import from_full_steps
 
 
 class ComponentsOperator(jobs.LongOperator):
-    """What the three operators share; inherited before `bpy.types.Operator`."""
+    """Base of the three operators, before `bpy.types.Operator`."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 

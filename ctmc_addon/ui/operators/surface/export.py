@@ -32,7 +32,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     filter_glob: StringProperty(default=";".join(f"*{suffix}" for suffix in SURFACE_SUFFIXES), options={"HIDDEN"})
     kind: EnumProperty(
         name="Format",
-        description="What is written where the name has no suffix; with one, the suffix decides",
+        description="Format of a file whose name has no suffix",
         items=[
             (suffix, suffix[1:].upper() if suffix != ".blend" else "Blender", suffix) for suffix in SURFACE_SUFFIXES
         ],
@@ -44,11 +44,11 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     )
     which: EnumProperty(
         name="Surfaces",
-        description="Which surfaces go to the file; an STL or PLY holds one",
+        description="Surfaces to write; an STL or PLY holds one",
         items=[
             ("ACTIVE", "Active", "The active surface"),
             ("SELECTED", "Selected", "All selected meshes"),
-            ("VISIBLE", "Visible", "All visible surfaces that were made of a CT"),
+            ("VISIBLE", "Visible", "All visible surfaces made from a CT"),
         ],
     )
 
@@ -92,7 +92,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         return [f"{name}: {text}" for name, text in texts if text]
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """What goes to the file, in the order of the labels; the active surface where there is nothing else."""
+        """Return the surfaces to write, in the order of the labels; the active surface if there are no others."""
         chosen = []
         if self.which == "SELECTED":
             chosen = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_cut_box(obj)]

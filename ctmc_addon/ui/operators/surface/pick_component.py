@@ -23,9 +23,9 @@ from ...translations import translate
 from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 ACTIONS = {
-    "REMOVE": ("Remove", "Take the component away"),
-    "KEEP": ("Keep", "Take all other components of the surface away"),
-    "SEPARATE": ("Separate", "Make the component an object of its own"),
+    "REMOVE": ("Remove", "Remove the component"),
+    "KEEP": ("Keep", "Remove all other components of the surface"),
+    "SEPARATE": ("Separate", "Turn the component into a separate object"),
 }
 
 
@@ -35,13 +35,14 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
     bl_idname = "ctmc.pick_component"
     bl_label = "Pick Component"
     bl_description = (
-        "Click on components of surfaces, one after the other: each is removed, kept alone or made an object of its "
-        "own, with its cavities. Undo takes back a click, Esc or a right click ends it"
+        "Click on components of surfaces one after the other to remove each, keep only it, or turn "
+        "it into a separate object, with its cavities. Undo reverts a click, Esc or a right click "
+        "ends it"
     )
 
     action: EnumProperty(
         name="Action",
-        description="What becomes of the component",
+        description="What to do with the component",
         items=[(name, label, text) for name, (label, text) in ACTIONS.items()],
     )
     point_mm: FloatVectorProperty(name="Point", size=3, options={"HIDDEN", "SKIP_SAVE"})

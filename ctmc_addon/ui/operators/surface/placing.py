@@ -39,11 +39,11 @@ class ObjectRequest:
     target : int or None
         `session_uid` of the object that takes it; None makes a new one.
     structure : str
-        What the label is called; empty for a threshold.
+        Name of the label; empty for a threshold.
     fingerprint, kind : str
         Of its CT; without a kind, an object that is updated keeps its name.
     prefix : str
-        What the CT is called in the panel, before the name of the surface.
+        Name of the CT in the panel, before the name of the surface.
     opacity : float or None
         Of a new object, from 0 to 1; None for an opaque one.
     drawn : str or None
@@ -63,7 +63,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A surface and what it was asked for: before and after simplification, measured in so many seconds.
+    """A surface and its request: before and after simplification, with the seconds of measuring.
 
     `full` is None where the surface before simplification did not fit in memory.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What came out: measure, deviation map, settings of an object copied to the panel, the command that makes the same."""
+"""Operators on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def has_full(operator: Any, context: bpy.types.Context) -> bool:
     obj = context.view_layer.objects.active
     if surfaces.known_full(obj, context.scene) is None:
         operator.poll_message_set(
-            "The full surface is not in memory; reconstruct again, at a larger stride where it does not fit"
+            "The full surface is not in memory; reconstruct again, at a larger stride if it does not fit"
         )
         return False
     return True
@@ -117,7 +117,8 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
     bl_idname = "ctmc.deviation_view"
     bl_label = "Show Deviation"
     bl_description = (
-        "Show the colors of the deviation map in the viewport, with a legend in mm; again to shade it as before"
+        "Show the colors of the deviation map in the viewport, with a legend in mm; press again for "
+        "the previous shading"
     )
 
     @classmethod
@@ -195,7 +196,7 @@ def command_text(scene: bpy.types.Scene) -> str:
         output = file_name(name if settings.label is None else f"{name}_label_{settings.label}") + ".stl"
         if item is not None and drawings.drawn_by(scene, item) is not None:
             raise SettingsError(
-                f"no command makes {called(item)}, which was drawn; save the .blend and take the labels beside it"
+                f"no command makes {called(item)}, because it was drawn; save the .blend and use the labels beside it"
             )
         path, number = structures.origin_of(scene, item)
         if path:  # labels of a file beside the CT

@@ -25,8 +25,8 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.simplify"
     bl_label = "Simplify Surface"
     bl_description = (
-        "Bring the active surface to the number of triangles or the error set above, starting from the full surface; "
-        "nothing is extracted again while that is known"
+        "Simplify the active surface to the number of triangles or the error set above, starting "
+        "from the full surface, which is not extracted again while in memory"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -41,7 +41,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
 def from_full_steps(
     context: bpy.types.Context, changes: Mapping[str, Any], *, extracts: bool = False
 ) -> Steps[jobs.Conclusion]:
-    """Make the active surface anew with other settings, from its full form where that is known or not `extracts`."""
+    """Make the active surface again with other settings, from its full form if that is known or not `extracts`."""
     scene, obj = context.scene, context.view_layer.objects.active
     require_updatable(obj)
     provenance = require_provenance(obj)

@@ -78,7 +78,7 @@ def table_steps(scene_uid: int, uids: Sequence[int]) -> Steps[jobs.Conclusion]:
         scene = session.scene_of(scene_uid)
         if scene is not None:
             session.of(scene).table = (tuple(rows), kind)
-        return translate("Surfaces that were measured: {count}").format(count=len(rows))
+        return translate("Surfaces measured: {count}").format(count=len(rows))
 
     return conclude
 
@@ -94,7 +94,7 @@ class CTMC_OT_table_copy(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.table_copy"
     bl_label = "Copy Table"
-    bl_description = "Copy the table as CSV, with units in the heads"
+    bl_description = "Copy the table as CSV, with units in the header"
 
     needs = (has_table,)
 
@@ -109,7 +109,7 @@ class CTMC_OT_table_save(Needs, SaveDialog, bpy.types.Operator):
 
     bl_idname = "ctmc.table_save"
     bl_label = "Save Table"
-    bl_description = "Save the table as CSV, with units in the heads"
+    bl_description = "Save the table as CSV, with units in the header"
 
     suffixes = (".csv",)
 

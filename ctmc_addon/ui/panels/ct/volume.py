@@ -50,7 +50,7 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
     path = context.scene.ctmc.volume_path
     is_missing = not volumes.exists(path)
     text = translate(
-        "The CT {name} is no longer at its place. Surfaces stay as they are; load it from elsewhere to go on"
+        "The CT {name} has been moved or deleted. Surfaces stay as they are; load it from its new place to go on"
     )
     if not is_missing:
         text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
@@ -133,7 +133,7 @@ def draw_views(layout: Any) -> None:
 
 
 def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
-    """Which of several times is to be read, and a button that reads it."""
+    """Draw the choice of one of several times, and a button that reads it."""
     column = layout.column(align=True)
     text = translate("Time, 1 to {count}").format(count=loaded.times)
     column.prop(stored, "time", text=text, translate=False)

@@ -265,7 +265,7 @@ def test_somebody_elses_blend_is_not_replaced(thing, tmp_path):
 
     export(thing, tmp_path / "a.blend")
     kept = (tmp_path / "a.blend").read_bytes()
-    with pytest.raises(OutputError, match="is not a figure's"):
+    with pytest.raises(OutputError, match="is not a figure"):
         render([thing], tmp_path / "a.png", blend=tmp_path / "a.blend")
     assert (tmp_path / "a.blend").read_bytes() == kept
     assert not (tmp_path / "a.png").exists()

@@ -80,7 +80,7 @@ def test_a_defect_in_the_process_is_one_here(figure_of, tmp_path):
 
 def test_an_answer_that_is_none_is_a_defect(figure_of, tmp_path):
     steps, _ = figure_of
-    with pytest.raises(RuntimeError, match=r"the process that renders said b'\{"):
+    with pytest.raises(RuntimeError, match=r"the rendering process reported b'\{"):
         finish(steps("print('ctmc-renderer {', flush=True); input(); input()"))
     assert list(tmp_path.iterdir()) == []
 
@@ -88,7 +88,7 @@ def test_an_answer_that_is_none_is_a_defect(figure_of, tmp_path):
 def test_a_scene_that_cannot_be_read_again_is_a_sentence(figure_of, tmp_path, monkeypatch):
     monkeypatch.setattr(renderer, "write_scene", lambda figure, path: path.write_bytes(b"noise"))
     steps, _ = figure_of
-    with pytest.raises(OutputError, match=r"the scene cannot be read again to be rendered \(.*\); choose"):
+    with pytest.raises(OutputError, match=r"the scene to render cannot be read back \(.*\); choose"):
         finish(steps())
     assert list(tmp_path.iterdir()) == []
 

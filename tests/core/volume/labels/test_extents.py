@@ -72,9 +72,9 @@ def test_labels_are_chosen_by_number_by_name_or_all_at_once(choices, labels):
 
 
 def test_an_unknown_name_is_answered_with_those_close_to_it():
-    with pytest.raises(LabelError, match=r"'splen'; close to it are Spleen"):
+    with pytest.raises(LabelError, match=r"'splen'; similar names are Spleen"):
         finish(chosen_labels_steps(named_volume(), ["splen"]))
-    with pytest.raises(LabelError, match=r"'kidney'; close to it are .*Kidney_left"):
+    with pytest.raises(LabelError, match=r"'kidney'; similar names are .*Kidney_left"):
         finish(chosen_labels_steps(named_volume(), ["kidney"]))
     with pytest.raises(LabelError, match=r"'aorta'; there are Kidney_left, kidney right, Spleen, lesion$"):
         finish(chosen_labels_steps(named_volume(), ["aorta"]))

@@ -28,9 +28,9 @@ def test_an_empty_label_has_no_values_and_another_place_is_refused():
     assert finish(inside_values_steps(Volume(values, np.eye(4)), labels, 7)) is None
     moved = np.eye(4)
     moved[0, 3] = 0.5
-    with pytest.raises(VolumeError, match=r"lies up to 0\.5 mm beside the samples of the CT"):
+    with pytest.raises(VolumeError, match=r"has samples up to 0\.5 mm away from those of the CT"):
         finish(inside_values_steps(Volume(values, moved), labels, 1))
-    with pytest.raises(LabelError, match="label 1 of volume reaches out of volume"):
+    with pytest.raises(LabelError, match="label 1 of volume extends beyond volume"):
         finish(inside_values_steps(Volume(values[:2], np.eye(4)), labels, 1))
 
 

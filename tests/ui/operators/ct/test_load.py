@@ -80,7 +80,7 @@ def test_several_slices_dropped_together_are_one_stack(scene, tmp_path):
     dropped = [{"name": name} for name in names[:2]]
     bpy.ops.ctmc.load(filepath=str(tmp_path / names[0]), directory=str(tmp_path), files=dropped, spacing=(1, 1, 1))
     assert volumes.current(scene).size == (8, 8, 4)
-    note = "the whole folder was read, 4 slices, not the 2 files that were chosen"
+    note = "the whole folder was read, 4 slices, not only the 2 chosen files"
     assert note in volumes.current(scene).notes
 
 

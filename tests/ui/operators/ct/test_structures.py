@@ -113,7 +113,7 @@ def test_labels_beside_the_grid_are_refused_with_their_distance(scene, patient):
     moved = AFFINE.copy()
     moved[2, 3] = 0.8
     save(patient / "moved.nii.gz", cube(5, 5, 4), moved)
-    with pytest.raises(RuntimeError, match=r"lies up to 0\.8 mm beside the samples of the CT; resample"):
+    with pytest.raises(RuntimeError, match=r"has samples up to 0\.8 mm away from those of the CT; resample"):
         load_labels(patient / "moved.nii.gz")
     save(patient / "coarse.nii.gz", cube(5, 5, 4), AFFINE * 1.5)
     with pytest.raises(RuntimeError, match=r"every 1\.5 x 1\.5 x 3 mm"):

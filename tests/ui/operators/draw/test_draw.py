@@ -104,7 +104,7 @@ def test_in_a_range_a_click_adds_what_hangs_together_and_alt_takes_it(drawing):
 
 
 def test_a_refused_click_leaves_the_scene_as_it_was(drawing):
-    with pytest.raises(RuntimeError, match="outside of the volume"):
+    with pytest.raises(RuntimeError, match="outside the volume"):
         bpy.ops.ctmc.draw_grow(point_mm=(999, 0, 0))
     with pytest.raises(RuntimeError, match="click in the structure first"):
         bpy.ops.ctmc.draw_grow(point_mm=middle(), surroundings=True)
@@ -239,7 +239,7 @@ def test_a_preview_without_memory_is_tried_once(drawing, monkeypatch):
 
 def test_no_command_is_said_to_make_what_was_drawn(drawing):
     stroke(middle())
-    with pytest.raises(RuntimeError, match="no command makes Structure, which was drawn; save the"):
+    with pytest.raises(RuntimeError, match="no command makes Structure, because it was drawn; save the"):
         bpy.ops.ctmc.copy_command()
 
 

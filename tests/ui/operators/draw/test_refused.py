@@ -151,7 +151,7 @@ def test_undo_while_a_job_changes_the_structure_is_not_overwritten(drawing, kind
     steps = running.plan(bpy.context)
     next(steps)
     bpy.ops.ed.undo()
-    with pytest.raises(SettingsError, match="has changed meanwhile"):
+    with pytest.raises(SettingsError, match="changed meanwhile"):
         finish(steps)()
     assert (mask() == first).all()
 

@@ -149,7 +149,7 @@ def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, to
     assert len(seen.faces) <= 0.1 * expected.full_faces == 0.1 * read_provenance(active()).full_faces
     assert session.of(loaded).full == {}
     assert active().data.shape_keys is None
-    with pytest.raises(RuntimeError, match="at a larger stride where it does not fit"):
+    with pytest.raises(RuntimeError, match="at a larger stride if it does not fit"):
         bpy.ops.ctmc.deviation_map()
 
 
@@ -342,7 +342,7 @@ def test_otsu_and_tissues_set_the_threshold(loaded):
     assert bpy.ops.ctmc.auto_threshold() == {"FINISHED"}
     assert loaded.ctmc.use_threshold
     assert loaded.ctmc.threshold == pytest.approx(otsu(volumes.loaded(loaded).volume.values))
-    with pytest.raises(RuntimeError, match="Tissues are known by their HU"):
+    with pytest.raises(RuntimeError, match="Thresholds of tissues are in HU"):
         bpy.ops.ctmc.tissue(tissue="bone")
 
 
@@ -365,7 +365,7 @@ def test_zoom_and_pan_are_refused_without_a_window(loaded):
     bpy.ops.ctmc.reconstruct()
     for kind in ("zoom", "pan"):
         loaded.ctmc.rotation_kind = kind
-        with pytest.raises(RuntimeError, match=f"{kind} is timed in a window alone"):
+        with pytest.raises(RuntimeError, match=f"{kind} can be timed only in a window"):
             bpy.ops.ctmc.rotation_test()
     assert session.of(loaded).rotation is None
 

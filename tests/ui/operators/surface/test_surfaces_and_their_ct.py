@@ -87,13 +87,13 @@ def test_load_again_says_that_the_content_has_changed(loaded, ball_file):
     values = np.load(ball_file)
     np.save(ball_file, values + 1)
     bpy.ops.ctmc.load(again=True)
-    assert "not the CT the file knew: ball.npy has changed" in session.of(loaded).load_message
+    assert "The CT has changed since this file was saved: ball.npy" in session.of(loaded).load_message
     bpy.ops.ctmc.load(again=True)
     assert session.of(loaded).load_message == ""
     np.save(ball_file, values)
     volumes._loaded.clear()  # as in a file that was opened
     bpy.ops.ctmc.load(again=True)
-    assert "not the CT the file knew" in session.of(loaded).load_message
+    assert "The CT has changed since" in session.of(loaded).load_message
     loaded.ctmc.spacing = (1, 1, 3)  # another place by the person's own hand
     bpy.ops.ctmc.load(again=True)
     assert session.of(loaded).load_message == ""
