@@ -36,7 +36,8 @@ DAMAGE = (
 PILLOW_ERRORS = (*DAMAGE, SyntaxError)  # Pillow raises these, beside its bomb error.
 REQUIRED = {256: "ImageWidth", 257: "ImageLength", 259: "Compression", 262: "PhotometricInterpretation"}
 ORIENTATION, COLOR_MAP = 274, 320  # tags
-LAYOUT_TAGS = {*REQUIRED, 258, 266, 273, 277, 278, 279, 284, 317, 322, 323, 324, 325, 339, 32997}
+SINGLE_TAGS = {*REQUIRED, 266, 277, 278, 284, 317, 322, 323, 32997}  # Each of them has one value.
+LAYOUT_TAGS = {*SINGLE_TAGS, 258, 273, 279, 324, 325, 339}
 WHOLE_TYPES = (1, 3, 4, 16)  # BYTE, SHORT, LONG and LONG8; libtiff passes over layout tags of other types.
 HEADER = 8  # No pixels are in these bytes at the start; tifffile takes the offset 0 for a strip of zeros.
 TILE_STEP = 16  # The sides of tiles are multiples of it.
@@ -142,7 +143,9 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         missing = [name for code, name in REQUIRED.items() if code not in key.tags]
         numbers = [key.imagelength, key.imagewidth, key.samplesperpixel, key.bitspersample, key.imagedepth]
         numbers += [key.compression, key.predictor, key.photometric, key.planarconfig, key.sampleformat]
+        # libtiff reads zeros where such a tag is wrong, without a word.
         wrong = [tag.name for tag in key.tags if tag.code in LAYOUT_TAGS and int(tag.dtype) not in WHOLE_TYPES]
+        wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and tag.count != 1]
         whole = all(isinstance(number, int) for number in numbers)
         palette = key.tags.valueof(COLOR_MAP, ())
         segments = math.prod(page.chunked)
@@ -152,7 +155,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         is_short = key.compression == UNCOMPRESSED and sum(page.databytecounts) < key.imagelength * row_bytes
     if missing or wrong or not whole:
         what = f"its tag {missing[0]} is missing" if missing else "its samples differ in their bits or kind"
-        raise damaged(path, f"its tag {wrong[0]} is of a wrong type" if wrong else what)
+        raise damaged(path, f"its tag {wrong[0]} is of a wrong type or count" if wrong else what)
     rows, columns, samples, bits, depth, compression, predictor, photometric, planes, sample_format = map(int, numbers)
     if depth != 1:
         raise ReadError(f"{path.name} has several slices in one page (ImageDepth); save it with a page for each slice")

@@ -94,6 +94,6 @@ def read_header(path: Path) -> tuple[Any, NDArray[np.float64]]:
         header, pixdim = mended(kind, content)
         with quiet():
             header.get_data_dtype(), header.get_data_shape()
-    except (*STREAM_ERRORS, *header_errors()) as error:
+    except STREAM_ERRORS + header_errors() as error:
         raise ReadError(f"{path.name} is not a readable Analyze header ({reason(error)}); copy it again") from error
     return header, pixdim

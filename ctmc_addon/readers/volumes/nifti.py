@@ -97,18 +97,18 @@ def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, 
                 f"{name} says that its values begin at byte {offset:g}, which no NIfTI file has; export it again"
             )
         head += stream.read(MOST_HEADER if pair else max(0, int(offset) - len(head)))
-    except (*STREAM_ERRORS, *header_errors()) as error:
+    except STREAM_ERRORS + header_errors() as error:
         raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
     whole = head if pair else head[: int(offset)]
     return header, pixdim, extensions(whole, kind.sizeof_hdr, header.endianness, name)
 
 
 def header_errors() -> tuple[type[Exception], ...]:
-    """Return the errors that nibabel's headers of NIfTI and Analyze raise, beside `ValueError`."""
+    """Return the errors that nibabel's headers of NIfTI and Analyze raise."""
     spatial = needed("nibabel.spatialimages", "nibabel", "NIfTI")
     struct_error = needed("nibabel.wrapstruct", "nibabel", "NIfTI").WrapStructError
     # KeyError: a type of values that does not exist. OverflowError: an offset that is infinite.
-    return (spatial.HeaderDataError, spatial.HeaderTypeError, struct_error, KeyError, OverflowError)
+    return (spatial.HeaderDataError, spatial.HeaderTypeError, struct_error, ValueError, KeyError, OverflowError)
 
 
 def mended(kind: Any, content: bytes) -> tuple[Any, NDArray[np.float64]]:
@@ -206,7 +206,7 @@ def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray
     """Affine in mm, and what had to be assumed; `pixdim` is as it is written."""
     try:
         affine = np.array(header.get_best_affine(), np.float64)
-    except (ValueError, *header_errors()) as error:
+    except header_errors() as error:
         raise ReadError(f"{name} has a broken orientation ({reason(error)}); export it again") from error
     notes = []
     if not (header["qform_code"] or header["sform_code"]):
@@ -250,7 +250,7 @@ def geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tuple
         return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
     try:
         qform = np.array(header.get_qform(), np.float64)
-    except (ValueError, *header_errors()) as error:
+    except header_errors() as error:
         return (f"the file's qform is broken ({reason(error)}): sform is taken",)
     if not np.isfinite([affine, qform]).all() or not lengths.all():
         return ()  # refused, or without directions
