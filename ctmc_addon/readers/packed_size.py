@@ -10,7 +10,8 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
-HARMLESS = 1 << 27  # bytes that any machine can unpack
+HARMLESS = 1 << 27  # Any machine can unpack so many bytes.
+LONGEST_HEAD = 16  # The first bytes of Blosc, LZ4 and Zstandard tell the length.
 STREAMS: dict[str, Callable[[], Any]] = {
     "zlib": zlib.decompressobj,
     "gzip": lambda: zlib.decompressobj(zlib.MAX_WBITS | 16),
@@ -18,6 +19,13 @@ STREAMS: dict[str, Callable[[], Any]] = {
     "lzma": lzma.LZMADecompressor,
 }
 MOST_RATIOS = {"zlib": 1032.0, "gzip": 1032.0}  # Deflate makes at most so many bytes of one.
+
+
+def bytes_to_look_at(length: int, codec: str, most: int) -> int:
+    """Return how many of the first bytes `unpacks_beyond` needs of `length` bytes; 0 where there cannot be more."""
+    if codec in STREAMS:
+        return length if length * MOST_RATIOS.get(codec, math.inf) > max(most, HARMLESS) else 0
+    return LONGEST_HEAD
 
 
 def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
@@ -28,7 +36,7 @@ def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
     Parameters
     ----------
     content : bytes
-        Of a chunk or strip.
+        Of a chunk or strip: the first ones, as many as `bytes_to_look_at` says.
     codec : str
         Its name, as Zarr's metadata have it.
     most : int
@@ -36,13 +44,12 @@ def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
     """
     most = max(most, HARMLESS)
     if codec in STREAMS:
-        suspect = len(content) * MOST_RATIOS.get(codec, math.inf) > most
-        return suspect and _streams_beyond(content, STREAMS[codec], most)
+        return _streams_beyond(content, STREAMS[codec], most)
     if codec == "blosc":
         return int.from_bytes(content[4:8], "little") > most
     if codec == "lz4":
         return int.from_bytes(content[:4], "little") > most
-    return codec == "zstd" and zstandard_size(content[:16]) > most
+    return codec == "zstd" and zstandard_size(content[:LONGEST_HEAD]) > most
 
 
 def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool:

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..optional_imports import needed, reason
-from ..packed_size import HARMLESS, MOST_RATIOS, unpacks_beyond
+from ..packed_size import HARMLESS, bytes_to_look_at, unpacks_beyond
 
 # tifffile was seen to raise these on damaged files, beside its own error. They are caught around its calls alone.
 DAMAGE = (
@@ -145,7 +145,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         numbers += [key.compression, key.predictor, key.photometric, key.planarconfig, key.sampleformat]
         # libtiff reads zeros where such a tag is wrong, without a word.
         wrong = [tag.name for tag in key.tags if tag.code in LAYOUT_TAGS and int(tag.dtype) not in WHOLE_TYPES]
-        wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and tag.count != 1]
+        wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and not is_small_number(tag)]
         whole = all(isinstance(number, int) for number in numbers)
         palette = key.tags.valueof(COLOR_MAP, ())
         segments = math.prod(page.chunked)
@@ -155,7 +155,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         is_short = key.compression == UNCOMPRESSED and sum(page.databytecounts) < key.imagelength * row_bytes
     if missing or wrong or not whole:
         what = f"its tag {missing[0]} is missing" if missing else "its samples differ in their bits or kind"
-        raise damaged(path, f"its tag {wrong[0]} is of a wrong type or count" if wrong else what)
+        raise damaged(path, f"its tag {wrong[0]} has a wrong type, count or size" if wrong else what)
     rows, columns, samples, bits, depth, compression, predictor, photometric, planes, sample_format = map(int, numbers)
     if depth != 1:
         raise ReadError(f"{path.name} has several slices in one page (ImageDepth); save it with a page for each slice")
@@ -170,6 +170,11 @@ def page_layout(page: Any, path: Path) -> PageLayout:
     _check_segments(places, segments, page.parent.filehandle.size, path)
     separate = planes == 2 and samples > 1
     return PageLayout((rows, columns), samples, separate, bits, dtype, compression, predictor, photometric, colors)
+
+
+def is_small_number(tag: Any) -> bool:
+    """Return whether a tag of a page has one value that a whole number of 32 bits holds."""
+    return bool(tag.count == 1 and 0 <= int(tag.value) < 1 << 32)
 
 
 def page_pixels(
@@ -273,13 +278,13 @@ def _check_ends(page: Any, layout: PageLayout, path: Path, lock: AbstractContext
     most = HARMLESS + math.prod(layout.shape) * layout.samples * layout.dtype.itemsize
     file = page.parent.filehandle
     for start, length in zip(page.dataoffsets, page.databytecounts, strict=True):
-        is_suspect = codec and length * MOST_RATIOS.get(codec, math.inf) > most
-        if not is_suspect and layout.compression not in BY_PILLOW:
+        count = bytes_to_look_at(length, codec, most) if codec else length * (layout.compression in BY_PILLOW)
+        if not count:
             continue
         with lock:
             file.seek(start)
-            content = bytes(file.read(length))
-        if is_suspect and unpacks_beyond(content, codec, most):
+            content = bytes(file.read(count))
+        if codec and unpacks_beyond(content, codec, most):
             raise ReadError(f"{path.name} unpacks to far more than its size tells of; export it again")
         bits = "".join(f"{byte:08b}" for byte in content[-8:]).rstrip("0")
         if (layout.compression == GROUP_4 and not bits.endswith(END_OF_GROUP_4)) or (

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...core import NO_THREAD, ReadError, Step, Steps, require_memory
 from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
-from ..packed_size import unpacks_beyond
+from ..packed_size import bytes_to_look_at, unpacks_beyond
 
 MOST_JSON = 1 << 24  # bytes of one file of metadata
 MOST_AXES = 8
@@ -295,7 +295,11 @@ class ZarrSlices(SliceReader):
         for chunk in itertools.product(*(numbers[axis] for axis in range(len(numbers)))):
             key = self.array.metadata.encode_chunk_key(chunk)
             path = self.header.folder / key
-            if path.is_file() and unpacks_beyond(path.read_bytes(), self.header.codec, most):
+            content = b""
+            if path.is_file():
+                with path.open("rb") as file:
+                    content = file.read(bytes_to_look_at(path.stat().st_size, self.header.codec, most))
+            if unpacks_beyond(content, self.header.codec, most):
                 raise ReadError(
                     f"chunk {key} of {self.header.name} unpacks to far more than its size tells of; export it again"
                 )

@@ -333,11 +333,12 @@ def test_a_page_in_the_middle_that_is_stored_in_another_way_is_not_left_out(tmp_
 @pytest.mark.parametrize("compression", [NONE, DEFLATE, LZW])
 @pytest.mark.parametrize("code", [256, 259, 278, 317])
 def test_several_values_of_a_tag_that_has_one_are_refused(tmp_path, code, compression):
-    """libtiff reads a page of several RowsPerStrip as zeros."""
-    pages = [gray_page(plane, 8, compression) for plane in numbers(8)]
-    pages[1][0][code] = (3, [11, 11, 11])
-    with pytest.raises(ReadError, match="is truncated or damaged"):
-        read_volume(saved(tmp_path, pages))
+    """libtiff reads a page of several RowsPerStrip, or of far too many, as zeros."""
+    for values in ((3, [11, 11, 11]), (16, [1 << 40])):
+        pages = [gray_page(plane, 8, compression) for plane in numbers(8)]
+        pages[1][0][code] = values
+        with pytest.raises(ReadError, match=r"is truncated or damaged|has pixels of 8 bits"):
+            read_volume(saved(tmp_path, pages, big=True))
 
 
 def tag_places(content):
