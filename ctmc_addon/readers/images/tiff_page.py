@@ -208,11 +208,12 @@ def page_pixels(
             f"{path.name} is compressed as {name}, which is not read, for nobody could tell where its pixels end; "
             "save it uncompressed or with Deflate"
         )
+    how = "" if layout.compression == UNCOMPRESSED else f" compressed as {name}"
     plain = layout.compression == UNCOMPRESSED or layout.bits != 8 * layout.dtype.itemsize
     if layout.predictor not in (NO_PREDICTOR, DIFFERENCES, OF_FLOATS) or (plain and layout.predictor != NO_PREDICTOR):
         raise ReadError(
-            f"{path.name} has pixels of {layout.bits} bits compressed as {name} with Predictor {layout.predictor}, "
-            "which are not read; save it without a predictor"
+            f"{path.name} has pixels of {layout.bits} bits{how} with Predictor {layout.predictor}, which are not read; "
+            "save it without a predictor"
         )
     _check_ends(page, layout, path, lock)
     pixels = None
@@ -226,10 +227,10 @@ def page_pixels(
     if pixels is None:
         pixels = _by_pillow(tiff, page, layout, path)
     if pixels is None:
-        remedy = "is not read" if layout.compression in BY_PILLOW else "needs the Python package imagecodecs"
+        verb = "are not read" if layout.compression in BY_PILLOW else "need the Python package imagecodecs"
         raise ReadError(
-            f"{path.name} has pixels of {layout.kind} compressed as {name}, which {remedy}; save it as 8 or 16 bit "
-            "gray, uncompressed or with Deflate"
+            f"{path.name} has pixels of {layout.kind}{how}, which {verb}; save it as 8 or 16 bit gray, uncompressed or "
+            "with Deflate"
         )
     if pixels.ndim == 3 and layout.separate:
         pixels = np.moveaxis(pixels, 0, -1)
