@@ -81,7 +81,8 @@ class PageLayout(NamedTuple):
     @property
     def depth(self) -> str:
         """Return the properties that all pages of a stack share, for a sentence."""
-        return f"{self.shape[1]} x {self.shape[0]} pixels of {self.kind}"
+        packed = "" if self.compression == UNCOMPRESSED else f" in Compression {self.compression}"
+        return f"{self.shape[1]} x {self.shape[0]} pixels of {self.kind}{packed}"
 
 
 class _Complaints(logging.Handler):

@@ -230,7 +230,7 @@ def test_a_page_far_larger_than_the_first_is_refused_before_room_is_made_for_it(
         content[places[code] + 2 : places[code] + 12] = struct.pack("<HII", 4, 1, 0x7FFFFFFF)
     path.write_bytes(content)
     with pytest.raises(
-        ReadError, match=r"page 2 of s.tif has 13 x 2147483647 pixels of 8 bits \(uint8\), and the first 13 x 11"
+        ReadError, match=r"page 2 of s.tif has 13 x 2147483647 pixels of 8 bits \(uint8\).*, and the first 13 x 11"
     ):
         read_volume(path)
 
@@ -328,6 +328,14 @@ def test_a_page_in_the_middle_that_is_stored_in_another_way_is_not_left_out(tmp_
     (tmp_path / "s.tif").write_bytes(content)
     with pytest.raises(ReadError, match=r"page 2 of s.tif is stored in another way|is truncated or damaged"):
         read_volume(tmp_path / "s.tif")
+
+
+def test_a_page_whose_compression_is_not_that_of_the_others_is_refused(tmp_path):
+    """Deflate unpacked as PackBits gives enough bytes, and wrong ones."""
+    pages = [gray_page(plane, 8, DEFLATE) for plane in numbers(8)]
+    pages[1] = gray_page(numbers(8)[1], 8, PACKBITS)
+    with pytest.raises(ReadError, match=r"in Compression|stored in another way|different sizes"):
+        read_volume(saved(tmp_path, pages))
 
 
 @pytest.mark.parametrize("compression", [NONE, DEFLATE, LZW])
