@@ -226,7 +226,7 @@ def tiff_pages(path: Path) -> Any:
                 "imagecodecs does not begin at 0 again after the largest number, and Pillow adds nothing"
             )
         try:
-            planes = [page.asarray() for page in tiff.pages]
+            planes = [(page if page.offset <= 0 else page.aspage()).asarray() for page in tiff.pages]
             planes = [np.stack([plane])[0] for plane in planes]
         except (ValueError, NotImplementedError) as error:
             if not wants_imagecodecs(error):

@@ -310,7 +310,7 @@ SEEDS: dict[str, Seed] = {
     "pages 4 packbits": tiff_of_bits(4, PACKBITS),
     "pages 12": tiff_of_bits(12),
     "pages 12 lzw": tiff_of_bits(12, LZW),
-    "pages 12 zlib differences": tiff_of_bits(12, DEFLATE, differences=True),
+    "pages 16 zlib differences": tiff_of_bits(16, DEFLATE, differences=True),
     "pages 16 lzw differences": tiff_of_bits(16, LZW, differences=True),
     "pages palette 1": tiff_of_bits(1, palette=True),
     "pages palette 4": tiff_of_bits(4, palette=True),

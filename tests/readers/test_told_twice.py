@@ -81,7 +81,7 @@ def test_a_broken_qform_beside_an_sform_is_said(tmp_path):
     volume = read_volume(path)
     np.testing.assert_array_equal(volume.affine, np.eye(4))
     (note,) = volume.notes
-    assert note.startswith("the file's qform is broken (a quaternion of the square length 2")
+    assert note.startswith("the file's qform is broken (w2 should be positive, but is -1")
     assert note.endswith(": sform is taken")
 
 

@@ -53,12 +53,10 @@ class ImageFolder(VolumeSource):
         """Decode the slices, several at a time."""
         slices, rows, columns = self.series[0].shape
         first, earlier = self.headers[0], (request.time - 1) * slices
-        if first.mode:
-            yield from imported_steps("imageio.v3", "imageio", DECODED)
 
         def decode(number: int) -> NDArray[Any]:
             header = self.headers[earlier + number]
-            pixels = gray_slice(header) if header.mode else tiff_slice(header)
+            pixels = gray_slice(header) if header.kind else tiff_slice(header)
             if pixels.shape != (rows, columns) or pixels.dtype.itemsize > first.dtype.itemsize:
                 raise ReadError(
                     f"{header.path.name} is {pixels.shape} {pixels.dtype}, not as its header says; save it again"
@@ -129,6 +127,8 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     add_inputs(images)  # No output replaces a picture that is left out, either.
     images, left_out = slices_by_name(images, own_slice, name)
     notes += left_out
+    if suffix(images[0]) not in PAGE_SUFFIXES:
+        yield from imported_steps("imageio.v3", "imageio", DECODED)
     headers = yield from stages.run("Reading headers", quiet_batches_steps(header_of, images, "Reading headers", 16))
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from .tiff_tags import BLACK_IS_ZERO, PageLayout
+from .tiff_page import BLACK_IS_ZERO, PageLayout
 
 STRAIGHT_LINE, NONE = 0, 20  # values of cf
 FUNCTIONS = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One PNG, JPEG or BMP slice to gray values as they stand in the file, decoded by imageio with Pillow.
+"""One PNG, JPEG, JPEG 2000 or BMP slice to gray values as they stand in the file, by imageio and its plugin of Pillow.
 
 Color is taken where it is gray, and only then.
 """
@@ -16,20 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import ReadError
-from ..file_formats import suffix
 from ..optional_imports import needed, reason
-from ..registry import FORMATS
+from ..registry import HEAD, marked
 from .jpeg2000 import check_pixels, depth_of
 from .tiff_axes import TiffMetadata
 
 DECODED = "PNG, JPEG, JPEG 2000 and BMP"
-JPEG, JPEG_2000 = FORMATS["JPEG"].suffixes, FORMATS["JPEG 2000"].suffixes
-GRAY_MODES = ("L", "I;16")
-# Of Pillow's modes those that are decoded in another one, and the type of the values of every mode that is read.
-DECODE_AS = {"1": "L", "P": "RGBA", "LA": "RGBA", "PA": "RGBA", "RGBX": "RGB", "CMYK": "RGB", "YCbCr": "RGB"}
-DTYPES = dict.fromkeys((*DECODE_AS, "L", "RGB", "RGBA"), "uint8")
-DTYPES |= dict.fromkeys(("I", "I;16", "I;16B", "I;16L"), "uint16")
-CUT_TO_8_BITS = ("LA;16B", "RGB;16B", "RGBA;16B")  # Pillow's names for what it would lose the low bits of
 PILLOW_ERRORS = (
     OSError,
     ValueError,
@@ -38,20 +30,25 @@ PILLOW_ERRORS = (
     LookupError,
     struct.error,
     zlib.error,
-)  # beside its bomb error
-SPREAD = {"L;2": 85, "L;4": 17}  # of Pillow's names for gray of 2 and 4 bits
-JPEG_NOISE = 2  # of 255: how far JPEG's rounding separates the channels of a gray picture
+)  # imageio and Pillow raise these, beside Pillow's bomb error.
+# The type of the values by that of the pixels; older Pillow widens 16 bits to int32.
+DTYPES = {"bool": "uint8", "uint8": "uint8", "uint16": "uint16", "int32": "uint16"}
+PNG_DEPTH, PNG_COLOR = 24, 25  # bytes of a PNG that say the bits of a sample and the kind of a pixel
+PNG_GRAY, PNG_PALETTE = 0, 3
+SPREAD = {2: 85, 4: 17}  # Pillow multiplies gray values of so many bits by this.
+JPEG_NOISE = 2  # JPEG's rounding separates the channels of a gray picture by so much, of 255.
 
 
 class Picture(NamedTuple):
-    """Return the header of an image file."""
+    """The header of an image file."""
 
     path: Path
     rows: int
     columns: int
     dtype: np.dtype[Any]
     pages: int
-    mode: str  # Pillow's; empty for TIFF
+    kind: str  # its format; empty for TIFF
+    decode_as: str | None = None  # Pillow's name of the type to decode to, if it is another
     spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
     metadata: TiffMetadata = TiffMetadata()
     page: int = 0  # of a TIFF
@@ -59,27 +56,32 @@ class Picture(NamedTuple):
 
 def picture(path: Path) -> Picture:
     """Read the header alone."""
+    iio = needed("imageio.v3", "imageio", DECODED)
     pillow = needed("PIL.Image", "Pillow", DECODED)
     try:
-        with path.open("rb") as file, pillow.open(file) as image:
-            (columns, rows), mode = image.size, image.mode
-            kind = image.format
-            lacks_palette = mode in ("P", "PA") and image.palette is None
-            stored = str(image.tile[0][3]) if image.format == "PNG" and image.tile else ""
+        with path.open("rb") as file:
+            head = file.read(HEAD)
+            file.seek(0)
+            with iio.imopen(file, "r", plugin="pillow") as image:
+                about = image.properties(index=0)
+    except AttributeError as error:  # imageio asks the palette, which is not there
+        raise ReadError(f"{path.name} is a palette picture without its palette; copy or export it again") from error
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{path.name} is not a readable image ({image_reason(error)}); copy it again") from error
-    if lacks_palette:
-        raise ReadError(f"{path.name} is a palette picture without its palette; copy or export it again")
-    if mode not in DTYPES:
-        raise ReadError(f"{path.name} has pixels of Pillow's type '{mode}'; save it as 8 or 16 bit gray")
-    if stored in CUT_TO_8_BITS:
+    rows, columns, *channels = about.shape
+    kind = marked(head) or "BMP"
+    bits, color = head[PNG_DEPTH : PNG_COLOR + 1] if kind == "PNG" else (8, PNG_GRAY)
+    if bits == 16 and color not in (PNG_GRAY, PNG_PALETTE):
         raise ReadError(f"{path.name} has 16 bit color or an alpha channel; save it as 16 bit gray without alpha")
-    dtype = np.dtype(DTYPES[mode])
-    if kind == "JPEG2000":
+    if about.dtype.name not in DTYPES:
+        raise ReadError(f"{path.name} has pixels of type {about.dtype}; save it as 8 or 16 bit gray")
+    dtype = np.dtype(DTYPES[about.dtype.name])
+    if kind == "JPEG 2000":
         check_pixels(path, rows * columns)
         depth = depth_of(path)
-        dtype = depth.dtype if mode in GRAY_MODES else dtype
-    return Picture(path, rows, columns, dtype, 1, mode, SPREAD.get(stored, 1))
+        dtype = dtype if channels else depth.dtype
+    decode_as = "RGBA" if channels else "L" if about.dtype == bool else None
+    return Picture(path, rows, columns, dtype, 1, kind, decode_as, SPREAD.get(bits, 1) if color == PNG_GRAY else 1)
 
 
 def image_reason(error: BaseException) -> str:
@@ -95,17 +97,17 @@ def gray_slice(header: Picture) -> NDArray[Any]:
         # The bytes: imageio would take some names for addresses or archives.
         content = header.path.read_bytes()
         with pillow.open(io.BytesIO(content)) as image:
-            image.verify()  # check sums of PNG, which decoding passes over
-        pixels = iio.imread(content, plugin="pillow", mode=DECODE_AS.get(header.mode))
+            image.verify()  # Check sums of PNG, which imageio passes over.
+        pixels = iio.imread(content, plugin="pillow", mode=header.decode_as)
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{header.path.name} is truncated or damaged ({image_reason(error)}); copy it again") from error
     if pixels.dtype.kind == "i" and pixels.min() >= 0 and pixels.max() <= 65535:
         pixels = pixels.astype(np.uint16)  # older Pillow widens 16 bit PNG to int32
-    if suffix(header.path) in JPEG_2000 and header.mode in GRAY_MODES:
+    if header.kind == "JPEG 2000" and header.decode_as is None:
         pixels = depth_of(header.path).as_stored(pixels)
     if header.spread > 1:
         pixels = pixels // np.uint8(header.spread)
-    lossy = suffix(header.path) in (*JPEG, *JPEG_2000)
+    lossy = header.kind in ("JPEG", "JPEG 2000")
     return gray(pixels, header.path.name, JPEG_NOISE if lossy else 0)
 
 

@@ -1,16 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""TIFF: tifffile finds its pages and what ImageJ and OME say of them; their pixels are unpacked by tiff_pixels."""
+"""TIFF: tifffile finds its pages and what ImageJ and OME say of them; tiff_page reads a page."""
 
 from __future__ import annotations
 
-import lzma
 import math
-import struct
-import zlib
 from collections.abc import Sequence
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import Any, NamedTuple
 from weakref import finalize
 
@@ -19,35 +16,34 @@ from numpy.typing import NDArray
 
 from ...core import PAUSE, ReadError, Steps
 from ...core.volume import SliceReader
-from ..optional_imports import needed, quiet, reason
+from ..optional_imports import needed, quiet
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices, TimeSlices
 from ..value_kind import scaled_steps
 from .decoded import DecodedSlices
 from .pillow import JPEG_NOISE, Picture, gray
 from .tiff_axes import Pages, TiffMetadata, metadata_of_tiff, pages_of_axes
-from .tiff_pixels import UNPACKED_HERE, page_pixels
-from .tiff_tags import (
+from .tiff_page import (
     BLACK_IS_ZERO,
+    DAMAGE,
     JPEG,
     MASK,
     PALETTE,
     RGB,
+    UNCOMPRESSED,
     WHITE_IS_ZERO,
     YCBCR,
     PageLayout,
-    check_tags,
-    damaged,
+    own_page,
     page_layout,
+    page_pixels,
+    reading,
 )
 
-# What tifffile was seen to raise on damaged tags, beside its own error; around calls of tifffile alone.
-TIFF_ERRORS = (OSError, ValueError, EOFError, struct.error, zlib.error, LookupError, TypeError, RuntimeError)
-DAMAGE = (*TIFF_ERRORS, ArithmeticError, AssertionError, lzma.LZMAError)
 OF_SEVERAL_FILES = ("mmstack", "ndtiff")
 MOST_SAMPLES = 4  # of a pixel: red, green, blue and opacity
-WITHOUT_END = (2, 3)  # values of Compression: CCITT run lengths and Group 3
-COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # photometric interpretations that are read
+COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # These photometric interpretations are read.
+BYTE_CODECS = (UNCOMPRESSED, 5, 8, 32773, 32946, 34925, 50000)  # Their bytes are samples, never YCbCr made RGB.
 
 
 class PageStack(NamedTuple):
@@ -92,14 +88,15 @@ class TiffStack(VolumeSource):
                 plain = TimeSlices(plain, first, slices, pages.step)
             return (yield from raw_values_steps(plain, stack.metadata, stack.notes, self.path.name, request))
 
-        lock = Lock()
+        lock = RLock()
 
         def decode(number: int) -> NDArray[Any]:
             page = stack.pages[first + number * pages.step]
             if page is None:
                 raise ReadError(f"page {number + 1} of {self.path.name} is missing; save it again")
-            with lock:
-                layout = page_layout(tiff, page, self.path)
+            with lock, reading(self.path):
+                page = own_page(page)
+            layout = page_layout(page, self.path)
             if layout.depth != stack.depth:
                 depths = f"{layout.depth}, and the first {stack.depth}"
                 raise ReadError(f"page {number + 1} of {self.path.name} has {depths}; save it again")
@@ -174,19 +171,17 @@ def open_tiff(path: Path, as_ome: bool = True) -> Any:
         Whether its OME-XML orders its pages.
     """
     tifffile = needed("tifffile", "tifffile", "TIFF")
-    tiff: Any = None
-    damage = ""
-    try:
-        tiff = tifffile.TiffFile(path, **without_companions(tifffile), **({} if as_ome else {"is_ome": False}))
-        damage = chain_damage(tiff)
-        tiff.pages[0], tiff.series[0]  # found when asked for
-    except (*DAMAGE, tifffile.TiffFileError) as error:
-        if tiff is not None:
-            tiff.close()
-        raise ReadError(f"{path.name} is not a readable TIFF ({reason(error)}); copy it again") from error
-    if damage:
-        tiff.close()
-        raise ReadError(f"{path.name} is truncated or damaged ({damage}); copy it again")
+    with ExitStack() as on_error:
+        with reading(path):
+            options = {} if as_ome else {"is_ome": False}
+            tiff = on_error.enter_context(tifffile.TiffFile(path, **without_companions(tifffile), **options))
+            count, stored = len(tiff.pages), 0
+            tiff.pages[0], tiff.series[0]  # found when asked for
+            if tiff.is_shaped:
+                stored = sum(int(np.prod(entry["shape"])) for entry in tiff.shaped_metadata or () if "shape" in entry)
+            if stored > sum(series.size for series in tiff.series):
+                raise ValueError(f"its {count} pages are fewer than it says")
+        on_error.pop_all()
     return tiff
 
 
@@ -198,23 +193,10 @@ def without_companions(tifffile: Any) -> dict[str, bool]:
     return {"_multifile": False, **dict.fromkeys(settable, False)}
 
 
-def chain_damage(tiff: Any) -> str:
-    """Return what is wrong with the chain of pages, which tifffile only logs: it must end with the offset 0."""
-    count = len(tiff.pages)
-    tiff.filehandle.seek(tiff.pages.next_page_offset)
-    following = tiff.filehandle.read(tiff.tiff.offsetsize)
-    if len(following) < tiff.tiff.offsetsize or any(following):
-        return f"its chain of pages breaks off after {count}"
-    stored = sum(int(np.prod(entry["shape"])) for entry in tiff.shaped_metadata or () if "shape" in entry)
-    if tiff.is_shaped and stored > sum(series.size for series in tiff.series):
-        return f"its {count} pages are fewer than it says"
-    return ""
-
-
 def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
     """Return what the header says of the first page, and how many pages there are."""
     with open_tiff(path, as_ome) as tiff:
-        layout = page_layout(tiff, tiff.pages[0], path)
+        layout = page_layout(tiff.pages[0], path)
         pages = pages_of(tiff)
         metadata = metadata_of_tiff(tiff, layout, pages > 1)
         return Picture(path, *layout.shape, gray_dtype(layout), pages, "", metadata=metadata)
@@ -224,8 +206,9 @@ def tiff_slice(header: Picture) -> NDArray[Any]:
     """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
     path = header.path
     with open_tiff(path, as_ome=False) as tiff:
-        page = tiff.pages[header.page]
-        return page_slice(tiff, page, page_layout(tiff, page, path), path, Lock())
+        with reading(path):
+            page = own_page(tiff.pages[header.page])
+        return page_slice(tiff, page, page_layout(page, path), path, RLock())
 
 
 def gray_dtype(layout: PageLayout) -> np.dtype[Any]:
@@ -241,7 +224,7 @@ def stack_sides(series: Any) -> int:
 def page_stack(tiff: Any, path: Path) -> PageStack:
     """Return the first series of pages, or all pages where each is a series of its own."""
     first, every = tiff.series[0], list(tiff.series)
-    layout = page_layout(tiff, first.keyframe, path)
+    layout = page_layout(first.keyframe, path)
     metadata = metadata_of_tiff(tiff, layout, several=True)
     size = layout.shape
     dtype = gray_dtype(layout).newbyteorder(tiff.byteorder)
@@ -261,7 +244,7 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     notes = (*notes, *layout_of_pages.notes)
     plain = (layout.samples, layout.photometric, layout.bits) == (1, BLACK_IS_ZERO, 8 * dtype.itemsize)
     if first.dataoffset is not None and plain:
-        start = layout.offsets[0]
+        start = int(first.dataoffset)
         return PageStack(shape, dtype, layout.depth, [], start, count, layout_of_pages, notes, metadata)
     if len(first.pages) < count:
         raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
@@ -271,10 +254,8 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
 
 def pages_in(series: Any, path: Path) -> list[Any]:
     """The pages of a series or a file, which tifffile reads when asked for them; None for one that is missing."""
-    try:
+    with reading(path):
         return list(series.pages)
-    except (*DAMAGE, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
-        raise damaged(path, reason(error)) from error
 
 
 def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
@@ -284,7 +265,7 @@ def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
         own = [page.index for page in pages_in(every[0], path) if page is not None and isinstance(page.index, int)]
     for series in every[1:]:
         for page in filter(None, pages_in(series, path)):
-            check_tags(tiff, page, path)
+            page_layout(own_page(page), path)
             same_size = series.shape[-2:] == every[0].shape[-2:]
             if same_size and isinstance(page.index, int) and own and min(own) < page.index < max(own):
                 raise ReadError(
@@ -294,20 +275,19 @@ def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
         listed = {page.offset for series in every for page in filter(None, pages_in(series, path))}
         for page in pages_in(tiff, path):
             if page.offset not in listed:
-                check_tags(tiff, page, path)
+                page_layout(own_page(page), path)
 
 
-def page_slice(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: Lock) -> NDArray[Any]:
+def page_slice(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]) -> NDArray[Any]:
     """Gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
     if layout.samples > MOST_SAMPLES:
         raise ReadError(
             f"{path.name} has {layout.samples} samples for each pixel, and a slice has one; save it as gray"
         )
-    here = layout.compression in UNPACKED_HERE
-    as_rgb = layout.photometric == YCBCR and (layout.compression == JPEG or not here)
+    as_rgb = layout.photometric == YCBCR and layout.compression not in BYTE_CODECS
     if (layout.photometric not in COLORS and not as_rgb) or (layout.colors is not None and layout.samples > 1):
         raise ReadError(f"{path.name} has colors of PhotometricInterpretation {layout.photometric}; save it as gray")
-    pixels = page_pixels(tiff, layout, path, lock) if here else _by_imagecodecs(tiff, page, layout, path, lock)
+    pixels = page_pixels(tiff, page, layout, path, lock)
     if layout.photometric == WHITE_IS_ZERO and layout.dtype.kind == "u":
         pixels = np.subtract((1 << layout.bits) - 1, pixels, dtype=layout.dtype)
     if layout.colors is not None:
@@ -315,32 +295,3 @@ def page_slice(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: Lock)
     elif layout.bits == 1:
         pixels = pixels * np.uint8(255)
     return gray(pixels, path.name, JPEG_NOISE if layout.compression == JPEG else 0)
-
-
-def _by_imagecodecs(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: Lock) -> NDArray[Any]:
-    """Samples of a page whose compression tifffile leaves to imagecodecs, as they are stored."""
-    name = getattr(page.keyframe.compression, "name", str(page.keyframe.compression))
-    if layout.compression in WITHOUT_END:
-        raise ReadError(
-            f"{path.name} is compressed as {name}, which is not read, for nobody could tell where its pixels end; "
-            "save it uncompressed or with Deflate"
-        )
-    with lock:
-        same = page_layout(tiff, page.keyframe, path).how_stored == layout.how_stored
-    if not same:  # tifffile decodes a page as its keyframe says
-        raise damaged(path, "a page is stored in another way than the first")
-    try:
-        with lock:
-            pixels = np.asarray(page.asarray(maxworkers=1))
-    except (*DAMAGE, ImportError, needed("tifffile", "tifffile", "TIFF").TiffFileError) as error:
-        if "imagecodecs" not in str(error) and not isinstance(error, ImportError):  # of Zstandard, before Python 3.14
-            raise damaged(path, reason(error)) from error
-        raise ReadError(
-            f"{path.name} is compressed as {name}, which needs the Python package imagecodecs; "
-            "save it uncompressed or with Deflate"
-        ) from error
-    if pixels.ndim == 3 and layout.separate:
-        pixels = np.moveaxis(pixels, 0, -1)
-    if pixels.shape[:2] != layout.shape or (pixels.dtype != layout.dtype and layout.bits > 1):
-        raise damaged(path, f"a page of {pixels.shape} {pixels.dtype}")
-    return pixels.astype(layout.dtype, copy=False)

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from ...core import ReadError
 from ..length_units import in_mm
 from .imagej_calibration import Calibration, calibration_of
-from .tiff_tags import PageLayout
+from .tiff_page import PageLayout
 
 PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
 MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
@@ -18,8 +19,7 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
-from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, mended_notes
-from .nifti_header import mended_sides
+from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header_errors, mended, mended_notes
 
 HEADER = 348  # bytes
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
@@ -36,7 +36,7 @@ class AnalyzeFile(VolumeSource):
 
     def __init__(self, path: Path, data_path: Path) -> None:
         self.data_path = data_path
-        self.header = read_header(path)
+        self.header, self.pixdim = read_header(path)
         self.size, times = checked_size(self.header.get_data_shape(), path.name)
         self.dtype: np.dtype[Any] = checked_dtype(self.header.get_data_dtype(), path.name)
         slope, intercept = self.header.get_slope_inter()
@@ -50,8 +50,7 @@ class AnalyzeFile(VolumeSource):
         offset = float(self.header["vox_offset"])
         if not (math.isfinite(offset) and 0 <= offset <= MOST_OFFSET):
             raise ReadError(f"{self.path.name} says that its values begin at byte {offset:g}; export it again")
-        pixdim = np.array(self.header["pixdim"][1:4], np.float64)
-        self.header["pixdim"][1:4] = mended_sides(pixdim)
+        taken = np.array(self.header["pixdim"][1:4], np.float64)
         with quiet():  # of numbers that overflow
             affine = np.array(self.header.get_best_affine(), np.float64)
         matrix = " (the .mat beside it is not read)" if self.path.with_suffix(".mat").is_file() else ""
@@ -63,7 +62,7 @@ class AnalyzeFile(VolumeSource):
             self.data_path, int(offset), self.size[::-1], self.dtype, request.time, self.series[0].times
         )
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
-        return RawValues(values, affine, (note, *mended_notes(pixdim)))
+        return RawValues(values, affine, (note, *mended_notes(self.pixdim, taken)))
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
@@ -78,26 +77,23 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
         magic = stream.read(HEADER)[-4:]
         stream.seek(4)
         second = stream.read(4) in NIFTI_MAGIC
+    yield from imported_steps(MODULE, "nibabel", "Analyze")
     if second or magic in NIFTI_MAGIC:
         return NiftiFile(header_path, data_path)
-    yield from imported_steps(MODULE, "nibabel", "Analyze")
     return AnalyzeFile(header_path, data_path)
 
 
-def read_header(path: Path) -> Any:
-    """Return the header, parsed by nibabel."""
+def read_header(path: Path) -> tuple[Any, NDArray[np.float64]]:
+    """Return the header as nibabel mends it, and its pixdim (3,) as it is written."""
     kind = needed(MODULE, "nibabel", "Analyze").Spm2AnalyzeHeader
-    spatial = needed("nibabel.spatialimages", "nibabel", "Analyze")
-    # KeyError: a type that does not exist
-    errors = (spatial.HeaderDataError, spatial.HeaderTypeError, *STREAM_ERRORS, KeyError)
     try:
-        with path.open("rb") as stream, quiet():
+        with path.open("rb") as stream:
             content = stream.read(HEADER)
         if not kind.may_contain_header(content):
             raise ValueError("its first number is not its length, 348")
+        header, pixdim = mended(kind, content)
         with quiet():
-            header = kind(content, check=False)
             header.get_data_dtype(), header.get_data_shape()
-    except errors as error:
+    except STREAM_ERRORS + header_errors() as error:
         raise ReadError(f"{path.name} is not a readable Analyze header ({reason(error)}); copy it again") from error
-    return header
+    return header, pixdim

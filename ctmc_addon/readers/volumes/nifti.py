@@ -1,11 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """NIfTI-1 and NIfTI-2 in one file, plain or gzip, or in a pair; its values a few planes at a time.
 
-The header's affine maps (i, j, k) to RAS+. i is the fastest index in the file, so the values are (k, j, i) in C order.
+nibabel reads and mends the header, whose affine maps (i, j, k) to RAS+. i is the fastest index in the file, so the
+values are (k, j, i) in C order.
 """
 
 from __future__ import annotations
 
+import logging
 import math
 import struct
 from collections.abc import Sequence
@@ -20,16 +22,20 @@ from ...core.volume import ValueKind, axis_codes, determinant, farthest_corner_m
 from ..geometry import differ, lengths_text
 from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
-from ..optional_imports import reason
+from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
-from .nifti_header import SIZES, NiftiHeader, mended_sides, nifti_header
 
-MOST_HEADER = 2**24  # bytes before the values; label tables of extensions take some thousands
-MOST_SCALE = 1e20  # slope or intercept; its product with a value must be a float32
+MODULE = "nibabel.nifti2"  # It imports that of NIfTI-1 too.
+LONGEST_HEADER = 540  # A header of NIfTI-2 has these bytes, one of NIfTI-1 fewer.
+MOST_HEADER = 2**24  # At most these bytes are before the values; label tables of extensions take some thousands.
+MOST_SCALE = 1e20  # The product of a slope, or of an intercept, and a value must be a float32.
 TABLE_END = b"</LabelTable>"
+LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL says that each value is the number of a label.
+DAMAGED_LEVEL = 40  # nibabel refuses a header from this severity on, and mends what is less.
+SILENT = logging.Logger("nibabel's checks", logging.CRITICAL + 1)  # Mended fields are said in the notes.
 
 
 class NiftiFile(VolumeSource):
@@ -42,9 +48,9 @@ class NiftiFile(VolumeSource):
         name = path.name
         self.data_path = data_path or path
         with opened(path) as stream:
-            self.header, self.extensions = read_header(stream, name, data_path is not None)
-        self.size, times = checked_size(self.header.sides, name)
-        self.dtype = checked_dtype(self.header.dtype, name)
+            self.header, self.pixdim, self.extensions = read_header(stream, name, data_path is not None)
+        self.size, times = checked_size(self.header.get_data_shape(), name)
+        self.dtype = checked_dtype(self.header.get_data_dtype(), name)
         self.scaling = scaling(self.header, name)
         columns, rows, slices = self.size
         files = [path] if data_path is None else [path, data_path]
@@ -53,40 +59,74 @@ class NiftiFile(VolumeSource):
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the values; integers stay integers where slope and intercept are whole numbers."""
         with np.errstate(all="ignore"):  # of numbers that overflow, which Volume refuses
-            affine, notes = placed(self.header, self.path.name)
-        start = int(self.header.start)
+            affine, notes = placed(self.header, self.pixdim, self.path.name)
+        start = int(self.header["vox_offset"])
         stored = grid_slices(self.data_path, start, self.size[::-1], self.dtype, request.time, self.series[0].times)
         values = yield from scaled_steps(stored, *self.scaling, request.whole, self.path.name, request.budget)
-        kind = ValueKind.LABEL if self.header.holds_labels else None
+        kind = ValueKind.LABEL if int(self.header["intent_code"]) == LABEL_INTENT else None
         names, colors = label_table(self.extensions)
         return RawValues(values, affine, notes, kind, names, colors, is_palette(colors))
 
 
 def open_steps(path: Path) -> Steps[NiftiFile]:
     """Open the file."""
+    yield from imported_steps(MODULE, "nibabel", "NIfTI")
     return NiftiFile(path)
-    yield  # its header is short
 
 
-def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[NiftiHeader, list[bytes]]:
-    """Header of either version, and its extensions; of a pair the values begin in another file."""
+def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, NDArray[np.float64], list[bytes]]:
+    """Return the header of either version, its pixdim (3,) as it is written, and the contents of its extensions.
+
+    Parameters
+    ----------
+    stream : binary file
+    name : str
+        Of the file, for errors.
+    pair : bool
+        Whether the values are in another file.
+    """
+    second, first = needed(MODULE, "nibabel", "NIfTI"), needed("nibabel.nifti1", "nibabel", "NIfTI")
     try:
-        head = stream.read(SIZES[1])
-        header = nifti_header(head)
-        offset = header.start
-        if not (math.isfinite(offset) and (0 if pair else header.size + 4) <= offset <= MOST_HEADER):
+        head = stream.read(LONGEST_HEADER)
+        kind = second.Nifti2Header if second.Nifti2Header.may_contain_header(head) else first.Nifti1Header
+        header, pixdim = mended(kind, head[: kind.sizeof_hdr])
+        header.get_data_shape()
+        offset = float(header["vox_offset"])
+        if not (math.isfinite(offset) and (0 if pair else kind.sizeof_hdr + 4) <= offset <= MOST_HEADER):
             raise ReadError(
                 f"{name} says that its values begin at byte {offset:g}, which no NIfTI file has; export it again"
             )
         head += stream.read(MOST_HEADER if pair else max(0, int(offset) - len(head)))
-    except STREAM_ERRORS as error:
+    except STREAM_ERRORS + header_errors() as error:
         raise ReadError(f"{name} is not a readable NIfTI file ({reason(error)}); export or copy it again") from error
     whole = head if pair else head[: int(offset)]
-    return header, extensions(whole, header.size, header.order, name)
+    return header, pixdim, extensions(whole, kind.sizeof_hdr, header.endianness, name)
+
+
+def header_errors() -> tuple[type[Exception], ...]:
+    """Return the errors that nibabel's headers of NIfTI and Analyze raise."""
+    spatial = needed("nibabel.spatialimages", "nibabel", "NIfTI")
+    struct_error = needed("nibabel.wrapstruct", "nibabel", "NIfTI").WrapStructError
+    # KeyError: a type of values that does not exist. OverflowError: an offset that is infinite.
+    return (spatial.HeaderDataError, spatial.HeaderTypeError, struct_error, ValueError, KeyError, OverflowError)
+
+
+def mended(kind: Any, content: bytes) -> tuple[Any, NDArray[np.float64]]:
+    """Return a header that nibabel has checked and mended, and its pixdim (3,) as it is written.
+
+    A side of 0 mm becomes 1 mm, a negative one positive, and an orientation of an unknown code none.
+    """
+    with quiet():
+        header = kind(content, check=False)
+        pixdim = np.array(header["pixdim"][1:4], np.float64)
+        header.check_fix(SILENT, DAMAGED_LEVEL)
+    return header, pixdim
 
 
 def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
     """Contents of the extensions behind a header of `at` bytes, whatever each says it is.
+
+    nibabel's own reader of extensions takes minutes for a file that is full of empty ones.
 
     Parameters
     ----------
@@ -146,12 +186,13 @@ def checked_dtype(dtype: np.dtype[Any], name: str) -> np.dtype[Any]:
     return dtype
 
 
-def scaling(header: NiftiHeader, name: str) -> tuple[float, float]:
+def scaling(header: Any, name: str) -> tuple[float, float]:
     """Slope and intercept of the values; 1 and 0 where the header has none."""
     try:
-        return checked_scale(*header.scale, name)
-    except ValueError as error:
+        slope, intercept = header.get_slope_inter()
+    except header_errors() as error:
         raise ReadError(f"{name} has a broken scale ({reason(error)}); export it again") from error
+    return checked_scale(1.0 if slope is None else float(slope), float(intercept or 0.0), name)
 
 
 def checked_scale(slope: float, intercept: float, name: str) -> tuple[float, float]:
@@ -161,62 +202,76 @@ def checked_scale(slope: float, intercept: float, name: str) -> tuple[float, flo
     return slope, intercept
 
 
-def placed(header: NiftiHeader, name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Affine in mm, and what had to be assumed."""
+def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
+    """Affine in mm, and what had to be assumed; `pixdim` is as it is written."""
     try:
-        affine = header.affine
-    except ValueError as error:
+        affine = np.array(header.get_best_affine(), np.float64)
+    except header_errors() as error:
         raise ReadError(f"{name} has a broken orientation ({reason(error)}); export it again") from error
     notes = []
-    if not any(header.codes):
+    if not (header["qform_code"] or header["sform_code"]):
         notes.append(
             "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
             "rows towards the front, slices towards the head; flip x, y or z changes it"
         )
-    (mm,), said = in_mm(["" if header.unit == "unknown" else header.unit])
+    (mm,), said = in_mm([unit_of(header)])
     affine[:3] *= mm
-    return affine, (*notes, *geometry_notes(header, mm), *said)
+    return affine, (*notes, *geometry_notes(header, pixdim, mm), *said)
 
 
-def geometry_notes(header: NiftiHeader, mm: float) -> tuple[str, ...]:
+def unit_of(header: Any) -> str:
+    """Return the unit of positions, '' where it is not known; of another code its number."""
+    try:
+        unit = str(header.get_xyzt_units()[0])
+    except KeyError:
+        code = int(header["xyzt_units"]) & 7
+        unit = str(needed("nibabel.nifti1", "nibabel", "NIfTI").unit_codes.label.get(code, f"xyzt_units {code}"))
+    return "" if unit == "unknown" else unit
+
+
+def geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tuple[str, ...]:
     """Return what the file says of its place in two ways that differ, or in none that can be.
 
     Parameters
     ----------
-    header : NiftiHeader
+    header : nibabel.Nifti1Header
+        Mended.
+    pixdim : (3,) float64
+        As it is written.
     mm : float
         The header's unit.
     """
-    has_qform, has_sform = header.codes
-    if not has_sform:
-        return mended_notes(header.pixdim * mm)
-    affine = header.sform
-    lengths, others = spacing_of(affine) * mm, np.abs(header.pixdim) * mm
+    if not header["sform_code"]:
+        return mended_notes(pixdim * mm, np.array(header["pixdim"][1:4], np.float64) * mm)
+    affine = np.array(header.get_sform(), np.float64)
+    lengths, others = spacing_of(affine) * mm, np.abs(pixdim) * mm
     parts = [f"spacing {lengths_text(lengths)} and {lengths_text(others)} mm"] * differ(others, lengths)
-    if not has_qform:
+    if not header["qform_code"]:
         return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
     try:
-        qform = header.qform
-    except ValueError as error:
+        qform = np.array(header.get_qform(), np.float64)
+    except header_errors() as error:
         return (f"the file's qform is broken ({reason(error)}): sform is taken",)
     if not np.isfinite([affine, qform]).all() or not lengths.all():
         return ()  # refused, or without directions
     axes = [f"{axis_codes(place)}, {'left' if determinant(place) < 0 else 'right'}-handed" for place in (affine, qform)]
     if axes[0] != axes[1]:
         parts.append(f"axes to {axes[0]}, and to {axes[1]}")
-    columns, rows, slices = header.sides[:3]
+    columns, rows, slices = header.get_data_shape()[:3]
     away_mm = farthest_corner_mm(affine, qform, (columns, rows, slices)) * mm
     if not parts and away_mm > lengths.min():  # float32 rounds quaternions of half turns badly
         parts.append(f"places up to {away_mm:.3g} mm apart")
     return (f"the file's sform and qform differ ({'; '.join(parts)}): sform is taken",) if parts else ()
 
 
-def mended_notes(pixdim_mm: NDArray[np.float64]) -> tuple[str, ...]:
-    """Return the note on distances between samples, (3,) mm, that are not above 0."""
-    if not (pixdim_mm <= 0).any():
+def mended_notes(written_mm: NDArray[np.float64], taken_mm: NDArray[np.float64]) -> tuple[str, ...]:
+    """Return the note on distances between samples, (3,) mm, that are not above 0, and those that are taken."""
+    if not (written_mm <= 0).any():
         return ()
-    taken = lengths_text(mended_sides(pixdim_mm))
-    return (f"the file's pixdim is {lengths_text(pixdim_mm)}: taken as {taken} mm; give the spacing in mm for another",)
+    taken = lengths_text(taken_mm)
+    return (
+        f"the file's pixdim is {lengths_text(written_mm)}: taken as {taken} mm; give the spacing in mm for another",
+    )
 
 
 def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:

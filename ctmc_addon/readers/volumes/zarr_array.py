@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One array of a Zarr store, version 2 or 3: what its metadata say, and its values by zarr, some chunks at a time.
+"""One array of a Zarr store, version 2 or 3, by zarr: its description, and its values some chunks at a time.
 
-zarr-specs.readthedocs.io describes both versions. The metadata are read here before zarr is asked: sizes that are none
-are refused, and so is every codec that is not in `CODECS`, as one of zarr's unpickles what it reads.
+zarr-specs.readthedocs.io describes both versions. The names of codecs are looked at before zarr is asked, and one that
+is not in `CODECS` is refused, as one of zarr's unpickles what it reads.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...core import NO_THREAD, ReadError, Step, Steps, require_memory
 from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
-from .zarr_chunks import unpacks_beyond
+from ..packed_size import bytes_to_look_at, unpacks_beyond
 
 MOST_JSON = 1 << 24  # bytes of one file of metadata
 MOST_AXES = 8
@@ -33,11 +33,8 @@ WIDEST = 16  # bytes that a filter may make of a value
 BLOCK = 1 << 24  # bytes that are decoded at once, where a chunk has fewer
 RUN = 1 << 26  # bytes that are looked at at once
 MOST_KEPT = 1 << 28  # bytes of a layer of chunks that are kept for the next call
-TYPES = {"bool": "?"} | {
-    f"{kind}{bits}": f"{kind[0]}{bits // 8}" for kind in ("int", "uint") for bits in (8, 16, 32, 64)
-}
-TYPES |= {"float32": "f4", "float64": "f8"}
 # Of numcodecs (version 2) and of zarr (version 3), where those of numcodecs are called 'numcodecs.zlib'.
+SIZES = {"b": (1,), "i": (1, 2, 4, 8), "u": (1, 2, 4, 8), "f": (4, 8)}  # The bytes of a value, by its kind.
 CODECS = {
     *("blosc", "zlib", "gzip", "zstd", "lz4", "bz2", "lzma", "shuffle", "bitround", "delta", "fixedscaleoffset"),
     *("quantize", "packbits", "astype", "crc32", "crc32c", "adler32", "fletcher32", "jenkins_lookup3"),
@@ -49,10 +46,10 @@ DAMAGE = (*ZARR_ERRORS, AssertionError, zlib.error, lzma.LZMAError)
 
 
 class ArrayHeader(NamedTuple):
-    """The description of an array in its metadata."""
+    """The description of an array."""
 
     folder: Path
-    version: int  # of Zarr, 2 or 3
+    array: Any  # zarr's
     shape: tuple[int, ...]
     chunks: tuple[int, ...]  # that are decoded at once
     grid: int  # number of files that hold all values: chunks, or shards of several
@@ -86,7 +83,7 @@ def read_json(path: Path, name: str) -> dict[str, Any]:
 
 
 def array_header(folder: Path, name: str) -> ArrayHeader:
-    """Return the description of the array in a folder, from its metadata.
+    """Return the description of the array in a folder, as zarr opens it.
 
     Raises
     ------
@@ -103,22 +100,28 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
         raise ReadError(
             f"{name} is packed by the codec '{unknown[:60]}', which is not read; save it with Blosc or Zstandard"
         )
-    dtype = stored_type(about.get("data_type") if third else about.get("dtype"), bool(third), name)
-    shape = sizes(about.get("shape"), "shape", name)
-    grid = about.get("chunk_grid")
-    configuration = grid.get("configuration") if isinstance(grid, dict) else None
-    outer = configuration.get("chunk_shape") if isinstance(configuration, dict) else about.get("chunks")
-    files = sizes(outer, "chunk shape", name)
-    chunks = files
-    for codec in listed(about, "codecs"):
-        if isinstance(codec, dict) and codec.get("name") == "sharding_indexed":
-            inner = codec.get("configuration")
-            chunks = sizes(inner.get("chunk_shape") if isinstance(inner, dict) else None, "chunk shape", name)
-    if not len(shape) == len(files) == len(chunks):
-        raise ReadError(f"{name} has {len(shape)} axes and chunks of {len(chunks)}; export it again")
+    zarr = needed("zarr", "zarr", "OME-Zarr")
+    try:
+        with quiet():
+            array = zarr.open_array(str(folder), mode="r", zarr_format=3 if third else 2)
+            shape, chunks, shards = tuple(array.shape), tuple(array.chunks), array.shards
+            dtype = np.dtype(array.dtype).newbyteorder("=")
+    except DAMAGE as error:
+        if is_without_thread(error):
+            raise MemoryError(NO_THREAD) from error
+        raise ReadError(
+            f"{name} has metadata that zarr does not read ({reason(error)}); export it again as int16 or float32"
+        ) from error
+    files = shards or chunks
+    for sides in (shape, files, chunks):
+        if not 0 < len(sides) <= MOST_AXES or len(sides) != len(shape) or not all(0 < side < LONGEST for side in sides):
+            raise ReadError(
+                f"{name} has the shape {shape} and chunks of {sides}, which is not a volume; export it again"
+            )
+    if dtype.kind not in "biuf" or dtype.itemsize not in SIZES[dtype.kind]:
+        raise ReadError(f"{name} holds values of type {str(dtype)[:60]}; convert them to int16 or float32")
     count = math.prod(-(-size // side) for size, side in zip(shape, files, strict=True))
-    codec = "" if chunks != files else outermost(about)
-    return ArrayHeader(folder, 3 if third else 2, shape, chunks, count, dtype, codec, name)
+    return ArrayHeader(folder, array, shape, chunks, count, dtype, "" if shards else outermost(about), name)
 
 
 def outermost(about: Mapping[str, Any]) -> str:
@@ -152,25 +155,6 @@ def codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
                 if depth < MOST_AXES
                 else ["nested too deep"]
             )
-
-
-def sizes(found: Any, what: str, name: str) -> tuple[int, ...]:
-    """Lengths along the axes: whole numbers from 1 on."""
-    is_list = isinstance(found, list) and 0 < len(found) <= MOST_AXES
-    if not is_list or not all(type(side) is int and 1 <= side < LONGEST for side in found):
-        raise ReadError(f"{name} has the {what} {str(found)[:60]}, and a volume has 3 axes or more; export it again")
-    return tuple(found)
-
-
-def stored_type(word: Any, third: bool, name: str) -> np.dtype[Any]:
-    """Return the type of the values, in the machine's byte order."""
-    code = TYPES.get(str(word)) if third else str(word)[1:] if str(word)[:1] in "<>|=" else None
-    kind = str(word) if isinstance(word, str) else "of several numbers"
-    if code in ("b1", "?"):
-        return np.dtype(bool)
-    if code not in TYPES.values():
-        raise ReadError(f"{name} holds values of type {kind[:60]}; convert them to int16 or float32")
-    return np.dtype(code)
 
 
 def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
@@ -216,7 +200,7 @@ class ZarrSlices(SliceReader):
         self.shape = (header.shape[z], header.shape[y], header.shape[x])
         self.dtype = header.dtype
         self.chunk_slices = min(header.chunks[z], self.shape[0])
-        self.array = opened(header)
+        self.array = header.array
         self._kept: tuple[range, range, range, NDArray[Any]] | None = None
 
     @property
@@ -294,11 +278,11 @@ class ZarrSlices(SliceReader):
             with quiet():
                 values = np.asarray(self.array[tuple(index[axis] for axis in range(len(index)))])
         except DAMAGE as error:
-            raise damaged(self.header, error) from error
+            raise damaged(self.header.name, error) from error
         except OSError as error:  # of gzip and bz2, which have no number
             if error.errno is not None:
                 raise
-            raise damaged(self.header, error) from error
+            raise damaged(self.header.name, error) from error
         return values.transpose(np.argsort(np.argsort(self.axes)))
 
     def _check_unpacked(self, slices: range, rows: range, columns: range) -> None:
@@ -310,7 +294,12 @@ class ZarrSlices(SliceReader):
         most = WIDEST * math.prod(self.header.chunks) + BLOCK
         for chunk in itertools.product(*(numbers[axis] for axis in range(len(numbers)))):
             key = self.array.metadata.encode_chunk_key(chunk)
-            if unpacks_beyond(self.header.folder / key, self.header.codec, most):
+            path = self.header.folder / key
+            content = b""
+            if path.is_file():
+                with path.open("rb") as file:
+                    content = file.read(bytes_to_look_at(path.stat().st_size, self.header.codec, most))
+            if unpacks_beyond(content, self.header.codec, most):
                 raise ReadError(
                     f"chunk {key} of {self.header.name} unpacks to far more than its size tells of; export it again"
                 )
@@ -332,21 +321,13 @@ def chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
         first += len(own)
 
 
-def opened(header: ArrayHeader) -> Any:
-    """Open the array with zarr."""
-    zarr = needed("zarr", "zarr", "OME-Zarr")
-    try:
-        with quiet():
-            array = zarr.open_array(str(header.folder), mode="r", zarr_format=header.version)
-    except DAMAGE as error:
-        raise damaged(header, error) from error
-    if tuple(array.shape) != header.shape or tuple(array.chunks) != header.chunks:
-        raise ReadError(f"{header.name} has metadata that do not agree with each other; export it again")
-    return array
-
-
-def damaged(header: ArrayHeader, error: Exception) -> Exception:
-    """Return the error for metadata or chunks that zarr cannot read."""
-    if isinstance(error, RuntimeError) and str(error) == NO_THREAD:
+def damaged(name: str, error: Exception) -> Exception:
+    """Return the error for chunks that zarr cannot read."""
+    if is_without_thread(error):
         return MemoryError(NO_THREAD)
-    return ReadError(f"{header.name} is truncated or damaged ({reason(error)}); copy it again")
+    return ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again")
+
+
+def is_without_thread(error: Exception) -> bool:
+    """Return whether zarr could not start a thread."""
+    return isinstance(error, RuntimeError) and str(error) == NO_THREAD
