@@ -13,7 +13,7 @@ from .. import readers
 from ..core import LabelError, OutputError, Steps, Volume
 from ..core.files.file_names import printable
 from ..core.files.label_files import Segment
-from ..core.segmentation import MOST_STRUCTURES, Layers, Mask, Window, margin_steps, require_count
+from ..core.segmentation import MOST_STRUCTURES, Flags, Layers, Window, margin_steps, require_count
 from ..core.volume import (
     ValueKind,
     index_to_index,
@@ -49,11 +49,11 @@ class Structures:
         self.colors: dict[str, RGB] = {}
         self.notes: list[str] = []
 
-    def mask(self, name: str) -> Mask:
+    def mask(self, name: str) -> Flags:
         """Return where a structure is."""
         return self.layers.mask(self.label_of[name])
 
-    def add(self, name: str, mask: Mask, window: Window) -> None:
+    def add(self, name: str, mask: Flags, window: Window) -> None:
         """Add voxels of a window to a structure; a new one gets the label after the largest, or the first free one."""
         if name in self.label_of:
             whole = self.mask(name)

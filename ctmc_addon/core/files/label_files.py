@@ -17,6 +17,7 @@ from typing import BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Bytes
 from ..errors import OutputError
 from ..progress import Step, Steps
 from ..volume.affine import spacing_of
@@ -26,8 +27,6 @@ from .file_names import printable
 LABEL_SUFFIXES = (".seg.nrrd", ".nrrd", ".nii", ".nii.gz")
 LEVEL = 4  # of gzip; higher ones take much longer and save little of labels
 NIFTI_HEADER = 352  # bytes, with the four that say that no extension follows
-
-Labels = NDArray[np.uint8]
 
 
 class Segment(NamedTuple):
@@ -40,7 +39,7 @@ class Segment(NamedTuple):
 
 
 def write_labels_steps(
-    path: Path, layers: Sequence[Labels], segments: Sequence[Segment], affine: NDArray[np.float64]
+    path: Path, layers: Sequence[Bytes], segments: Sequence[Segment], affine: NDArray[np.float64]
 ) -> Steps[None]:
     """Write labels; the suffix chooses the format, and `.gz` is `.nii.gz`.
 
@@ -71,7 +70,7 @@ def write_labels_steps(
         raise refused(path, error) from error
 
 
-def _nifti_steps(path: Path, labels: Labels, affine: NDArray[np.float64]) -> Steps[None]:
+def _nifti_steps(path: Path, labels: Bytes, affine: NDArray[np.float64]) -> Steps[None]:
     with path.open("wb") as file, _packing(file, path) as packed:
         packed.write(_nifti_header(labels, affine))
         for number, layer in enumerate(labels):
@@ -85,7 +84,7 @@ def _packing(file: BinaryIO, path: Path) -> gzip.GzipFile | nullcontext[BinaryIO
 
 
 def _nrrd_steps(
-    path: Path, layers: Sequence[Labels], segments: Sequence[Segment], affine: NDArray[np.float64]
+    path: Path, layers: Sequence[Bytes], segments: Sequence[Segment], affine: NDArray[np.float64]
 ) -> Steps[None]:
     slices, rows, columns = layers[0].shape
     several = len(layers) > 1
@@ -145,7 +144,7 @@ def _extent(mask: NDArray[np.bool_]) -> list[int]:
     return ends
 
 
-def _nifti_header(layer: Labels, affine: NDArray[np.float64]) -> bytes:
+def _nifti_header(layer: Bytes, affine: NDArray[np.float64]) -> bytes:
     """Return the header of a NIfTI-1 file of one byte a voxel, placed by its sform."""
     slices, rows, columns = layer.shape
     header = bytearray(NIFTI_HEADER)

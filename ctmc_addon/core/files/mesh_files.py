@@ -17,6 +17,7 @@ from typing import IO
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..errors import OutputError
 from ..mesh.face_normals import vertex_normals
 from .atomic_write import whole_file
@@ -29,13 +30,12 @@ PAGE = ".html"
 STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # of files that hold several surfaces, in structures/
 BLENDER_SUFFIXES = (".blend",)  # of files that Blender writes, in blender/export.py
 ROWS_AT_ONCE = 1 << 16
-Vectors = NDArray[np.float32]
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
 
 
 def write_mesh(
-    path: str | os.PathLike[str], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None
+    path: str | os.PathLike[str], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None
 ) -> None:
     """Write a surface to an STL or PLY, whole or not at all; the suffix chooses the format.
 
@@ -63,7 +63,7 @@ def write_mesh(
         writer(file, vertices, faces, normals)
 
 
-def write_stl(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+def write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
     """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
@@ -76,7 +76,7 @@ def write_stl_head(file: IO[bytes], face_count: int) -> None:
     file.write(np.uint32(face_count).astype("<u4").tobytes())
 
 
-def write_stl_facets(file: IO[bytes], corners: Vectors) -> None:
+def write_stl_facets(file: IO[bytes], corners: Floats) -> None:
     """Facets of a binary STL from their corners, (n, 3, 3)."""
     rows = np.zeros(len(corners), STL_FACE)
     rows["corners"] = corners
@@ -91,7 +91,7 @@ def write_stl_facets(file: IO[bytes], corners: Vectors) -> None:
     file.write(rows.view(np.uint8).data)
 
 
-def write_ply(file: IO[bytes], vertices: Vectors, faces: NDArray[np.int32], normals: Vectors | None = None) -> None:
+def write_ply(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
     """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
     write_ply_head(file, len(vertices), len(faces))
     if normals is None:
@@ -112,7 +112,7 @@ def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int) -> None:
     )
 
 
-def write_ply_vertices(file: IO[bytes], vertices: Vectors, normals: Vectors) -> None:
+def write_ply_vertices(file: IO[bytes], vertices: Floats, normals: Floats) -> None:
     """Vertices of a binary PLY, (n, 3), and their normals."""
     file.write(np.concatenate([vertices, normals], axis=1).astype("<f4", copy=False).tobytes())
 
@@ -139,7 +139,7 @@ def parts_of(count: int) -> Iterator[slice]:
     return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))
 
 
-WRITERS: dict[str, Callable[[IO[bytes], Vectors, NDArray[np.int32], Vectors | None], None]] = {
+WRITERS: dict[str, Callable[[IO[bytes], Floats, NDArray[np.int32], Floats | None], None]] = {
     ".stl": write_stl,
     ".ply": write_ply,
 }

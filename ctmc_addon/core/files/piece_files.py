@@ -31,7 +31,6 @@ from .mesh_files import (
 )
 
 T = TypeVar("T")
-Vectors = NDArray[np.float32]
 
 COPIED = 1 << 24  # bytes between two steps
 WRITING_SHARE = 0.9  # of the work is done when the last piece has come

@@ -18,6 +18,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Doubles, Indices
 from ..progress import Step, Steps, finish
 
 MESSAGE = "Measuring the largest diameter"
@@ -27,9 +28,6 @@ AT_ONCE = 1 << 13  # pairs of boxes that are split in one go
 MOST_COMPARED = 1 << 20  # pairs of vertices that are compared in one go
 ROUNDING = 1e-9  # more than that of the bounds by angles
 SWEEPS = 4  # from a vertex to the one farthest from it
-
-Indices = NDArray[np.int64]
-Points = NDArray[np.float64]
 
 
 def largest_diameter(vertices: NDArray[np.float32]) -> float:
@@ -90,16 +88,16 @@ class _BoxLevel(NamedTuple):
     The last entry of `first_vertex` and `first_child` is the end of the last box.
     """
 
-    low: Points
-    high: Points
-    axis: Points
-    spread: Points
-    distance: Points
+    low: Doubles
+    high: Doubles
+    axis: Doubles
+    spread: Doubles
+    distance: Doubles
     first_vertex: Indices
     first_child: Indices
 
 
-def _levels(points: Points, middle: Points) -> tuple[list[_BoxLevel], Points]:
+def _levels(points: Doubles, middle: Doubles) -> tuple[list[_BoxLevel], Doubles]:
     """Return the levels of boxes from one around all vertices to the smallest, and the vertices in their order."""
     depth = min(DEEPEST, max(0, math.ceil(math.log(max(1.0, len(points) / IN_BOX), 4))))  # 4 children on a surface
     low, side = points.min(axis=0), float(np.ptp(points, axis=0).max()) or 1.0
@@ -147,7 +145,7 @@ def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices
     return starts[first][of_pair] + row, starts[second][of_pair] + column
 
 
-def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Points:
+def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Doubles:
     """Return for pairs of boxes a square that no squared distance between their vertices exceeds."""
     far = np.maximum(level.high[first] - level.low[second], level.high[second] - level.low[first])
     one, other = level.distance[first], level.distance[second]
@@ -158,12 +156,12 @@ def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Points:
     return np.where(missed < math.pi / 2, np.minimum(_lengths(far), opposite), _lengths(far))
 
 
-def _angle(chord: Points) -> Points:
+def _angle(chord: Doubles) -> Doubles:
     """Return the angle between two unit vectors from the length of their difference."""
     return 2 * np.arcsin(np.minimum(chord / 2, 1.0))
 
 
-def _compared(points: Points, level: _BoxLevel, first: Indices, second: Indices) -> float:
+def _compared(points: Doubles, level: _BoxLevel, first: Indices, second: Indices) -> float:
     """Return the largest squared distance between the vertices of pairs of boxes."""
     best = 0.0
     count = np.diff(level.first_vertex)
@@ -176,7 +174,7 @@ def _compared(points: Points, level: _BoxLevel, first: Indices, second: Indices)
     return best
 
 
-def _swept(points: Points) -> tuple[float, Points]:
+def _swept(points: Doubles) -> tuple[float, Doubles]:
     """Return the squared distance of two vertices far apart, and the point between them."""
     best, middle, at = 0.0, points[0], points[0]
     for _ in range(SWEEPS):
@@ -188,12 +186,12 @@ def _swept(points: Points) -> tuple[float, Points]:
     return best, middle
 
 
-def _squares(points: Points, others: Points) -> Points:
+def _squares(points: Doubles, others: Doubles) -> Doubles:
     """Return squared distances."""
     return _lengths(points - others)
 
 
-def _lengths(vectors: Points) -> Points:
+def _lengths(vectors: Doubles) -> Doubles:
     """Return squared lengths, always summed in the same order."""
     x, y, z = vectors.T
     return (x * x + y * y) + z * z

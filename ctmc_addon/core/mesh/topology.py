@@ -11,12 +11,11 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Ints
 from ..progress import PAUSE, Steps
 
 FACES_PER_STEP = 1 << 17
 BUCKET = 1 << 20  # corners whose edges are sorted together
-
-Ints = NDArray[np.int32]
 
 
 def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:

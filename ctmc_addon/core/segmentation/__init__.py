@@ -5,13 +5,14 @@ A mask is (slices, rows, columns) bool, a byte for each voxel. For a region, han
 shape: nothing else is read or touched.
 """
 
+from ..arrays import Flags
 from .between.planes import Outline, between_planes_steps
 from .between.slices import between_slices_steps, drawn_axis
 from .changes import Change, change_of
 from .combine import COMBINATIONS, combined
 from .competition.compete import HU_PER_MM, MAX_MM, Click, compete_steps
 from .connected import connected_steps
-from .distance import Mask, Window, grown_window, window_of
+from .distance import Window, grown_window, window_of
 from .islands import holes_filled_steps, islands_steps
 from .layers import MOST_STRUCTURES, Layers, layers_of, require_count
 from .margin import margin_steps

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import SettingsError
-from .distance import Mask, Window, window_of
+from .distance import Window, window_of
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +42,7 @@ class Change:
         """Bytes that the record takes."""
         return self.start.nbytes + self.stop.nbytes
 
-    def apply(self, mask: Mask) -> None:
+    def apply(self, mask: Flags) -> None:
         """Turn the samples of the runs over in a mask, in place: redo, or undo.
 
         Raises
@@ -59,7 +60,7 @@ class Change:
         flat[at] ^= True
 
 
-def change_of(before: Mask, after: Mask, window: Window | None = None) -> Change:
+def change_of(before: Flags, after: Flags, window: Window | None = None) -> Change:
     """Return what turned over between two masks of one shape; a window (z, y, x) says where to look.
 
     Examples

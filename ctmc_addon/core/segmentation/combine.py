@@ -3,13 +3,13 @@
 
 from __future__ import annotations
 
+from ..arrays import Flags
 from ..errors import SettingsError
-from .distance import Mask
 
 COMBINATIONS = ("or", "and", "minus")
 
 
-def combined(first: Mask, second: Mask, how: str) -> Mask:
+def combined(first: Flags, second: Flags, how: str) -> Flags:
     """Return what either mask has ("or"), what both have ("and"), or what the first alone has ("minus").
 
     Raises

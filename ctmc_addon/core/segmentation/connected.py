@@ -12,20 +12,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from ..arrays import Flags
 from ..errors import SettingsError
 from ..progress import Step, Steps, equal_part
-from .distance import SLACK, Mask, Spacing, far_inside_steps, near_steps
+from .distance import SLACK, Spacing, far_inside_steps, near_steps
 from .islands import touching_steps
 from .points import Sample, sample_in, window_around
 
 
 def connected_steps(
-    allowed: Mask,
+    allowed: Flags,
     samples: Sequence[Sample],
     spacing_mm: Spacing,
     max_mm: float = math.inf,
     opening_mm: float = 0.0,
-) -> Steps[Mask]:
+) -> Steps[Flags]:
     """Return the part of a mask that is connected to given samples.
 
     Parameters
@@ -74,7 +75,9 @@ def connected_steps(
     return result
 
 
-def _around_steps(samples: Sequence[Sample], shape: tuple[int, ...], spacing_mm: Spacing, max_mm: float) -> Steps[Mask]:
+def _around_steps(
+    samples: Sequence[Sample], shape: tuple[int, ...], spacing_mm: Spacing, max_mm: float
+) -> Steps[Flags]:
     """Return the samples that are at most so far from one of a few: a ball around each."""
     near = np.zeros(shape, bool)
     most = max_mm * max_mm * (1 + SLACK)
@@ -91,7 +94,7 @@ def _around_steps(samples: Sequence[Sample], shape: tuple[int, ...], spacing_mm:
 
 
 def _cores_steps(
-    core: Mask, inner: Mask, clicked: Sequence[Sample], spacing_mm: Spacing, half_mm: float
+    core: Flags, inner: Flags, clicked: Sequence[Sample], spacing_mm: Spacing, half_mm: float
 ) -> Steps[list[Sample]]:
     """Return the clicked samples of the core, and for others a sample of it near them that the mask connects."""
     found: list[Sample] = []

@@ -11,19 +11,17 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats
 from ..progress import Step, Steps
 
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float32]
 Spacing = tuple[float, float, float]
 Window = tuple[slice, slice, slice]
 BLOCK = 1 << 18  # samples worked on at once, each with some bytes
 SLACK = 1e-6  # share of a distance that is rounding
 
 
-def window_of(mask: Mask) -> Window | None:
+def window_of(mask: Flags) -> Window | None:
     """Return the smallest window (z, y, x) that holds a mask's samples; None where it has none.
 
     Examples
@@ -60,7 +58,7 @@ def grown_window(window: Window, margin_mm: float, spacing_mm: Spacing, shape: t
     return grown[0], grown[1], grown[2]
 
 
-def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.inf) -> Floats:
+def squared_distances(mask: Flags, spacing_mm: Spacing, limit_mm: float = math.inf) -> Floats:
     """Return the squared distance from every sample to the nearest one of a mask, mm2, exact up to the limit.
 
     Parameters
@@ -83,7 +81,7 @@ def squared_distances(mask: Mask, spacing_mm: Spacing, limit_mm: float = math.in
     return _least_along(0, squares, spacing_mm[2], limit_mm)
 
 
-def _in_slices(mask: Mask, spacing_mm: Spacing, limit_mm: float) -> Floats:
+def _in_slices(mask: Flags, spacing_mm: Spacing, limit_mm: float) -> Floats:
     """Do what `squared_distances` does in every slice by itself."""
     columns = mask.shape[2]
     at = np.arange(columns, dtype=np.int32)
@@ -120,7 +118,7 @@ def _farthest(limit_mm: float) -> float:
     return limit_mm * limit_mm * (1 + SLACK)
 
 
-def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = False) -> Steps[Mask]:
+def near_steps(mask: Flags, spacing_mm: Spacing, limit_mm: float, below: bool = False) -> Steps[Flags]:
     """Find the samples that are at most `limit_mm` from one of the mask, the mask's own included.
 
     Works on some slices at a time. It takes a byte for each sample of the grid, and up to eight for each sample of the
@@ -177,7 +175,7 @@ def near_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, below: bool = F
     return result
 
 
-def far_inside_steps(mask: Mask, spacing_mm: Spacing, limit_mm: float, at_least: bool = False) -> Steps[Mask]:
+def far_inside_steps(mask: Flags, spacing_mm: Spacing, limit_mm: float, at_least: bool = False) -> Steps[Flags]:
     """Find the samples of a mask that are farther than `limit_mm` from every sample outside of it.
 
     Parameters

@@ -11,16 +11,18 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import SettingsError
 from ..progress import PAUSE, Steps
 from ..smoothing.label_components import LabelComponents, label_components_steps
-from .distance import Mask
 from .points import Sample
 
 SLICES_PER_STEP = 32
 
 
-def painted_steps(components: LabelComponents, selected: NDArray[np.bool_], shape: tuple[int, int, int]) -> Steps[Mask]:
+def painted_steps(
+    components: LabelComponents, selected: NDArray[np.bool_], shape: tuple[int, int, int]
+) -> Steps[Flags]:
     """Return the mask of the selected components, (components,) bool."""
     slices, rows, columns = shape
     mask = np.zeros(shape, bool)
@@ -39,7 +41,7 @@ def painted_steps(components: LabelComponents, selected: NDArray[np.bool_], shap
     return mask
 
 
-def touching_steps(mask: Mask, samples: Sequence[Sample]) -> Steps[Mask]:
+def touching_steps(mask: Flags, samples: Sequence[Sample]) -> Steps[Flags]:
     """Return the components of a mask that have one of these samples (slice, row, column)."""
     components = yield from label_components_steps(mask)
     selected = np.zeros(len(components.voxels), bool)
@@ -51,8 +53,8 @@ def touching_steps(mask: Mask, samples: Sequence[Sample]) -> Steps[Mask]:
 
 
 def islands_steps(
-    mask: Mask, voxel_mm3: float, at_least_mm3: float = 0.0, largest: int | None = None, drop: bool = False
-) -> Steps[Mask]:
+    mask: Flags, voxel_mm3: float, at_least_mm3: float = 0.0, largest: int | None = None, drop: bool = False
+) -> Steps[Flags]:
     """Keep the components of a mask that are large enough, or the largest ones; or drop just these.
 
     Parameters
@@ -93,7 +95,7 @@ def islands_steps(
     return (yield from painted_steps(components, selected ^ drop, _shape(mask)))
 
 
-def holes_filled_steps(mask: Mask, voxel_mm3: float, at_most_mm3: float = float("inf")) -> Steps[Mask]:
+def holes_filled_steps(mask: Flags, voxel_mm3: float, at_most_mm3: float = float("inf")) -> Steps[Flags]:
     """Fill what a mask encloses: components of its outside that do not reach the border of the grid.
 
     Parameters
@@ -121,6 +123,6 @@ def holes_filled_steps(mask: Mask, voxel_mm3: float, at_most_mm3: float = float(
     return filled
 
 
-def _shape(mask: Mask) -> tuple[int, int, int]:
+def _shape(mask: Flags) -> tuple[int, int, int]:
     slices, rows, columns = mask.shape
     return slices, rows, columns

@@ -9,12 +9,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Bytes, Flags
 from ..errors import SettingsError
-from .distance import Mask, Window
+from .distance import Window
 
-Labels = NDArray[np.uint8]
 MOST_STRUCTURES = 255
 WHOLE: Window = (slice(None), slice(None), slice(None))
 
@@ -44,14 +43,14 @@ class Layers:
 
     def __init__(self, shape: tuple[int, int, int]) -> None:
         self.shape = shape
-        self.labels: list[Labels] = []
+        self.labels: list[Bytes] = []
         self.layer_of: dict[int, int] = {}
 
-    def mask(self, label: int) -> Mask:
+    def mask(self, label: int) -> Flags:
         """Return where a structure is."""
         return self.labels[self.layer_of[label]] == label
 
-    def put(self, label: int, mask: Mask, window: Window = WHOLE) -> None:
+    def put(self, label: int, mask: Flags, window: Window = WHOLE) -> None:
         """Let a structure, there already or new, be what the mask says in a window, and nothing elsewhere."""
         if label in self.layer_of:
             self.labels[self.layer_of[label]][self.mask(label)] = 0
@@ -79,7 +78,7 @@ class Layers:
         self.layer_of = {label: used.index(layer) for label, layer in self.layer_of.items()}
 
 
-def layers_of(masks: Sequence[Mask]) -> tuple[list[Labels], list[int]]:
+def layers_of(masks: Sequence[Flags]) -> tuple[list[Bytes], list[int]]:
     """Return masks as labels 1, 2, 3 and so on, in layers, and the layer of each mask.
 
     Parameters

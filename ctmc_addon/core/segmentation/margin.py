@@ -5,12 +5,13 @@ from __future__ import annotations
 
 import math
 
+from ..arrays import Flags
 from ..errors import SettingsError
 from ..progress import Steps
-from .distance import Mask, Spacing, far_inside_steps, near_steps
+from .distance import Spacing, far_inside_steps, near_steps
 
 
-def margin_steps(mask: Mask, spacing_mm: Spacing, margin_mm: float, within: Mask | None = None) -> Steps[Mask]:
+def margin_steps(mask: Flags, spacing_mm: Spacing, margin_mm: float, within: Flags | None = None) -> Steps[Flags]:
     """Grow a mask by a margin above zero, or shrink it by one below.
 
     A structure that reaches the border of the grid is taken to go on behind it: it does not shrink from there.

@@ -11,13 +11,13 @@ from collections.abc import Iterable, Mapping
 
 import numpy as np
 
+from ..arrays import Flags
 from ..errors import SettingsError
-from .distance import Mask
 
 LEVEL = 1  # of zlib: a slice of bits is small already, and a stroke waits for it
 
 
-def packed_slices(mask: Mask, numbers: Iterable[int]) -> dict[int, bytes]:
+def packed_slices(mask: Flags, numbers: Iterable[int]) -> dict[int, bytes]:
     """Return some slices of a mask, a bit for each sample and deflated; an empty slice is no bytes.
 
     Examples
@@ -36,7 +36,7 @@ def packed_slices(mask: Mask, numbers: Iterable[int]) -> dict[int, bytes]:
     }
 
 
-def unpack_into(mask: Mask, packed: Mapping[int, bytes]) -> None:
+def unpack_into(mask: Flags, packed: Mapping[int, bytes]) -> None:
     """Put packed slices into a mask in place; those that are not named stay.
 
     Raises
@@ -55,7 +55,7 @@ def unpack_into(mask: Mask, packed: Mapping[int, bytes]) -> None:
         mask[number] = np.unpackbits(bits, count=samples).reshape(mask.shape[1:])
 
 
-def unpacked_mask(packed: Mapping[int, bytes], shape: tuple[int, ...]) -> Mask:
+def unpacked_mask(packed: Mapping[int, bytes], shape: tuple[int, ...]) -> Flags:
     """Return the mask that has only these slices."""
     mask = np.zeros(shape, bool)
     unpack_into(mask, packed)

@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import ReadError
 from ..progress import Stages, Steps
 from ..units import volume_text
 from ..volume.slice_reader import SliceReader
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
-from .distance import Mask
 from .islands import islands_steps
 from .margin import margin_steps
 
@@ -99,7 +99,7 @@ def table_steps(ct: Volume) -> Steps[PatientTable | None]:
     """Find the table of a CT in HU whose samples are a few mm apart; None where nothing is behind the body."""
     side = next(at for at, letter in enumerate(ct.orientation) if letter in "AP")
     axis, backwards = 2 - side, ct.orientation[side] == "A"
-    mask: Mask = np.ascontiguousarray(ct.values >= NOT_AIR)
+    mask: Flags = np.ascontiguousarray(ct.values >= NOT_AIR)
     core = yield from margin_steps(mask, ct.spacing, -CORE_MM)
     length_mm = next(
         size * mm for size, mm, letter in zip(ct.size, ct.spacing, ct.orientation, strict=True) if letter in "SI"

@@ -8,14 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import SettingsError
 from ..progress import Step, Steps
 from ..volume.statistics.values import slabs_of
 from ..volume.volume import Volume
-from .distance import Mask
 
 
-def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Mask]:
+def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Flags]:
     """Find the samples from `low` to `high`, both included; NaN is in no range.
 
     Parameters
@@ -50,10 +50,10 @@ def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Mask]:
     return mask
 
 
-def in_range(values: NDArray[Any], low: float, high: float) -> Mask:
+def in_range(values: NDArray[Any], low: float, high: float) -> Flags:
     """Do what `range_mask_steps` does for values in memory."""
     if not low <= high:
         raise SettingsError(f"a range goes from a value to a higher one, not from {low:g} to {high:g}; swap them")
-    inside: Mask = np.greater_equal(values, low)
+    inside: Flags = np.greater_equal(values, low)
     inside &= values <= high
     return inside

@@ -13,26 +13,25 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Doubles, Flags, Indices
 from ..errors import SettingsError
 from ..progress import Step, Steps
 from ..volume.affine import product
 from ..volume.volume import SampleGrid
-from .distance import Mask, Window, window_of
+from .distance import Window, window_of
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.int64]
 SAMPLES_PER_STEP = 1 << 18
 SIDES_PER_STEP = 1 << 24  # samples times sides of the lasso
 
 
 def scissors_steps(
-    mask: Mask,
+    mask: Flags,
     volume: SampleGrid,
-    view: Floats,
-    lasso: Floats,
+    view: Doubles,
+    lasso: Doubles,
     keep_inside: bool = False,
     depth_mm: float = math.inf,
-) -> Steps[Mask]:
+) -> Steps[Flags]:
     """Erase what a lasso encloses in a view, or all else.
 
     Parameters
@@ -87,7 +86,7 @@ def scissors_steps(
     return result
 
 
-def _samples(mask: Mask, window: Window, at_once: int) -> Iterator[tuple[Indices, Indices, Indices]]:
+def _samples(mask: Flags, window: Window, at_once: int) -> Iterator[tuple[Indices, Indices, Indices]]:
     """Yield the samples of a mask in a window, so many at once: slices, rows, columns, each (n,)."""
     rows, columns = (side.stop - side.start for side in window[1:])
     layers = max(1, SAMPLES_PER_STEP // (rows * columns))
@@ -99,7 +98,7 @@ def _samples(mask: Mask, window: Window, at_once: int) -> Iterator[tuple[Indices
             yield z[part], y[part], x[part]
 
 
-def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
+def inside_polygon(x: Doubles, y: Doubles, corners: Doubles) -> NDArray[np.bool_]:
     """Return which points (n,) an odd number of a polygon's sides encloses.
 
     Examples
@@ -115,7 +114,7 @@ def inside_polygon(x: Floats, y: Floats, corners: Floats) -> NDArray[np.bool_]:
     return inside
 
 
-def _depth_mm(view: Floats, volume: SampleGrid, index: list[Indices]) -> Floats:
+def _depth_mm(view: Doubles, volume: SampleGrid, index: list[Indices]) -> Doubles:
     """Return how deep samples lie along the view's direction, mm from an arbitrary plane; larger is farther.
 
     In a perspective view w grows with the depth, in an orthographic one z does: either is a plane's equation.

@@ -14,10 +14,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags
 from ..errors import SettingsError
 from ..volume.affine import to_index
 from ..volume.volume import SampleGrid, Volume
-from .distance import SLACK, Mask, Window
+from .distance import SLACK, Window
 from .points import Point
 from .range_mask import in_range
 
@@ -27,7 +28,7 @@ SAMPLES = 1 << 13  # at once: their distances stay in the processor's cache
 
 def brushed_window(
     volume: SampleGrid, stroke_ras_mm: Sequence[Point], radius_mm: float, normal: Point | None = None
-) -> tuple[Window, Mask]:
+) -> tuple[Window, Flags]:
     """Find the samples that a brush touches which is drawn along a stroke.
 
     Parameters
@@ -83,7 +84,7 @@ def brushed_window(
 
 
 def brush(
-    mask: Mask,
+    mask: Flags,
     volume: Volume,
     stroke_ras_mm: Sequence[Point],
     radius_mm: float,
@@ -172,7 +173,7 @@ def _near_line(
     """Return which points are at most a radius from a line; with an axis, from its disc in the plane."""
     along = end - start
     apart = [part - first for part, first in zip(at, start.tolist(), strict=True)]
-    inside: Mask | bool = True
+    inside: Flags | bool = True
     if axis is not None and half_mm is not None:
         above = _dot(apart, axis)
         inside = (above >= -half_mm * (1 + SLACK)) & (above < half_mm * (1 - SLACK))
@@ -181,7 +182,7 @@ def _near_line(
     if length > 0:
         share = np.clip(_dot(apart, along) / length, 0.0, 1.0)
         apart = [part - share * step for part, step in zip(apart, along.tolist(), strict=True)]
-    near: Mask = (apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) <= radius_mm * radius_mm * (1 + SLACK)
+    near: Flags = (apart[0] ** 2 + apart[1] ** 2 + apart[2] ** 2) <= radius_mm * radius_mm * (1 + SLACK)
     return near & inside
 
 

@@ -14,6 +14,7 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Indices
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.pieces.completed_pieces import CompletedPiece, completed_pieces_steps
 from ..mesh.topology import compacted
@@ -24,8 +25,6 @@ NEW = -1  # number of a vertex that has none yet
 BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
 
 T = TypeVar("T")
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

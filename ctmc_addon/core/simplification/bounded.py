@@ -6,8 +6,8 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.topology import compacted
 from ..progress import Steps
@@ -17,11 +17,6 @@ from .component_removal import without_components_steps
 from .edge_collapse import CollapsingMesh
 from .error_check import ErrorCheck
 from .uncrossing import restored
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 
 def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:

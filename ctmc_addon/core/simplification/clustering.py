@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.measures import component_volumes_steps
 from ..mesh.topology import component_numbers_steps
@@ -35,10 +36,6 @@ from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
 BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
 ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
-
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 
 @dataclass(eq=False)

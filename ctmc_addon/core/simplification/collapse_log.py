@@ -15,14 +15,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.topology import component_roots_steps
 from ..progress import finish
 from .collapses import Collapses
-
-Ints = NDArray[np.int32]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

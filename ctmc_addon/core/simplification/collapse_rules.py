@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..progress import PAUSE, Steps
 from .collapses import (
     Collapses,
@@ -25,10 +26,6 @@ from .crossing_check import crosses_steps
 from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps
 
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 Surface = tuple[Indices, Flags]  # numbers of faces, and which of them point inward
 
 SAMPLED = 1 << 15  # costs, at least, from which is found how expensive the edges of a round are

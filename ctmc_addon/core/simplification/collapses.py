@@ -8,14 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 TURN = np.float32(0.2)  # A triangle may turn by at most the angle with this cosine.
 

@@ -17,8 +17,8 @@ import math
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Doubles, Flags, Floats, Indices, Ints
 from ..mesh.measures import component_volumes_steps
 from ..mesh.topology import component_numbers_steps
 from ..mesh.vectors import cross, dot
@@ -27,12 +27,6 @@ from ..units import volume_text
 from .error_check import ErrorCheck
 from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 
 TETRAHEDRON = 4  # triangles
 POINTS_AT_ONCE = 1024

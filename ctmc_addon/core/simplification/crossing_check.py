@@ -9,15 +9,11 @@ before they are done. Those that pass need no test afterwards.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Ints
 from ..mesh.intersections import self_intersections_steps
 from ..progress import Steps
 from .collapses import Collapses
-
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 
 def crosses_steps(

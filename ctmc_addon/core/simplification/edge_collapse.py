@@ -17,8 +17,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.topology import compacted, edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
@@ -45,11 +45,6 @@ from .quadrics import (
     renew_quadrics_steps,
     vertex_quadrics_steps,
 )
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 BLOCK = 8192  # edges whose costs are computed together: what fits the cache
 

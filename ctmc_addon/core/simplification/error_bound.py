@@ -14,19 +14,14 @@ from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.distance.triangle_tree import squared_distances
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapses import Collapses
 from .error_check import ErrorCheck
 from .policy import Policy
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 PAIRS = 1 << 13  # Measure so many distances together: they fit the cache.
 

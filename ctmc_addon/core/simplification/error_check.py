@@ -11,8 +11,8 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Doubles, Flags, Floats, Indices, Ints
 from ..mesh.distance.triangle_tree import TriangleTree, squared_distances
 from ..mesh.topology import edges_steps
 from ..mesh.triangle_mesh import TriangleMesh
@@ -20,11 +20,6 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
 
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Doubles = NDArray[np.float64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 Pieces = list[Floats]  # three corners, (3, n) each
 
 BLOCK, ASKED = 4096, 1024  # Examine so many pieces, and ask the tree for so many points, at once: they fit the cache.

@@ -19,18 +19,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
+from ..arrays import Flags, Floats, Indices, Ints
 from ..mesh.topology import Groups, component_roots_steps
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 SAVED = 4  # triangles fewer for every cut
 EVERY = 16  # One of so many edges is measured for the median.

@@ -18,8 +18,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Indices
 from ..errors import MeshError
 from ..machine.budget import Budget
 from ..machine.memory import give_back, require_or_killed
@@ -33,8 +33,6 @@ from .reduced_batch import Reduced, reduce_batch_steps
 from .whole import Goal, Simplification, require_finite, whole_steps
 
 BATCHES_SHARE = 0.8  # Batches take about this share of the time.
-
-Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,7 +93,7 @@ class _Passes:
         self.goal, self.budget, self.numbering = goal, budget, Numbering()
         self.batch_faces, self.last_faces = goal.sizes(budget)
         self.most_at_once = goal.most_at_once(budget)
-        self.large: list[Numbers] = []
+        self.large: list[Indices] = []
         self.later_limit = goal.policy.later_volume * goal.largest_component
         self.planned: deque[tuple[float, int, int]] = deque()  # `_Held` without its batch, for each batch at work
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
@@ -237,8 +235,8 @@ class _Passes:
             self.large.append(reduced.large)
         self.reduced_faces += reduced.face_count
 
-    def protected(self) -> Numbers:
-        """Numbers of the vertices of components that were too large to go when they were first simplified."""
+    def protected(self) -> Indices:
+        """Indices of the vertices of components that were too large to go when they were first simplified."""
         if len(self.large) > 1:
             self.large = [np.unique(np.concatenate(self.large))]
         return self.large[0] if self.large else np.empty(0, np.int64)
@@ -305,8 +303,8 @@ class _Passes:
             parts = [joined([parts[number] for number in group]) for group in groups]
 
 
-def _groups(pairs: Numbers, counts: list[int], most: int) -> list[list[int]]:
-    """Numbers in groups, so that those of a pair are in one where its counts do not come to more than `most`.
+def _groups(pairs: Indices, counts: list[int], most: int) -> list[list[int]]:
+    """Indices in groups, so that those of a pair are in one where its counts do not come to more than `most`.
 
     Examples
     --------

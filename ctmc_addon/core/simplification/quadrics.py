@@ -19,10 +19,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
-
-Floats = NDArray[np.float32]
 
 # A share of the trace added to A's diagonal: on flat ground, where the planes leave the point free to
 # slide, it stays near the edge's midpoint, and elsewhere it hardly moves.

@@ -4,15 +4,11 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Flags, Floats, Ints
 from ..mesh.distance.triangle_tree import CODE_BITS, morton_codes
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
-
-Ints = NDArray[np.int32]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 BRANCH = 4  # boxes in a box
 BESIDE = 12  # points on either side, in the order along the curve, that bound a distance at first

@@ -7,8 +7,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ..arrays import Indices
 from ..progress import Steps
 from .batches import NEW, Batch
 from .bounded import hold_bound_steps
@@ -17,8 +17,6 @@ from .component_removal import CollapsedComponents, Staying
 from .edge_collapse import CollapsingMesh
 from .policy import POLICY, Policy
 from .whole import collapse_steps
-
-Numbers = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +29,7 @@ class Reduced:
     collapsed : CollapsedComponents
     handles_cut : int
     large : (n,) int64 or None
-        Numbers of the vertices whose components enclose more than those that may go.
+        Indices of the vertices whose components enclose more than those that may go.
     crossing_count : int or None
         Pairs of triangles that cross, if that was tested.
     """
@@ -40,7 +38,7 @@ class Reduced:
     face_count: int
     collapsed: CollapsedComponents
     handles_cut: int
-    large: Numbers | None = None
+    large: Indices | None = None
     crossing_count: int | None = None
 
 
@@ -52,7 +50,7 @@ def reduce_batch_steps(
     whole: bool = False,
     largest_component: float = math.inf,
     by_box: bool = False,
-    protected: Numbers | None = None,
+    protected: Indices | None = None,
     policy: Policy = POLICY,
 ) -> Steps[Reduced]:
     """Simplify a batch whose border stays.
@@ -73,7 +71,7 @@ def reduce_batch_steps(
     by_box : bool
         Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
     protected : (n,) int64, optional
-        Numbers of vertices whose components stay.
+        Indices of vertices whose components stay.
     policy : Policy, optional
     """
     before = batch.face_count

@@ -14,15 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Flags, Indices, Ints
 from ..mesh.intersections import self_intersections_steps
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog, Undone
 from .edge_collapse import CollapsingMesh
 from .quadrics import renew_quadrics_steps
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 
 def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:

@@ -17,11 +17,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats, Signs
 from ..machine.budget import Budget
 from ..machine.parallel import Threads, parts_of, spread, threads_of
 from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import Floats, Places, widened
+from .bricks import Places, widened
 
 STIFFNESS = 600.0  # of second differences
 REACH = 1  # nodes beside those with samples of both labels
@@ -31,8 +32,6 @@ UNEVEN = 2.0  # longest to shortest side, above which a grid of the longest side
 ROUNDS = 100  # the same at all samples
 LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
 NODES_AT_ONCE = 1 << 15
-
-Signs = NDArray[np.int8]
 
 
 class _Pairs(NamedTuple):
@@ -151,7 +150,7 @@ def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, flo
     return out
 
 
-def _known(sign: Signs, slice_steps: int) -> NDArray[np.int8]:
+def _known(sign: Signs, slice_steps: int) -> Signs:
     """The signs on the refined grid; between slices where both are alike."""
     known = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
     known[::slice_steps] = sign

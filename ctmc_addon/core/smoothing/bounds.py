@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..arrays import Floats
 from ..machine.parallel import Threads
-from .bricks import WIDTH, Bricks, Floats, Places, over_rows
+from .bricks import WIDTH, Bricks, Places, over_rows
 
 NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
 

@@ -20,7 +20,6 @@ from numpy.typing import NDArray
 
 from ..machine.parallel import Threads, parts_of, spread
 
-Floats = NDArray[np.float32]
 Places = NDArray[np.intp]
 
 WIDTH = 8

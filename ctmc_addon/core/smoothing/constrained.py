@@ -14,13 +14,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..errors import LabelError, SettingsError
 from ..machine.budget import Budget
 from ..machine.parallel import Threads, parts_of, threads_of
 from ..progress import PAUSE, Stages, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import Inside, Start, carried, halfway_mm, refined_start
-from .bricks import WIDTH, Bricks, Floats, near_surface, number_bricks, packed, widened
+from .bricks import WIDTH, Bricks, near_surface, number_bricks, packed, widened
 from .islands import keep_islands_steps
 from .refined_label import RefinedLabel
 from .relaxation import relax_steps

@@ -18,20 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
+from ..arrays import Doubles, Flags, Floats, Ints
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import extract_steps
 from ..machine.budget import Budget
 from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
-from .bricks import WIDTH, Floats
+from .bricks import WIDTH
 from .label_components import Indices, LabelComponents, label_components_steps
 from .refined_label import RefinedLabel
 from .volume_constant import area_of_ball
-
-Doubles = NDArray[np.float64]
-Numbers = NDArray[np.int32]
-Flags = NDArray[np.bool_]
 
 WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # to neighbors, along z, y and x
 
@@ -64,16 +61,16 @@ class _Samples:
         n + 1 on it is a sample that is read as outside, because another component or the border is there.
     """
 
-    brick: Numbers
-    lane: Numbers
-    owner: Numbers
-    z: Numbers
-    y: Numbers
-    x: Numbers
-    component: Numbers
-    core: Numbers
-    rim_place: Numbers
-    rim: Numbers
+    brick: Ints
+    lane: Ints
+    owner: Ints
+    z: Ints
+    y: Ints
+    x: Ints
+    component: Ints
+    core: Ints
+    rim_place: Ints
+    rim: Ints
     rim_way: NDArray[np.int8]
 
 
@@ -112,10 +109,10 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     z, y, x, component = (along.astype(np.int32) for along in components.samples(selected))
     yield PAUSE
 
-    def flat(z: Numbers, y: Numbers, x: Numbers) -> Indices:
+    def flat(z: Ints, y: Ints, x: Ints) -> Indices:
         return (z.astype(np.int64) * rows + y) * columns + x
 
-    def labeled(z: Numbers, y: Numbers, x: Numbers) -> Flags:
+    def labeled(z: Ints, y: Ints, x: Ints) -> Flags:
         """Whether samples of the label's grid are inside; none is beyond its border."""
         within = (z >= 0) & (z < slices) & (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
         found = np.zeros(len(z), bool)
@@ -125,7 +122,7 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     core_z = z[:, None] * steps + np.arange(1 - steps, steps, dtype=np.int32)
     core_flat = np.where((core_z >= 0) & (core_z <= last), flat(core_z, y[:, None], x[:, None]), -1).ravel()
     del core_z
-    rims: list[tuple[Numbers, NDArray[np.int8], Indices, Flags]] = []  # place, way, flat index, whether it is taken
+    rims: list[tuple[Ints, NDArray[np.int8], Indices, Flags]] = []  # place, way, flat index, whether it is taken
     for way, (dz, dy, dx) in enumerate(WAYS):
         voxel = np.flatnonzero(~labeled(z + dz, y + dy, x + dx))
         if dz:

@@ -15,10 +15,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Indices
 from ..mesh.topology import component_roots_steps
 from ..progress import PAUSE, Steps
-
-Indices = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)

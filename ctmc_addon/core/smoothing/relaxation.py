@@ -13,9 +13,10 @@ import math
 
 import numpy as np
 
+from ..arrays import Floats
 from ..machine.parallel import Threads
 from ..progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, over_rows
+from .bricks import WIDTH, Bricks, Places, over_rows
 
 STEP = 1.25
 

@@ -18,9 +18,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..machine.parallel import Threads
 from ..progress import Step, Steps
-from .bricks import WIDTH, Bricks, Floats, Places, changes_along_x, over_rows
+from .bricks import WIDTH, Bricks, Places, changes_along_x, over_rows
 
 
 def signed_distance_steps(

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ..arrays import Floats
 from ..mesh.triangle_mesh import Surface
-from .bricks import Floats
 
 
 @dataclass(frozen=True, eq=False)

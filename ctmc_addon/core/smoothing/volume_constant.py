@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..arithmetic import cube_root
+from ..arrays import Floats
 from ..extraction.grid import Grid, make_axes, make_grid
 from ..extraction.marching_cubes import ENDS, extract_steps
 from ..machine.budget import Budget
@@ -19,7 +20,7 @@ from ..mesh.triangle_mesh import Surface
 from ..progress import PAUSE, Step, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import NEAREST_ZERO
-from .bricks import ROWS_AT_ONCE, WIDTH, Floats, Places, over_rows
+from .bricks import ROWS_AT_ONCE, WIDTH, Places, over_rows
 from .refined_label import RefinedLabel
 from .smooth_field import SmoothField, with_closed_ends
 

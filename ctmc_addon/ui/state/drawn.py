@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from ...core import Volume
-from ...core.segmentation import Change, Mask
+from ...core.segmentation import Change, Flags
 
 
 @dataclass
@@ -29,7 +29,7 @@ class Drawn:
         The clicks and settings of the last Grow, and what came of them, which the next click changes.
     """
 
-    mask: Mask
+    mask: Flags
     labels: Volume
     unpacked: dict[int, bytes] = field(default_factory=dict)
     revision: int = 0

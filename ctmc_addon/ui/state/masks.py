@@ -16,7 +16,7 @@ import bpy
 import numpy as np
 
 from ...core import Volume
-from ...core.segmentation import Mask, Window, packed_slices, unpack_into, window_of
+from ...core.segmentation import Flags, Window, packed_slices, unpack_into, window_of
 from ...core.volume import ValueKind
 from . import change_events, volumes
 from .drawn import Drawn
@@ -107,7 +107,7 @@ def revert(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
     touched(drawn)
 
 
-def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Mask) -> None:
+def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Flags) -> None:
     """Put another part into a structure, in the file too."""
     drawn = of(scene, item)
     differs = (drawn.mask[window] != part).any(axis=(1, 2))
@@ -133,6 +133,6 @@ def mm3_of(scene: bpy.types.Scene, item: Any) -> float:
     return voxels * volumes.require_loaded(scene).volume.voxel_mm3
 
 
-def label_volume(mask: Mask, volume: Volume) -> Volume:
+def label_volume(mask: Flags, volume: Volume) -> Volume:
     """Return a mask as a volume of labels 0 and 1 on the grid of a CT; it shares the mask's memory."""
     return Volume(mask.view(np.uint8), volume.affine, (), volume.name, ValueKind.LABEL)

@@ -17,7 +17,7 @@ from ...blender.slices import corners_of, slices_of
 from ...blender.surface import require_provenance
 from ...blender.viewport import WHOLE, OverlayPicture, PreviewSurface
 from ...core import CtmcError, Preview, ReconstructionSettings
-from ...core.segmentation import Mask, cropped, grown_window, veiled
+from ...core.segmentation import Flags, cropped, grown_window, veiled
 from ...core.volume import resliced, slice_at, slice_corners, slice_normal, slice_values
 from .. import jobs
 from ..properties.preferences import machine
@@ -63,7 +63,7 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
             yield picture
 
 
-def mask_in(scene: bpy.types.Scene, mask: Mask, corners_mm: Any, section: Any) -> Any:
+def mask_in(scene: bpy.types.Scene, mask: Flags, corners_mm: Any, section: Any) -> Any:
     """Return a mask in a slice of the grid, or on any plane, (rows, columns) bool."""
     labels = masks.label_volume(mask, volumes.require_loaded(scene).volume)
     if section is not None:

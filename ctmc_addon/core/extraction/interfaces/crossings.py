@@ -15,14 +15,13 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Floats
 from ...machine.parallel import map_steps
 from ...progress import Steps
 from ..case_table import NEAREST
 from .bands import Band, BandFaces
 from .label_samples import LabelSamples
 from .owners import Owners
-
-Floats = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,11 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Floats
 from ...errors import OutputError
 from ...mesh.face_normals import vertex_normals
 from ..file_names import file_key, printable
-
-Vectors = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,11 +37,11 @@ class Structure:
     """
 
     name: str
-    vertices: Vectors
+    vertices: Floats
     faces: NDArray[np.int32]
     rgb: tuple[int, int, int]
     opacity: float = 1.0
-    normals: Vectors | None = None
+    normals: Floats | None = None
     volume_mm3: float | None = None
 
     @property
@@ -50,7 +49,7 @@ class Structure:
         """Whether the surface encloses a volume."""
         return self.volume_mm3 is not None
 
-    def vertex_normals(self) -> Vectors:
+    def vertex_normals(self) -> Floats:
         """The normals, made of the triangles where there are none, (V, 3)."""
         return vertex_normals(self.vertices, self.faces) if self.normals is None else self.normals
 

@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arithmetic import tangent
-
-Vectors = NDArray[np.float64]
+from ...arrays import Doubles
 
 LIMITS_DEG = (5.0, 10.0)
 """Angles below which the share of the triangles is counted, degrees."""
@@ -56,7 +55,7 @@ class QualitySums:
         self._below = [0] * len(LIMITS_DEG)
         self._bins = np.zeros(BINS, np.int64)
 
-    def add(self, corners: Sequence[Vectors], vectors: Vectors) -> None:
+    def add(self, corners: Sequence[Doubles], vectors: Doubles) -> None:
         """Count triangles.
 
         Parameters
@@ -94,13 +93,13 @@ def squared_length(vectors: NDArray[Any]) -> NDArray[Any]:
     return np.asarray(x * x + y * y + z * z)
 
 
-def squared_sides(corners: Sequence[Vectors]) -> tuple[Vectors, Vectors, Vectors]:
+def squared_sides(corners: Sequence[Doubles]) -> tuple[Doubles, Doubles, Doubles]:
     """Return the squared lengths of the sides of triangles, three (...,) from three corners (..., 3)."""
     a, b, c = corners
     return squared_length(b - a), squared_length(c - b), squared_length(a - c)
 
 
-def doubled_areas(corners: Sequence[Vectors]) -> Vectors:
+def doubled_areas(corners: Sequence[Doubles]) -> Doubles:
     """Return twice the area of triangles, (...,) from three corners (..., 3); the bits are those of `face_vectors`."""
     a, b, c = corners
     (ux, uy, uz), (vx, vy, vz) = (np.moveaxis(side - a, -1, 0) for side in (b, c))
@@ -108,7 +107,7 @@ def doubled_areas(corners: Sequence[Vectors]) -> Vectors:
     return np.asarray(np.sqrt(squared_length(normal)))
 
 
-def smallest_tangents(doubled: Vectors, squares: Sequence[Vectors]) -> Vectors:
+def smallest_tangents(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     """Return the tangent of the smallest angle of every triangle, from twice its area and its squared sides.
 
     The smallest angle faces the shortest side a: its tangent is 4 area / (b^2 + c^2 - a^2).
@@ -125,7 +124,7 @@ def smallest_tangents(doubled: Vectors, squares: Sequence[Vectors]) -> Vectors:
     return np.asarray(2.0 * doubled / np.where(twice > 0, twice, 1.0))
 
 
-def radius_ratios(doubled: Vectors, squares: Sequence[Vectors]) -> Vectors:
+def radius_ratios(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     """Return circumradius over twice the inradius, (...,): a b c (a + b + c) / (16 area^2); infinity without area.
 
     Examples

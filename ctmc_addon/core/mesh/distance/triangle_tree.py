@@ -19,15 +19,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Doubles, Indices
 from ...errors import MeshError
 from ...machine.parallel import map_steps, worker_count
 from ...progress import PAUSE, Steps, finish
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import TriangleMesh
 from ..vectors import cross, dot
-
-Doubles = NDArray[np.float64]
-Places = NDArray[np.int64]
 
 BRANCH = 4  # boxes in a box
 BLOCK = 2048  # points that go down the tree together: their pairs stay in the cache
@@ -171,7 +169,7 @@ class TriangleTree:
 
         yield from map_steps(measure_block, blocks, worker_count(threads), "", batches=max(1, len(blocks)))
 
-    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, Places]:
+    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, Indices]:
         """Squared distance from every point (3, n) to the nearest triangle, and which of `corners` that is.
 
         inf and 0 where it is above the point's own limit, which is squared too. Of equally near triangles the first.
@@ -213,7 +211,7 @@ class TriangleTree:
         squared[beyond], triangle[beyond] = np.inf, 0
         return squared, triangle
 
-    def _squared(self, points: NDArray[Any], point: Places, triangle: Places) -> Doubles:
+    def _squared(self, points: NDArray[Any], point: Indices, triangle: Indices) -> Doubles:
         """Squared distances of pairs of a point and a triangle."""
         return squared_distances(
             np.take(points, point, axis=1), *(np.take(corner, triangle, axis=1) for corner in self.corners)
@@ -285,7 +283,7 @@ def _to_segment(from_start: NDArray[Any], along: NDArray[Any]) -> NDArray[Any]:
     return dot(offset, offset)
 
 
-def _least_of_each(sorted_numbers: Places, values: NDArray[Any]) -> NDArray[np.intp]:
+def _least_of_each(sorted_numbers: Indices, values: NDArray[Any]) -> NDArray[np.intp]:
     """Where each number has its least value, the first of equals, in numbers that never fall."""
     starts = _starts(sorted_numbers)
     least = np.minimum.reduceat(values, starts)
@@ -293,7 +291,7 @@ def _least_of_each(sorted_numbers: Places, values: NDArray[Any]) -> NDArray[np.i
     return places[_starts(sorted_numbers[places])]
 
 
-def _starts(sorted_numbers: Places) -> NDArray[np.intp]:
+def _starts(sorted_numbers: Indices) -> NDArray[np.intp]:
     """Where a new number begins, in numbers that never fall."""
     return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
 

@@ -12,9 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Indices = NDArray[np.int32]
+from ...arrays import Flags, Floats, Ints
 
 SHIFT = 2
 BRANCH = 1 << SHIFT  # boxes in a box
@@ -43,7 +41,7 @@ class BoxTree:
             low, high = fours[0].min(axis=1), fours[1].max(axis=1)
             selected = None if chosen is None else chosen.any(axis=0)
 
-    def pairs(self) -> Generator[tuple[Indices, Indices], None, None]:
+    def pairs(self) -> Generator[tuple[Ints, Ints], None, None]:
         """Yield blocks of pairs of overlapping boxes, (n,) and (n,) int32, every pair once, the lower number first."""
         zero = np.zeros(1, np.int32)
         stack = [(len(self._levels) - 1, zero, zero)]
@@ -59,7 +57,7 @@ class BoxTree:
             other = first != second
             yield first[other], second[other]
 
-    def _children(self, height: int, first: Indices, second: Indices) -> tuple[Indices, Indices]:
+    def _children(self, height: int, first: Ints, second: Ints) -> tuple[Ints, Ints]:
         """Pairs of overlapping boxes of the level in these pairs of boxes of the level above."""
         low, high, selected = self._levels[height]
         near = np.ones((BRANCH, BRANCH, len(first)), bool)

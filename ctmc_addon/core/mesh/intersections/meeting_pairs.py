@@ -19,6 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Doubles, Flags, Floats, Indices, Ints
 from ...progress import PAUSE, Steps, finish
 from ..distance.triangle_tree import CODE_BITS, morton_codes
 from ..topology import compacted
@@ -35,11 +36,6 @@ from .triangle_pairs import (
     triangles_meet,
 )
 
-Floats = NDArray[np.float32]
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Doubles = NDArray[np.float64]
-Flags = NDArray[np.bool_]
 Pairs = Iterator[tuple[Ints, Ints]]
 
 TOGETHER = 16  # blocks of pairs whose doubtful ones are decided together
@@ -244,7 +240,7 @@ class _Triangles:
         return triangles_at_edge_meet(*(_doubles([self.columns], point)[0] for point in points))
 
 
-def _doubles(points: list[NDArray[np.float32]], at: NDArray[Any]) -> list[Doubles]:
+def _doubles(points: list[Floats], at: NDArray[Any]) -> list[Doubles]:
     return [np.take(point, at, axis=1).astype(np.float64) for point in points]
 
 

@@ -4,13 +4,9 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Flags, Floats, Ints
 from ...progress import PAUSE, Steps
-
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int32]
 
 CELLS = 128  # of the grid, along each axis
 

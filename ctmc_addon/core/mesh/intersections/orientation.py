@@ -17,8 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-Doubles = NDArray[np.float64]
-Signs = NDArray[np.int8]
+from ...arrays import Doubles, Signs
 
 EPSILON = 2.0**-53
 SIDE_ERROR = 8 * EPSILON  # of the sum of the absolute products: (7 + 56 eps) eps, rounded up

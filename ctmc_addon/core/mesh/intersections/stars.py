@@ -8,15 +8,10 @@ of them hide each other, and none can cross another. What this does not prove is
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Doubles, Flags, Floats, Ints
 from ...progress import PAUSE, Steps
 from ..vectors import dot
-
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
-Flags = NDArray[np.bool_]
-Ints = NDArray[np.int32]
 
 LEAST = 1e-6  # sine between a triangle and the direction, at least: far above what rounding does
 STEEP = 0.9

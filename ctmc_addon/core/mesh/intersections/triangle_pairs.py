@@ -12,10 +12,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags
 from ..vectors import cross, dot
 from .orientation import EPSILON, Doubles, sides, turns
 
-Flags = NDArray[np.bool_]
 Triangle = Sequence[Doubles]  # three corners
 
 

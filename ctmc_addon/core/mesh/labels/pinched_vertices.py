@@ -10,10 +10,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Ints
 from ...progress import finish
 from ..topology import component_numbers_steps
-
-Ints = NDArray[np.int32]
 
 
 def split_pinched(faces: Ints, candidates: NDArray[np.bool_]) -> tuple[Ints, Ints]:

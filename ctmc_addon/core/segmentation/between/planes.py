@@ -11,17 +11,15 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Doubles, Flags
 from ...progress import PAUSE, Steps
-from ..distance import Mask, squared_distances
+from ..distance import squared_distances
 
 ON_SURFACE = 1e-3  # A sample this near to the body, in sides of a sample, is inside.
 FIRST_LIMIT = 8  # Distances are measured this far first, in sides of a sample, then twice as far until all are found.
 TILE = 32  # Samples of so many rows and columns are compared with the edges around them.
 PAIRS = 1 << 17  # Samples and edges that are compared at once; their distances stay in the processor's cache.
-
-Floats = NDArray[np.float64]
 
 
 class Outline(NamedTuple):
@@ -35,9 +33,9 @@ class Outline(NamedTuple):
         Edges of its contours, column and row in samples; some may lie within the body.
     """
 
-    mask: Mask
-    start: Floats
-    end: Floats
+    mask: Flags
+    start: Doubles
+    end: Doubles
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,13 +54,13 @@ class BetweenPlanes:
         Distance from which on a sample is inside.
     """
 
-    both: Mask
-    differing: Mask
-    below: Floats
-    above: Floats
+    both: Flags
+    differing: Flags
+    below: Doubles
+    above: Doubles
     least: float
 
-    def at(self, share: float) -> Mask:
+    def at(self, share: float) -> Flags:
         """Return the body of a slice, (rows, columns) bool.
 
         Parameters
@@ -102,7 +100,7 @@ def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, 
     return BetweenPlanes(below.mask & above.mask, differing, below_mm, above_mm, -ON_SURFACE * min(sides_mm))
 
 
-def _signed_mm_steps(outline: Outline, wanted: Mask, sides_mm: tuple[float, float]) -> Steps[Floats]:
+def _signed_mm_steps(outline: Outline, wanted: Flags, sides_mm: tuple[float, float]) -> Steps[Doubles]:
     """Return the distances of some samples to the surface, (n,), + inside.
 
     The surface passes between a sample and the nearest one on its other side, so it is no farther than that one.
@@ -117,7 +115,7 @@ def _signed_mm_steps(outline: Outline, wanted: Mask, sides_mm: tuple[float, floa
     return np.where(inside, mm, -mm)
 
 
-def _to_samples_mm(mask: Mask, wanted: Mask, sides_mm: tuple[float, float]) -> Floats:
+def _to_samples_mm(mask: Flags, wanted: Flags, sides_mm: tuple[float, float]) -> Doubles:
     """Return the distances from some samples to the nearest of a mask, (n,); infinite where it has none."""
     rows_mm, columns_mm = sides_mm
     limit_mm = FIRST_LIMIT * max(sides_mm)
@@ -128,7 +126,7 @@ def _to_samples_mm(mask: Mask, wanted: Mask, sides_mm: tuple[float, float]) -> F
         limit_mm *= 2
 
 
-def _to_edges_steps(outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: tuple[float, float]) -> Steps[Floats]:
+def _to_edges_steps(outline: Outline, wanted: Flags, most_mm: Doubles, sides_mm: tuple[float, float]) -> Steps[Doubles]:
     """Return the distances from some samples to the nearest edge on the surface, (n,), `most_mm` where none is nearer.
 
     Edges of a keyhole and of united contours lie in part within the body. A point of an edge is on the surface if
@@ -154,7 +152,9 @@ def _to_edges_steps(outline: Outline, wanted: Mask, most_mm: Floats, sides_mm: t
     return nearest_mm
 
 
-def _distances_mm(at_mm: Floats, start: Floats, end: Floats, surface: Mask, sides_mm: tuple[float, float]) -> Floats:
+def _distances_mm(
+    at_mm: Doubles, start: Doubles, end: Doubles, surface: Flags, sides_mm: tuple[float, float]
+) -> Doubles:
     """Return the distance from each sample, (n,), to the nearest edge whose nearest point is on the surface."""
     rows_mm, columns_mm = sides_mm
     along_x, along_y = end[:, 0] - start[:, 0], end[:, 1] - start[:, 1]
@@ -170,11 +170,11 @@ def _distances_mm(at_mm: Floats, start: Floats, end: Floats, surface: Mask, side
     squares = from_x * from_x + from_y * from_y
     row = np.rint(2 * np.clip(start[:, 1] + share * along_y, 0, (surface.shape[0] - 1) / 2)).astype(np.intp)
     column = np.rint(2 * np.clip(start[:, 0] + share * along_x, 0, (surface.shape[1] - 1) / 2)).astype(np.intp)
-    nearest: Floats = np.where(surface[row, column], squares, np.inf).min(axis=1)
+    nearest: Doubles = np.where(surface[row, column], squares, np.inf).min(axis=1)
     return np.sqrt(nearest)
 
 
-def _on_surface(mask: Mask) -> Mask:
+def _on_surface(mask: Flags) -> Flags:
     """Return where samples lie on both sides, at every half row and column, (2 rows - 1, 2 columns - 1).
 
     Looked at are the samples beside a half, and those on a whole row with both neighbors. Everywhere where the mask is

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags
 from ...errors import SettingsError
 from ...machine.budget import Budget
 from ...machine.parallel import threads_of
@@ -23,7 +24,7 @@ from ...progress import PAUSE, Stages, Step, Steps
 from ...smoothing.bounds import NEAREST_ZERO, Start
 from ...smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, packed
 from ...smoothing.relaxation import relax_steps
-from ..distance import Floats, Mask, Spacing, squared_distances
+from ..distance import Floats, Spacing, squared_distances
 
 NARROW_PIXELS = 3  # to either side of the surface that are smoothed
 ROUNDS = 24  # of smoothing
@@ -31,8 +32,8 @@ STAGES = {"Measuring distances": 3, "Filling slices": 2, "Smoothing": 5}
 
 
 def between_slices_steps(
-    mask: Mask, spacing_mm: Spacing, drawn: Sequence[int] | None = None, axis: int = 0, budget: Budget | None = None
-) -> Steps[Mask]:
+    mask: Flags, spacing_mm: Spacing, drawn: Sequence[int] | None = None, axis: int = 0, budget: Budget | None = None
+) -> Steps[Flags]:
     """Fill the slices between those that were drawn.
 
     Parameters
@@ -82,7 +83,7 @@ def between_slices_steps(
     return filled
 
 
-def drawn_axis(mask: Mask) -> int:
+def drawn_axis(mask: Flags) -> int:
     """Find the axis across the planes that were drawn in: along it slices are left out, and the drawn ones lie singly.
 
     Two parts of a structure that lie apart in a plane leave slices out along that plane too, but in longer runs.
@@ -152,7 +153,7 @@ class Distances:
         return layer
 
 
-def _distances_steps(drawn: Mask, numbers: NDArray[np.intp], sides_mm: Sequence[float]) -> Steps[Distances]:
+def _distances_steps(drawn: Flags, numbers: NDArray[np.intp], sides_mm: Sequence[float]) -> Steps[Distances]:
     """Measure the drawn slices; a slope is the harmonic mean of those to either side, 0 where they differ in sign."""
     values = np.empty(drawn.shape, np.float32)
     for at, layer in enumerate(drawn):
@@ -171,7 +172,7 @@ def _distances_steps(drawn: Mask, numbers: NDArray[np.intp], sides_mm: Sequence[
     return Distances(numbers, values, slopes)
 
 
-def _filled_steps(known: Distances) -> Steps[Mask]:
+def _filled_steps(known: Distances) -> Steps[Flags]:
     """The interpolated body, (slices, rows, columns) from the first drawn slice to the last."""
     count = int(known.numbers[-1]) + 1
     body = np.empty((count, *known.values.shape[1:]), bool)
@@ -181,7 +182,7 @@ def _filled_steps(known: Distances) -> Steps[Mask]:
     return body
 
 
-def _smoothed_steps(body: Mask, known: Distances, voxel_mm: Spacing, budget: Budget) -> Steps[None]:
+def _smoothed_steps(body: Flags, known: Distances, voxel_mm: Spacing, budget: Budget) -> Steps[None]:
     """Smooth the interpolated body in place; `voxel_mm` is along columns, rows and slices."""
     code = packed(body)
     bricks = number_bricks(near_surface(code, (NARROW_PIXELS,) * 3), code != 0)

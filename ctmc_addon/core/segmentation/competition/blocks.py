@@ -9,11 +9,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags, Floats
 from ...progress import Step, Steps
-from ..distance import Mask, Spacing
+from ..distance import Spacing
 from .border import BorderEvidence, drawn_shares, value_ratios
 
-Floats = NDArray[np.float32]
 Factors = tuple[int, int, int]
 MOST = 1 << 20
 SIDE_MM = 1.4  # blocks are not made larger than twice this while there are few enough of them
@@ -62,7 +62,7 @@ def block_means(values: Floats, factors: Factors) -> Floats:
     return values
 
 
-def blocks_any(mask: Mask, factors: Factors) -> Mask:
+def blocks_any(mask: Flags, factors: Factors) -> Flags:
     """Return which blocks have a voxel of a mask."""
     for axis, factor in enumerate(factors):
         if factor > 1:
@@ -71,7 +71,7 @@ def blocks_any(mask: Mask, factors: Factors) -> Mask:
 
 
 def drawn_steps(
-    tissue: Floats, permitted: Mask | None, borders: Mapping[int, BorderEvidence], factors: Factors
+    tissue: Floats, permitted: Flags | None, borders: Mapping[int, BorderEvidence], factors: Factors
 ) -> Steps[NDArray[np.uint8]]:
     """Return the structures of voxels: of their block, and near a border by the blocks around and their own value.
 
@@ -121,7 +121,7 @@ def _repeated(values: Floats, factors: Factors, shape: tuple[int, ...]) -> Float
     return np.array(values[: shape[0], : shape[1], : shape[2]], order="C")
 
 
-def _bordering(inside: Mask) -> Mask:
+def _bordering(inside: Flags) -> Flags:
     """Return which blocks have both sides among themselves and the 26 around them."""
     least, most = inside, inside
     for axis in range(3):

@@ -17,9 +17,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags
 from ...progress import PAUSE, Steps, equal_part
 from ...smoothing.gaussian import convolved, weights
-from ..distance import Mask, Window, grown_window, near_steps, window_of
+from ..distance import Window, grown_window, near_steps, window_of
 from ..islands import touching_steps
 from ..points import Sample, sample_in
 from .claims import Claims, Floats, Sides
@@ -116,7 +117,7 @@ def _bins(values: Floats, lowest: float) -> NDArray[np.intp]:
     return np.clip((values - np.float32(lowest)) * np.float32(1 / BIN), 0, BINS - 1).astype(np.intp)
 
 
-def _frequencies(bins: NDArray[np.intp], mask: Mask, clicked: Sequence[Sample]) -> NDArray[np.float64]:
+def _frequencies(bins: NDArray[np.intp], mask: Flags, clicked: Sequence[Sample]) -> NDArray[np.float64]:
     """Return how frequent values are in a mask and around clicks, blurred, with the sum 1."""
     whole = np.bincount(bins[mask], minlength=BINS).astype(np.float64)
     seen = np.zeros(BINS)

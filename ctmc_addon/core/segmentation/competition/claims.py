@@ -19,12 +19,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags, Floats, Ints
 from ...progress import Steps
-from ..distance import Mask, Window
+from ..distance import Window
 from ..points import Sample, sample_in, window_around
-from .geodesic import BLOCKED, NEVER, Heights, Times, cost_of, sweep_steps
+from .geodesic import BLOCKED, NEVER, Times, cost_of, sweep_steps
 
-Floats = NDArray[np.float32]
 Sides = tuple[float, float, float]
 BINS = 128  # of times, for the sharpest cut
 # Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
@@ -60,7 +60,7 @@ class Ground(NamedTuple):
     """
 
     values: Floats
-    heights: Heights
+    heights: Ints
     sides_mm: Sides
     bone: float
 
@@ -83,7 +83,7 @@ class Claims(NamedTuple):
     labels: NDArray[np.uint8]
     times: Times
     left: NDArray[np.int32]
-    reached: Mask
+    reached: Flags
 
     def part(self, window: Window) -> Claims:
         """Return views of a window."""
@@ -163,7 +163,7 @@ def _is_bone(known: Floats, bone: float) -> bool:
     return bool(np.count_nonzero(known > bone) > BONE_SHARE * known.size)
 
 
-def _is_like(values: Floats, known: Floats, clicked: Floats) -> Mask:
+def _is_like(values: Floats, known: Floats, clicked: Floats) -> Flags:
     """Return which values lie near those that a structure has, or near those of a click."""
     rare = int(known.size * RARE)
     low, high = np.partition(known, (rare, known.size - 1 - rare))[[rare, known.size - 1 - rare]].tolist()
@@ -177,7 +177,7 @@ def _squares_from(block: Sample, shape: tuple[int, ...], sides_mm: Sides) -> NDA
     return z[:, None, None] + y[:, None] + x
 
 
-def _ball(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[Window, Mask]:
+def _ball(heights: Ints, block: Sample, sides_mm: Sides) -> tuple[Window, Flags]:
     """Return the window of a click's ball, and which blocks in it are in the ball and like the click's own."""
     z, y, x = sides_mm
     window = window_around([block], BALL_MM, (x, y, z), heights.shape)
@@ -186,7 +186,7 @@ def _ball(heights: Heights, block: Sample, sides_mm: Sides) -> tuple[Window, Mas
     return window, inside & (np.abs(part - heights[block]) <= cost_of(ALIKE_MM))
 
 
-def sharpest_cut(times: Times, values: Floats, same: Mask, smallest: int, longest: int, far: float) -> int:
+def sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, longest: int, far: float) -> int:
     """Return the time to cut off at: where values differ most across the border of what is inside, on average.
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts

@@ -19,12 +19,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Bytes, Flags, Floats
 from ...errors import SettingsError
 from ...progress import PAUSE, Stages, Step, Steps, equal_part
 from ...smoothing.gaussian import convolved, weights
 from ...volume.value_kind import ValueKind
 from ...volume.volume import Volume
-from ..distance import Mask, Spacing, Window
+from ..distance import Spacing, Window
 from ..layers import MOST_STRUCTURES
 from ..points import Sample, sample_in, window_around
 from .blocks import Factors, block_means, blocks_any, drawn_steps, factors_of
@@ -32,8 +33,6 @@ from .border import BorderEvidence, border_steps
 from .claims import Claims, Ground, Sides, claim_steps, no_claims
 from .geodesic import BLOCKED, heights_of
 
-Labels = NDArray[np.uint8]
-Floats = NDArray[np.float32]
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
@@ -58,10 +57,10 @@ class Click(NamedTuple):
 def compete_steps(
     volume: Volume,
     clicks: Sequence[Click],
-    allowed: Mask | None = None,
+    allowed: Flags | None = None,
     hu_per_mm: float = HU_PER_MM,
     max_mm: float = MAX_MM,
-) -> Steps[Labels]:
+) -> Steps[Bytes]:
     """Give the voxels around clicks to structures.
 
     Parameters
@@ -146,7 +145,7 @@ def _own_clicks(clicks: Sequence[Click], volume: Volume) -> list[Click]:
     return own
 
 
-def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Mask]:
+def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence[int]) -> tuple[Window, Flags]:
     """Return the window of the voxels within a radius of a sample, and which of it they are."""
     sides = list(reversed(spacing_mm))
     window = [
@@ -209,7 +208,7 @@ def _smoothed_steps(values: Floats, sides_mm: Sides, sigma_mm: float) -> Steps[F
 
 
 def _claims_steps(
-    ground: Ground, clicks: Sequence[tuple[Sample, int]], reachable: Mask | None, max_mm: float
+    ground: Ground, clicks: Sequence[tuple[Sample, int]], reachable: Flags | None, max_mm: float
 ) -> Steps[Claims]:
     """Let the clicks claim blocks, one after the other."""
     if reachable is not None:

@@ -13,11 +13,11 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Ints
 from ...progress import Step, Steps
 from ..distance import Spacing
 
 Times = NDArray[np.uint32]
-Heights = NDArray[np.int32]
 UNIT = 32  # steps of time in a millimeter
 NEVER = 1 << 30
 BLOCKED = 1 << 28  # a step up or down that no time is left after; a difference of heights
@@ -35,12 +35,12 @@ def cost_of(mm: float) -> int:
     return round(mm * UNIT)
 
 
-def heights_of(values: NDArray[np.float32], units_per_mm: float) -> Heights:
+def heights_of(values: NDArray[np.float32], units_per_mm: float) -> Ints:
     """Return values as integers whose differences are differences of times; so many units of them are a millimeter."""
     return np.rint(values * np.float32(UNIT / units_per_mm)).astype(np.int32)
 
 
-def sweep_steps(times: Times, heights: Heights, spacing_mm: Spacing, rounds: int = ROUNDS) -> Steps[Times]:
+def sweep_steps(times: Times, heights: Ints, spacing_mm: Spacing, rounds: int = ROUNDS) -> Steps[Times]:
     """Lower the times of all samples to what their neighbors' times and the way from them allow.
 
     Parameters
@@ -70,7 +70,7 @@ def sweep_steps(times: Times, heights: Heights, spacing_mm: Spacing, rounds: int
     return times
 
 
-def _sweep(times: Times, heights: Heights, costs: list[np.uint32], forward: bool) -> None:
+def _sweep(times: Times, heights: Ints, costs: list[np.uint32], forward: bool) -> None:
     """Hand times on from plane to plane, in place."""
     planes = range(1, len(times)) if forward else range(len(times) - 2, -1, -1)
     every, head, tail = slice(None), slice(1, None), slice(None, -1)

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags, Floats, Indices, Ints
 from ...mesh.labels.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
@@ -18,11 +19,6 @@ from ..handles import Cuts, handle_cuts_steps
 from ..policy import POLICY, Policy
 from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Floats = NDArray[np.float32]
-Flags = NDArray[np.bool_]
 
 
 class CollapsingComplex(CollapsingMesh):

@@ -12,6 +12,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Indices, Ints
 from ...mesh.labels.label_complex import ComplexMesh, junction_vertices
 from ...mesh.topology import compacted, component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
@@ -20,9 +21,6 @@ from ..component_removal import CollapsedComponents
 from ..policy import POLICY, Policy
 
 TETRAHEDRON = 4  # A closed surface has no fewer triangles.
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
 
 
 def gaps_filled_steps(

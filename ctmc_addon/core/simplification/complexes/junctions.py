@@ -25,12 +25,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arrays import Flags, Ints
 from ...progress import PAUSE, Steps
 from ..collapses import Collapses, shared_neighbors_steps, shuffled
-
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 
 INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # ranks of vertices
 

@@ -13,13 +13,9 @@ more, but not without end: a label that is down to `least_share` of its share gi
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Doubles, Ints
 from ..policy import POLICY, Policy
-
-Ints = NDArray[np.int32]
-Floats = NDArray[np.float32]
-Doubles = NDArray[np.float64]
 
 
 class Shares:

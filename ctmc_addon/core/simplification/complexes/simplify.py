@@ -18,8 +18,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from ...arrays import Flags, Indices
 from ...machine.budget import Budget
 from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
@@ -40,9 +40,6 @@ from .junctions import interfaces_of
 WHOLE_MACHINE = Budget()
 STAGES = {"Simplifying labels": 9, "Looking for labels that cross": 1}
 
-Ints = NDArray[np.int32]
-Indices = NDArray[np.int64]
-Flags = NDArray[np.bool_]
 Collapsed = dict[int, CollapsedComponents]
 
 

@@ -12,7 +12,7 @@ from bpy.props import BoolProperty
 
 from ....core import ReconstructionSettings, SettingsError, Steps, Volume
 from ....core.segmentation import (
-    Mask,
+    Flags,
     Window,
     between_slices_steps,
     combined,
@@ -39,7 +39,7 @@ from .needs import (
     volume_of,
 )
 
-Work = Callable[[Mask, Volume, Window], Steps[Mask]]
+Work = Callable[[Flags, Volume, Window], Steps[Flags]]
 """Makes another mask of a window of a mask."""
 
 
@@ -70,7 +70,7 @@ class Edit(jobs.LongOperator):
         return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
-def edit_steps(work: Steps[Mask], window: Window, target: DrawTarget) -> Steps[jobs.Conclusion]:
+def edit_steps(work: Steps[Flags], window: Window, target: DrawTarget) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
     made = yield from work
 
@@ -96,7 +96,7 @@ class CTMC_OT_draw_margin(Edit, bpy.types.Operator):
     def work(self, scene: bpy.types.Scene) -> Work:
         margin_mm, limits = scene.ctmc_draw.margin_mm, limits_of(scene.ctmc_draw)
 
-        def steps(mask: Mask, volume: Volume, window: Window) -> Steps[Mask]:
+        def steps(mask: Flags, volume: Volume, window: Window) -> Steps[Flags]:
             allowed = yield from allowed_steps(volume, window, limits)
             return (yield from margin_steps(mask, volume.spacing, margin_mm, allowed))
 
@@ -116,7 +116,7 @@ class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
         at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_ml * 1000
         largest = 1 if self.largest else None
 
-        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+        def steps(mask: Flags, volume: Volume, _window: Window) -> Steps[Flags]:
             return (yield from islands_steps(mask, volume.voxel_mm3, at_least_mm3, largest))
 
         return steps
@@ -130,7 +130,7 @@ class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
     bl_description = "Fill holes that the structure encloses on all sides"
 
     def work(self, _scene: bpy.types.Scene) -> Work:
-        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+        def steps(mask: Flags, volume: Volume, _window: Window) -> Steps[Flags]:
             return (yield from holes_filled_steps(mask, volume.voxel_mm3))
 
         return steps
@@ -146,7 +146,7 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
     def work(self, _scene: bpy.types.Scene) -> Work:
         budget = machine().budget
 
-        def steps(mask: Mask, volume: Volume, _window: Window) -> Steps[Mask]:
+        def steps(mask: Flags, volume: Volume, _window: Window) -> Steps[Flags]:
             return (yield from between_slices_steps(mask, volume.spacing, None, drawn_axis(mask), budget))
 
         return steps
@@ -172,7 +172,7 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
         return edit_steps(combined_steps(first, second, how), (z, y, x), target_of(scene, item))
 
 
-def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:
+def mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
     """Return the voxels of a label of the list, wherever it comes from; a `LabelError` where they are not in memory."""
     mask = np.zeros(volume_of(scene).shape, bool)
     for layer in structures.require_volume_of(scene, ReconstructionSettings(label=line.value)).each_layer:
@@ -180,7 +180,7 @@ def mask_of(scene: bpy.types.Scene, line: Any) -> Mask:
     return mask
 
 
-def combined_steps(first: Mask, second: Mask, how: str) -> Steps[Mask]:
+def combined_steps(first: Flags, second: Flags, how: str) -> Steps[Flags]:
     """Return two masks combined."""
     yield from ()
     return combined(first, second, how)

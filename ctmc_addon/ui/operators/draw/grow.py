@@ -17,7 +17,7 @@ from ....core import SettingsError, Steps, Volume
 from ....core.segmentation import (
     Change,
     Click,
-    Mask,
+    Flags,
     Window,
     change_of,
     compete_steps,
@@ -89,7 +89,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
 class Grown:
     """Samples that a click adds to a structure and removes from it, and the state that the next click starts from."""
 
-    def __init__(self, window: Window, added: Mask, taken: Mask, kept: tuple[Any, Change] | None) -> None:
+    def __init__(self, window: Window, added: Flags, taken: Flags, kept: tuple[Any, Change] | None) -> None:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
 
 
@@ -136,7 +136,7 @@ def compete_click_steps(
 def connected_click_steps(
     volume: Volume,
     sample: Sample,
-    before: Mask | None,
+    before: Flags | None,
     limits: tuple[float, float],
     reach_mm: float,
     opening_mm: float,

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import bpy
 
 from ....core import ReadError, SettingsError, Steps, Volume, volume_text
-from ....core.segmentation import Mask, Window, range_mask_steps
+from ....core.segmentation import Flags, Window, range_mask_steps
 from ....core.volume import ValueKind
 from ...state import drawings, masks, session, volumes
 from ...translations import translate
@@ -103,7 +103,7 @@ def limits_of(drawing: Any) -> tuple[float, float] | None:
     return (drawing.low, drawing.high) if drawing.use_range else None
 
 
-def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Mask | None]:
+def allowed_steps(volume: Volume, window: Window, limits: tuple[float, float] | None) -> Steps[Flags | None]:
     """Return which samples of a window are in a range, or None without a range."""
     if limits is None:
         return None
