@@ -89,9 +89,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--quick", action="store_true", help="3 calls instead of 9, for a first look")
     parser.add_argument("--repeats", type=int, help="calls of which the median counts")
     parser.add_argument(
-        "--shared",
-        action="store_true",
-        help="others use the machine: processor time, least of the calls, one thread",
+        "--shared", action="store_true", help="others use the machine: processor time, least of the calls, one thread"
     )
     parser.add_argument("--row-seconds", type=float, default=60, help="begin no further round of a row after so long")
     parser.add_argument("--ct", type=Path, action="append", default=[], help="a CT of your own to measure as well")

@@ -70,9 +70,7 @@ def segment(image: Any, label: int | None, threshold: float | None) -> Any:
     cropped = vtkImageData()
     cropped.SetDimensions(padded.shape[::-1])
     cropped.SetSpacing(image.GetSpacing())
-    cropped.SetOrigin(
-        *(side * (at.start - 1) for side, at in zip(image.GetSpacing(), box[::-1], strict=True)),
-    )
+    cropped.SetOrigin(*(side * (at.start - 1) for side, at in zip(image.GetSpacing(), box[::-1], strict=True)))
     cropped.GetPointData().SetScalars(numpy_to_vtk(padded.ravel(), deep=True))
     return cropped
 

@@ -94,10 +94,7 @@ def layered(mesh):
     faces = place[mesh.faces]
     faces = faces[np.argsort(layer[order][faces].min(axis=1), kind="stable")]
     return replace(
-        mesh,
-        vertices=mesh.vertices[order],
-        faces=faces,
-        normals=None if mesh.normals is None else mesh.normals[order],
+        mesh, vertices=mesh.vertices[order], faces=faces, normals=None if mesh.normals is None else mesh.normals[order]
     )
 
 

@@ -50,10 +50,7 @@ GENERATED = {
     "settings": {"reading": [ReadingOptions]},
 }
 """For each command its groups of flags, and what their flags are made from."""
-BESIDE = {
-    "turntable": {"resume", "overwrite"},
-    "several labels": {"names", "opacities"},
-}
+BESIDE = {"turntable": {"resume", "overwrite"}, "several labels": {"names", "opacities"}}
 """Flags that stand in such a group and describe no field: they name files, labels or the run."""
 LEFT_OUT = {
     ("batch", "reading"): {"name"},

@@ -219,12 +219,7 @@ def add_slice(scene: bpy.types.Scene, volume: Volume, number: int) -> None:
 
 
 def look(
-    scene: bpy.types.Scene,
-    middle: Vector,
-    azimuth: float,
-    elevation: float,
-    distance: float,
-    lens: float,
+    scene: bpy.types.Scene, middle: Vector, azimuth: float, elevation: float, distance: float, lens: float
 ) -> None:
     """Aim the camera at `middle` from these angles (degrees, 0 is the patient's front), and light it."""
     turn, rise = math.radians(azimuth), math.radians(elevation)

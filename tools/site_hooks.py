@@ -20,15 +20,7 @@ ROOT = Path(__file__).resolve().parents[1]
 OF_ROOT = {
     name: f"{name.removesuffix('.md').lower()}.md" for name in ("CONTRIBUTING.md", "CHANGELOG.md", "SECURITY.md")
 }
-GALLERY = (
-    "figures.md",
-    "interfaces.md",
-    "index.md",
-    "segmenting.md",
-    "simulation.md",
-    "experiments.md",
-    "sidebar.md",
-)
+GALLERY = ("figures.md", "interfaces.md", "index.md", "segmenting.md", "simulation.md", "experiments.md", "sidebar.md")
 """Pages whose pictures stand in the gallery, in this order."""
 MADE_BY = {
     "readme": "make readme-pictures CT=FOLDER",

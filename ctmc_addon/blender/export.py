@@ -33,10 +33,7 @@ RENDER_SAMPLES = 64  # of F12 in a .blend
 
 
 def export(
-    obj: bpy.types.Object,
-    path: str | os.PathLike[str],
-    space: str = "ras",
-    scene: bpy.types.Scene | None = None,
+    obj: bpy.types.Object, path: str | os.PathLike[str], space: str = "ras", scene: bpy.types.Scene | None = None
 ) -> None:
     """Write the evaluated surface to `path`, whole or not at all; the suffix chooses the format.
 

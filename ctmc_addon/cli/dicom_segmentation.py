@@ -71,13 +71,7 @@ def images_of(source: VolumeSource, options: ReadingOptions) -> list[Path]:
     )
 
 
-def write(
-    path: Path,
-    layers: Layers,
-    segments: list[Segment],
-    affine: NDArray[np.float64],
-    images: list[Path],
-) -> None:
+def write(path: Path, layers: Layers, segments: list[Segment], affine: NDArray[np.float64], images: list[Path]) -> None:
     """Write structures as a DICOM segmentation, with the patient and study of its images.
 
     Parameters

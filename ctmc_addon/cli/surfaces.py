@@ -161,11 +161,7 @@ def surfaces_steps(
     finished = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))
     files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
     return Surfaces(
-        volume.name,
-        tuple(finished.surfaces),
-        structure_names(finished.surfaces),
-        tuple(finished.left_out),
-        files=files,
+        volume.name, tuple(finished.surfaces), structure_names(finished.surfaces), tuple(finished.left_out), files=files
     )
 
 

@@ -4,14 +4,7 @@
 from typing import TYPE_CHECKING
 
 from ..version import VERSION
-from .case_plan import (
-    asked_bytes,
-    asks_for_memory,
-    case_bytes,
-    case_process_is_large,
-    cases_at_once,
-    cases_bytes,
-)
+from .case_plan import asked_bytes, asks_for_memory, case_bytes, case_process_is_large, cases_at_once, cases_bytes
 from .described import AUTO, Described, Setting, checked, defaults, descriptions, setting
 from .errors import (
     AbsentLabelError,
@@ -60,14 +53,7 @@ from .measures import (
     measures_in,
 )
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .plan import (
-    advised_steps,
-    fits_in_memory,
-    plan_steps,
-    reads_at_once,
-    shown_stride,
-    triangle_bytes,
-)
+from .plan import advised_steps, fits_in_memory, plan_steps, reads_at_once, shown_stride, triangle_bytes
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruction import Reconstruction, Stage
 from .settings import (

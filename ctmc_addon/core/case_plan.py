@@ -89,10 +89,7 @@ def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> At
     >>> cases_at_once(4, [2 << 30] * 5, Budget(bytes=6 << 30))
     AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
     """
-    limits = [
-        (processors(), "as many as there are processors"),
-        (max(len(needs), 1), "as many as there are cases"),
-    ]
+    limits = [(processors(), "as many as there are processors"), (max(len(needs), 1), "as many as there are cases")]
     if asked is not None:
         limits[0] = (asked, "as --jobs says")
     limit = cases_bytes(budget)

@@ -12,15 +12,7 @@ from typing import Any
 
 from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
-from .smoothing.choices import (
-    CHOICES,
-    TEXT,
-    done_smoothing,
-    for_labels_text,
-    has_width,
-    is_for_gray,
-    no_width_text,
-)
+from .smoothing.choices import CHOICES, TEXT, done_smoothing, for_labels_text, has_width, is_for_gray, no_width_text
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
@@ -128,14 +120,7 @@ class ReconstructionSettings(Described):
         choices=("classic", "trilinear"),
         type=str,
     )
-    smoothing: str = setting(
-        AUTO,
-        TEXT,
-        label="Smooth",
-        stage=FIELD,
-        choices=(AUTO, *CHOICES),
-        type=str,
-    )
+    smoothing: str = setting(AUTO, TEXT, label="Smooth", stage=FIELD, choices=(AUTO, *CHOICES), type=str)
     smoothing_mm: float | None = setting(
         None,
         "Standard deviation of the Gaussian. Larger = smoother. 0 = none. Without it, 1 mm",

@@ -148,10 +148,7 @@ class ReadingOptions(Described):
         without="the full one",
     )
     strict: bool = setting(
-        False,
-        "Refuse uneven gaps between DICOM slices instead of resampling them",
-        label="Strict",
-        type=bool,
+        False, "Refuse uneven gaps between DICOM slices instead of resampling them", label="Strict", type=bool
     )
     allow_outside: bool = setting(
         False,

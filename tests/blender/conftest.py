@@ -36,10 +36,7 @@ def torus():
         c, d = np.roll(b, -1, axis=1), np.roll(a, -1, axis=1)
         faces = np.stack([np.stack([a, b, c], axis=-1), np.stack([a, c, d], axis=-1)]).reshape(-1, 3)
         surface = Surface(
-            midpoints.astype(np.float32),
-            linear.astype(np.float32),
-            faces.astype(np.int32),
-            normals.astype(np.float32),
+            midpoints.astype(np.float32), linear.astype(np.float32), faces.astype(np.int32), normals.astype(np.float32)
         )
         chosen = ReconstructionSettings(**{"threshold": 100.0, "alpha": 0.5, **settings})
         mesh = surface.at(chosen.alpha)

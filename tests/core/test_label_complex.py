@@ -8,15 +8,7 @@ import numpy as np
 import pytest
 from complexes import single_fans
 
-from ctmc_addon.core import (
-    Budget,
-    LabelError,
-    MemoryLimitError,
-    MeshError,
-    ReconstructionSettings,
-    Volume,
-    reconstruct,
-)
+from ctmc_addon.core import Budget, LabelError, MemoryLimitError, MeshError, ReconstructionSettings, Volume, reconstruct
 from ctmc_addon.core.mesh.labels.label_complex import borders_of
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.mesh.topology import component_numbers_steps

@@ -22,13 +22,7 @@ from ctmc_addon.core import (
     simplified_steps,
     without_small_steps,
 )
-from ctmc_addon.core.errors import (
-    LabelError,
-    MemoryLimitError,
-    MeshError,
-    SettingsError,
-    ThresholdError,
-)
+from ctmc_addon.core.errors import LabelError, MemoryLimitError, MeshError, SettingsError, ThresholdError
 from ctmc_addon.core.extraction import grid
 from ctmc_addon.core.mesh.measures import component_volumes_steps
 from ctmc_addon.core.surfaces.extract import full_steps
@@ -274,10 +268,7 @@ def test_a_report_is_plain_and_a_result_can_be_pickled():
     assert report["closed"] is True
     assert report["euler"] == 2
     assert report["components"] == report["parts"] == 1
-    assert [stage["name"] for stage in report["stages"]] == [
-        "Preparing values",
-        "Extracting the surface",
-    ]
+    assert [stage["name"] for stage in report["stages"]] == ["Preparing values", "Extracting the surface"]
     assert pickle.loads(pickle.dumps(result)).mesh.faces.tobytes() == result.mesh.faces.tobytes()
 
 

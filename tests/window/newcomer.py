@@ -145,11 +145,7 @@ def go(desk: Desk, ct: str, threshold: float, before: float, keep: Callable[[int
         desk.turn_wheel(*desk.ask(FREE), up=False, clicks=2)  # and leaves room around it
         desk.hand("keydown", "ctrl", "keydown", "alt", "key", "KP_0")
         desk.ask("answer = 'pressed'")
-        for words in (
-            ("keyup", "alt"),
-            ("keyup", "ctrl"),
-            ("key", "alt"),
-        ):  # held until it comes alone, in 5.2
+        for words in (("keyup", "alt"), ("keyup", "ctrl"), ("key", "alt")):  # held until it comes alone, in 5.2
             desk.hand(*words)
             desk.ask("answer = 'let go'")
         for place in RENDER_MENU:

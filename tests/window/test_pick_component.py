@@ -56,11 +56,7 @@ def pick(desk, ball):
 
 
 def begin_to(desk, action):
-    desk.press(
-        f"bpy.ops.ctmc.pick_component(action='{action}')",
-        "pick_component",
-        PLACES[action],
-    )
+    desk.press(f"bpy.ops.ctmc.pick_component(action='{action}')", "pick_component", PLACES[action])
 
 
 def test_several_clicks_remove_one_after_the_other_and_undo_takes_back_one(desk):

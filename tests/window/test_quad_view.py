@@ -143,8 +143,5 @@ def test_once_more_brings_back_one_view_that_hides_nothing(desk):
     desk.look("quad-05-one")
     assert desk.ask(
         "view = viewport().space; answer = [len(view.region_quadviews), view.region_3d.use_clip_planes]"
-    ) == [
-        0,
-        False,
-    ]
+    ) == [0, False]
     assert "Traceback" not in desk.last_words()

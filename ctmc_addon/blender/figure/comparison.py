@@ -48,21 +48,10 @@ class Comparison(Described):
         type=int,
     )
     alphas: tuple[float, ...] = setting(
-        (),
-        "Alphas to compare",
-        label="Alpha",
-        low=SETTINGS["alpha"].low,
-        high=SETTINGS["alpha"].high,
-        many=True,
+        (), "Alphas to compare", label="Alpha", low=SETTINGS["alpha"].low, high=SETTINGS["alpha"].high, many=True
     )
     levels: tuple[float, ...] = setting(
-        (),
-        "Shares of removed triangles to compare",
-        label="Levels",
-        unit="%",
-        low=0.0,
-        high=99.0,
-        many=True,
+        (), "Shares of removed triangles to compare", label="Levels", unit="%", low=0.0, high=99.0, many=True
     )
 
     smoothings: tuple[str, ...] = setting(

@@ -109,10 +109,7 @@ class Page(Described):
         without="what the surface needs",
     )
     transparent: bool = setting(
-        False,
-        "No background instead of a white one; videos always have one",
-        label="Transparent",
-        type=bool,
+        False, "No background instead of a white one; videos always have one", label="Transparent", type=bool
     )
     dark: bool = setting(False, "A dark page with light letters instead of a white one", label="Dark Page", type=bool)
     font_pt: float = setting(8.0, "Size of the letters", label="Letters", unit="pt", low=4.0, high=24.0)
@@ -287,12 +284,7 @@ class FigureStyle(Described):
         high=90.0,
     )
     edges: bool | None = setting(
-        None,
-        "Draw the edges of the triangles",
-        label="Edges",
-        type=bool,
-        start=True,
-        without="as the style has them",
+        None, "Draw the edges of the triangles", label="Edges", type=bool, start=True, without="as the style has them"
     )
     scale_bar: bool = setting(True, "Draw a scale bar of round length in mm", label="Scale Bar", type=bool)
     orientation: bool = setting(
@@ -311,13 +303,7 @@ class FigureStyle(Described):
         without="what it shows",
     )
     columns: int | None = setting(
-        None,
-        "Cells side by side in a sheet",
-        label="Columns",
-        low=1,
-        type=int,
-        start=2,
-        without="as they fit",
+        None, "Cells side by side in a sheet", label="Columns", low=1, type=int, start=2, without="as they fit"
     )
     distances: ColorScale | None = None
     samples: int | None = None
@@ -350,10 +336,7 @@ class DistanceMapSettings(Described):
     """Whether surfaces have the colors of their distances, and where these end."""
 
     deviation: bool = setting(
-        False,
-        "Color every surface by its distance to full resolution, with a color bar",
-        label="Distances",
-        type=bool,
+        False, "Color every surface by its distance to full resolution, with a color bar", label="Distances", type=bool
     )
     limit_mm: float | None = setting(
         None,
@@ -397,12 +380,7 @@ class Turn(Described):
         type=int,
     )
     revolutions: int = setting(
-        1,
-        "Full turns in the loop. Negative = the other way round",
-        label="Revolutions",
-        low=-100,
-        high=100,
-        type=int,
+        1, "Full turns in the loop. Negative = the other way round", label="Revolutions", low=-100, high=100, type=int
     )
 
     def __post_init__(self) -> None:

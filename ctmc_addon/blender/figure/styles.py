@@ -12,16 +12,7 @@ from numpy.typing import NDArray
 from ...core import OutputError
 from ...core.volume import finish_of
 from ..colors import Color
-from ..materials import (
-    add_edges,
-    headlight,
-    material_color,
-    math_node,
-    mixed,
-    principled,
-    show_flat,
-    surface_material,
-)
+from ..materials import add_edges, headlight, material_color, math_node, mixed, principled, show_flat, surface_material
 from ..surface import mesh_data as meshes
 from ..surface.provenance import read_provenance, settings_of
 from ..viewport.shaders import can_draw

@@ -55,10 +55,7 @@ LAMPS = {
 
 
 def set_up_studio(
-    scene: bpy.types.Scene,
-    objects: Sequence[bpy.types.Object],
-    azimuth: float = AZIMUTH,
-    elevation: float = ELEVATION,
+    scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], azimuth: float = AZIMUTH, elevation: float = ELEVATION
 ) -> tuple[bpy.types.ID, ...]:
     """Give a scene a camera framed on objects, three lights and a background, replacing earlier ones.
 

@@ -203,10 +203,7 @@ def shortened(text: str, size: int) -> str:
 
 
 def surface_mesh_steps(
-    result: Reconstruction,
-    obj: bpy.types.Object | None = None,
-    scale: float = SCALE,
-    edges: meshes.Edges | None = None,
+    result: Reconstruction, obj: bpy.types.Object | None = None, scale: float = SCALE, edges: meshes.Edges | None = None
 ) -> Steps[bpy.types.Mesh]:
     """Return the surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
 

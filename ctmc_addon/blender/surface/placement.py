@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import TriangleMesh
-from ...core.volume import (
-    determinant,
-    product,
-    to_index,
-    transform_faces,
-    transform_normals,
-    transform_points,
-)
+from ...core.volume import determinant, product, to_index, transform_faces, transform_normals, transform_points
 
 SCALE = 0.01
 ROUNDING = 4 * float(np.finfo(np.float32).eps)

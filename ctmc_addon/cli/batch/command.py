@@ -58,15 +58,7 @@ from .files import (
     unfinished_folder,
 )
 from .process import ENDED, Event, Events, run_here
-from .summary import (
-    LABELS_FILE,
-    SUMMARY_FILES,
-    SummaryRow,
-    amount,
-    counts,
-    write_summary,
-    write_summary_if_possible,
-)
+from .summary import LABELS_FILE, SUMMARY_FILES, SummaryRow, amount, counts, write_summary, write_summary_if_possible
 
 if TYPE_CHECKING:
     from .cluster import Cluster
@@ -120,10 +112,7 @@ def add_parser(commands: Any) -> None:
     )
     group = parser.add_argument_group("work")
     group.add_argument(
-        "--jobs",
-        type=at_least(1),
-        metavar="N",
-        help="cases at once (default: as processors and memory allow)",
+        "--jobs", type=at_least(1), metavar="N", help="cases at once (default: as processors and memory allow)"
     )
     group.add_argument(
         "--threads",
@@ -285,10 +274,7 @@ def _remaining_steps(
 
 
 def _started(
-    tasks: list[dict[str, Any]],
-    cases: Sequence[Case],
-    args: argparse.Namespace,
-    cluster: Cluster | None,
+    tasks: list[dict[str, Any]], cases: Sequence[Case], args: argparse.Namespace, cluster: Cluster | None
 ) -> Events:
     """Print the number of cases and how many run at once, and begin them."""
     done_before = len(cases) - len(tasks)

@@ -129,10 +129,7 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
         ("format", facts["format"]),
         ("shape", f"{dimensions(facts['size'])} (columns x rows x slices)"),
         ("spacing", f"{dimensions(facts['spacing_mm'])} mm"),
-        (
-            "orientation",
-            f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})",
-        ),
+        ("orientation", f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})"),
         ("place", f"{place} mm (RAS, centers of the outermost samples)"),
         ("dtype", facts["dtype"]),
         ("values", values),

@@ -62,10 +62,7 @@ def run(args: argparse.Namespace) -> None:
     print(
         listing(
             [
-                (
-                    "phantom",
-                    f"{shape}, seed {phantom.seed}",
-                ),
+                ("phantom", f"{shape}, seed {phantom.seed}"),
                 ("tumors", f"{volumes}, {volume_text(sum(phantom.tumour_volumes_mm3))} in total"),
                 ("liver", f"{volume_text(phantom.liver_volume_mm3)} with its tumors"),
                 ("written", ", ".join(written)),

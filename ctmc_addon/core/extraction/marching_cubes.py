@@ -187,12 +187,7 @@ def checked_values(values: NDArray[Any]) -> NDArray[Any]:
 
 
 def piece_steps(
-    grid: Grid,
-    threshold: float,
-    normals: bool,
-    budget: Budget,
-    topology: str,
-    alphas: tuple[float | None, ...] = ENDS,
+    grid: Grid, threshold: float, normals: bool, budget: Budget, topology: str, alphas: tuple[float | None, ...] = ENDS
 ) -> Steps[Surface]:
     """The piece of a surface that a grid has, in index space, with both ends of alpha; perhaps without a triangle.
 

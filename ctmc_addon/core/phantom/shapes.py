@@ -164,12 +164,7 @@ def directions(rings: int = 13, around: int = 26) -> tuple[NDArray[np.float64], 
     turn = (np.arange(around) + 0.5) * (2 * np.pi / around)
     flat = np.sqrt(1 - height**2)
     unit = np.stack(
-        [
-            np.outer(flat, np.cos(turn)).ravel(),
-            np.outer(flat, np.sin(turn)).ravel(),
-            np.repeat(height, around),
-        ],
-        axis=1,
+        [np.outer(flat, np.cos(turn)).ravel(), np.outer(flat, np.sin(turn)).ravel(), np.repeat(height, around)], axis=1
     )
     return np.rint(unit * 2**30) / 2**30, np.repeat(weight * (2 * np.pi / around), around)
 
@@ -237,12 +232,7 @@ def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool
 
 
 def random_tumor(
-    rng: np.random.Generator,
-    liver: Blob,
-    radius: float,
-    spacing: Point,
-    axes: list[NDArray[np.float64]],
-    deep: bool,
+    rng: np.random.Generator, liver: Blob, radius: float, spacing: Point, axes: list[NDArray[np.float64]], deep: bool
 ) -> Blob:
     """Return a tumor of about this radius, mm, at random in the liver's box, or deep in its right lobe."""
     half = radius * (0.8 + 0.45 * rng.random(3))

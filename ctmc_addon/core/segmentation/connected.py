@@ -21,11 +21,7 @@ from .points import Sample, sample_in, window_around
 
 
 def connected_steps(
-    allowed: Flags,
-    samples: Sequence[Sample],
-    spacing_mm: Spacing,
-    max_mm: float = math.inf,
-    opening_mm: float = 0.0,
+    allowed: Flags, samples: Sequence[Sample], spacing_mm: Spacing, max_mm: float = math.inf, opening_mm: float = 0.0
 ) -> Steps[Flags]:
     """Return the part of a mask that is connected to given samples.
 

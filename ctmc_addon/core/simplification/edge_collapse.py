@@ -25,12 +25,7 @@ from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .collapse_log import CollapseLog
 from .collapse_rules import CollapseRules
-from .collapses import (
-    Collapses,
-    independent_set_steps,
-    locked_vertices_steps,
-    turned,
-)
+from .collapses import Collapses, independent_set_steps, locked_vertices_steps, turned
 from .component_removal import CollapsedComponents, Components
 from .error_bound import ErrorBound
 from .handles import least_face_cost, longest_loop_edge, pull_apart_steps
@@ -67,11 +62,7 @@ class CollapsingMesh(CollapseRules):
     """
 
     def __init__(
-        self,
-        mesh: TriangleMesh,
-        max_error: float | None = None,
-        policy: Policy = POLICY,
-        batch: bool = False,
+        self, mesh: TriangleMesh, max_error: float | None = None, policy: Policy = POLICY, batch: bool = False
     ) -> None:
         self.policy, self.share = policy, policy.share
         vertices = mesh.vertices

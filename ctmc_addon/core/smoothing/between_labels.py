@@ -56,10 +56,7 @@ class _Pairs(NamedTuple):
 
 
 def between_labels_steps(
-    walls: Sequence[tuple[Floats, Signs]],
-    spacing_mm: tuple[float, float, float],
-    slice_steps: int,
-    budget: Budget,
+    walls: Sequence[tuple[Floats, Signs]], spacing_mm: tuple[float, float, float], slice_steps: int, budget: Budget
 ) -> Steps[list[Floats]]:
     """Smooth fields near where their known signs change, within these signs: each as if alone, all in one list.
 

@@ -265,10 +265,5 @@ class Finish:
             mesh, measured = taken.mesh, taken.measured
         crossings = None if settings.simplifies and not settings.simplifies_here else result.self_intersections
         return replace(
-            result,
-            mesh=mesh,
-            settings=settings,
-            stages=self.ran,
-            self_intersections=crossings,
-            measured=measured,
+            result, mesh=mesh, settings=settings, stages=self.ran, self_intersections=crossings, measured=measured
         )

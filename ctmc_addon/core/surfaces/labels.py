@@ -42,10 +42,7 @@ class LabelSurfaces(NamedTuple):
 
 
 def reconstruct_labels(
-    volume: Volume,
-    settings: ReconstructionSettings,
-    labels: Sequence[int] | None = None,
-    budget: Budget | None = None,
+    volume: Volume, settings: ReconstructionSettings, labels: Sequence[int] | None = None, budget: Budget | None = None
 ) -> LabelSurfaces:
     """Make a surface of each of several labels.
 

@@ -240,11 +240,7 @@ class Volume(SampleGrid):
                 )
         x, y, z = (0, 0, 0) if self.box is None else (start for start, _ in self.box)
         columns, rows, slices = self.size
-        chosen = (
-            range(z, z + slices, stride[2]),
-            range(y, y + rows, stride[1]),
-            range(x, x + columns, stride[0]),
-        )
+        chosen = (range(z, z + slices, stride[2]), range(y, y + rows, stride[1]), range(x, x + columns, stride[0]))
         read = []
         with self._readable():
             for reader in (self.reader, *self.layers):

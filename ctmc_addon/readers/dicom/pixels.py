@@ -157,10 +157,7 @@ def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> l
     for number in frames:
         file.seek(image.pixels.start)
         frame = encaps.get_frame(
-            file,
-            number,
-            extended_offsets=options.get("extended_offsets"),
-            number_of_frames=options["number_of_frames"],
+            file, number, extended_offsets=options.get("extended_offsets"), number_of_frames=options["number_of_frames"]
         )
         damage = frame_damage(frame, image.rows, image.columns, int(options.get("samples_per_pixel") or 1))
         if damage:

@@ -22,15 +22,7 @@ from ..options import ReadingOptions
 from ..registry import FORMATS
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
-from .header import (
-    Broken,
-    ImageFile,
-    Slice,
-    has_other_suffix,
-    kind_in_words,
-    may_be_dicom,
-    read_header,
-)
+from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed, turning
 from .pixel_format import high_bit_notes
 from .pixels import check_codec
@@ -73,11 +65,7 @@ class DicomSource(VolumeSource):
         """Return the series that would be read; by default the one with the most slices that have a place."""
         requested_series = "" if series is None else str(series).strip()
         matching = [line for line in self.series if requested_series in ("", line.uid, str(line.number))]
-        return max(
-            matching,
-            key=lambda line: (self._has_place(line), line.slices, -line.number),
-            default=None,
-        )
+        return max(matching, key=lambda line: (self._has_place(line), line.slices, -line.number), default=None)
 
     def images_read(self, options: ReadingOptions) -> list[Path]:
         """Return the files of the images that a volume is read from, in the order in which they were taken."""

@@ -18,11 +18,7 @@ class DecodedSlices(SliceReader):
     """What `decode` makes of a slice's number, (rows, columns) of the type; called by several threads if told so."""
 
     def __init__(
-        self,
-        decode: Callable[[int], NDArray[Any]],
-        shape: tuple[int, int, int],
-        dtype: np.dtype[Any],
-        threads: int = 1,
+        self, decode: Callable[[int], NDArray[Any]], shape: tuple[int, int, int], dtype: np.dtype[Any], threads: int = 1
     ) -> None:
         self.decode, self.shape, self.dtype, self.threads = decode, shape, dtype, threads
 

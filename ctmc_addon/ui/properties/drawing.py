@@ -83,8 +83,7 @@ class CTMCDrawing(PropertyGroup):
     )
     ball: boolean("Ball", "Draw a ball through the neighboring slices instead of a disc in the slice")
     on_surfaces: boolean(
-        "On Surfaces",
-        "Also draw along the CT's surfaces, with a ball, where one lies in front of the slices",
+        "On Surfaces", "Also draw along the CT's surfaces, with a ball, where one lies in front of the slices"
     )
     method: choice(
         "Grow",

@@ -148,11 +148,7 @@ def panel_properties() -> dict[str, Any]:
             "Make one surface at a gray value, or one for each structure",
             items=[
                 ("threshold", "Threshold", "At a gray value: values at or above it are inside"),
-                (
-                    "label",
-                    "Structures",
-                    "Several structures at once: labels, and thresholds added to the list",
-                ),
+                ("label", "Structures", "Several structures at once: labels, and thresholds added to the list"),
             ],
             get=get_surface_from,
             set=set_surface_from,
@@ -190,10 +186,7 @@ def panel_properties() -> dict[str, Any]:
             set=set_ratio,
         ),
         "keep_largest": boolean(
-            SETTINGS["keep_parts"].label,
-            SETTINGS["keep_parts"].text,
-            get=get_keep_largest,
-            set=set_keep_largest,
+            SETTINGS["keep_parts"].label, SETTINGS["keep_parts"].text, get=get_keep_largest, set=set_keep_largest
         ),
         "region_in": choice(
             "Unit",

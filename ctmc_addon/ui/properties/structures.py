@@ -120,9 +120,7 @@ class CTMCLabel(PropertyGroup):
     source: text("Source", "Label source of the structure; empty for the CT's own labels", options={"HIDDEN"})
     chosen: boolean("Reconstruct", "Make a surface of this structure", update=on_tick)
     name: text(
-        "Name",
-        "Name of the structure and of its surface. Double-click to change it",
-        update=on_look("label_name"),
+        "Name", "Name of the structure and of its surface. Double-click to change it", update=on_look("label_name")
     )
     color: decimals(
         "Color",

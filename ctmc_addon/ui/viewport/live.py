@@ -135,10 +135,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         settings = tuple(scene.ctmc.all_settings())
         works = [(fields_of(scene, run), run) for run in settings]
         counting = [cost_steps(live.scene, works)] if loaded.file is None else []
-        live.work = [
-            *counting,
-            preview.refine_steps(live.scene, wanted),
-        ]
+        live.work = [*counting, preview.refine_steps(live.scene, wanted)]
     stop = time.perf_counter() + TICK
     while live.work:
         try:

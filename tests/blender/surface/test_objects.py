@@ -10,11 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from surface_objects import alpha_key, worst_mm
 
-from ctmc_addon.blender.surface import (
-    add_reconstruction,
-    call,
-    evaluated_triangles,
-)
+from ctmc_addon.blender.surface import add_reconstruction, call, evaluated_triangles
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 

@@ -138,10 +138,7 @@ def test_semicolons_part_columns_where_spreadsheets_write_them(tmp_path):
         ("input,label\na.nii,1\n\nno.nii,2\n", ["m.csv, line 4", "no file or folder 'no.nii'"]),
         ("input,label\n,2\n", ["m.csv, line 2", "input is missing"]),
         ("input,alpha\na.nii,much\n", ["m.csv, line 2", "alpha cannot be 'much'; write a number or auto, not 'much'"]),
-        (
-            "input,label\na.nii,1 two\n",
-            ["m.csv, line 2", "label cannot be '1 two'; write a whole number", "not 'two'"],
-        ),
+        ("input,label\na.nii,1 two\n", ["m.csv, line 2", "label cannot be '1 two'; write a whole number", "not 'two'"]),
         ("input,keep_parts\na.nii,1.5\n", ["m.csv, line 2", "keep-parts cannot be '1.5'; write a whole number"]),
         (
             "input,alpha\na.nii,0.1\na.nii,7\n",

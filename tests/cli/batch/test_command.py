@@ -133,10 +133,7 @@ def plain_task(folder, name):
 @pytest.mark.parametrize(
     ("script", "words"),
     [
-        (
-            "import os, signal; os.kill(os.getpid(), signal.SIGKILL)",
-            "SIGKILL; perhaps memory ran out: try fewer jobs",
-        ),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGKILL)", "SIGKILL; perhaps memory ran out: try fewer jobs"),
         ("import os; os.abort()", "crashed with SIGABRT"),
         ("import sys; sys.exit(3)", "exit code 3"),
         ("raise ValueError('in /some/where/x.py')", "exit code 1: ValueError: in x.py"),

@@ -66,10 +66,7 @@ def test_no_direction_lies_outside_the_limits_of_a_blob():
         rng = np.random.default_rng(seed)
         liver = liver_shape(rng, 1.0, 5.0)
         axes = [(np.arange(n) - (n - 1) / 2) * gap for n, gap in ((512, 0.74), (512, 0.74), (29, 5.0))]
-        for shape in [
-            liver,
-            *grow_tumors(rng, liver, 1.0, (0.74, 0.74, 5.0), axes),
-        ]:
+        for shape in [liver, *grow_tumors(rng, liver, 1.0, (0.74, 0.74, 5.0), axes)]:
             radii = shape.radius(*unit_vectors(rng.normal(size=(20000, 3))).T)
             assert shape.limits[0] < radii.min()
             assert radii.max() < shape.limits[1]

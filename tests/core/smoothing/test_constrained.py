@@ -20,17 +20,8 @@ from ctmc_addon.core.mesh.triangle_mesh import Surface, TriangleMesh
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.smoothing.bounds import Start, carried
-from ctmc_addon.core.smoothing.bricks import (
-    FEWEST_ROWS,
-    ROWS_AT_ONCE,
-    near_surface,
-    number_bricks,
-    over_rows,
-    packed,
-)
-from ctmc_addon.core.smoothing.constrained import (
-    THICK as THICK_GRIDS,
-)
+from ctmc_addon.core.smoothing.bricks import FEWEST_ROWS, ROWS_AT_ONCE, near_surface, number_bricks, over_rows, packed
+from ctmc_addon.core.smoothing.constrained import THICK as THICK_GRIDS
 from ctmc_addon.core.smoothing.constrained import (
     THIN,
     _bits,

@@ -87,12 +87,7 @@ def test_each_time_and_channel_is_calibrated(tmp_path):
 
 @pytest.mark.parametrize(
     ("code", "name"),
-    [
-        (1, "polynomial of degree 2"),
-        (8, "gamma variate"),
-        (21, "uncalibrated optical density"),
-        (99, "unknown"),
-    ],
+    [(1, "polynomial of degree 2"), (8, "gamma variate"), (21, "uncalibrated optical density"), (99, "unknown")],
 )
 def test_another_function_is_named_and_not_applied(tmp_path, code, name):
     stored = (HU + 1024).astype(np.uint16)

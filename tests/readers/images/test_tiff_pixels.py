@@ -11,19 +11,7 @@ import zlib
 import numpy as np
 import pytest
 import tifffile
-from hand_made_tiff import (
-    DEFLATE,
-    GROUP_4,
-    JPEG,
-    LZMA,
-    LZW,
-    NONE,
-    PACKBITS,
-    gray_page,
-    packed,
-    strip_by_pillow,
-    tiff,
-)
+from hand_made_tiff import DEFLATE, GROUP_4, JPEG, LZMA, LZW, NONE, PACKBITS, gray_page, packed, strip_by_pillow, tiff
 from PIL import Image
 
 from ctmc_addon.core import CtmcError, ReadError

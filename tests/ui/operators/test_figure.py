@@ -29,10 +29,7 @@ from ctmc_addon.cli.program import parser
 from ctmc_addon.ui.operators import figure, figure_view
 from ctmc_addon.ui.panels import figure as figure_panel
 from ctmc_addon.ui.properties import figure as figure_properties
-from ctmc_addon.ui.state import (
-    session,
-    volumes,
-)
+from ctmc_addon.ui.state import session, volumes
 
 
 @pytest.fixture

@@ -27,12 +27,7 @@ PANELS = (
 )
 
 
-SHOWN_AS = {
-    "region_unit": "region_in",
-    "simplifier": "method",
-    "reduction": "ratio",
-    "keep_parts": "keep_largest",
-}
+SHOWN_AS = {"region_unit": "region_in", "simplifier": "method", "reduction": "ratio", "keep_parts": "keep_largest"}
 """Settings that the panel shows by a choice or a number of its own."""
 
 

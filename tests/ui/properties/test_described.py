@@ -81,11 +81,7 @@ def test_the_name_of_a_ct_is_the_options_name(scene):
 
 
 @pytest.mark.parametrize(
-    "options",
-    [
-        ReadingOptions(),
-        ReadingOptions(spacing=(0.7, 0.7, 2.5), flip="xz", series="3", time=4, strict=True),
-    ],
+    "options", [ReadingOptions(), ReadingOptions(spacing=(0.7, 0.7, 2.5), flip="xz", series="3", time=4, strict=True)]
 )
 def test_options_come_back_from_a_scene_as_they_were_typed(scene, options):
     reading.show_options(scene.ctmc, ReadingOptions(spacing=9, flip="y", series=9, time=9, strict=True))

@@ -21,9 +21,7 @@ from ctmc_addon.ui.state import measurements, session
 from ctmc_addon.ui.state.measurements import PROPERTY, Measurement
 
 MEASURES = Measures(
-    *(8, 2.5, 1.5, True, 2, 30, 12, 0.002, 3, 6),
-    quality=TriangleQuality(9.0, 0.0, 0.25, 1.5),
-    size=(0.05, 0.02, 0.01),
+    *(8, 2.5, 1.5, True, 2, 30, 12, 0.002, 3, 6), quality=TriangleQuality(9.0, 0.0, 0.25, 1.5), size=(0.05, 0.02, 0.01)
 )
 FULL = Measurement(MEASURES, SurfaceDistance(0.01, 0.02, 0.3), 2)
 

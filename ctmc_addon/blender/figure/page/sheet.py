@@ -210,10 +210,7 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
 
 
 def reference_steps(
-    volume: Volume,
-    settings: ReconstructionSettings,
-    straight: bool,
-    budget: Budget,
+    volume: Volume, settings: ReconstructionSettings, straight: bool, budget: Budget
 ) -> Steps[ReferenceSurface]:
     """Return the surface of full resolution, at alpha 1 if it is to be `straight`."""
     full = replace(

@@ -75,11 +75,7 @@ def _by_label(rows: Sequence[SummaryRow]) -> list[list[SummaryRow]]:
 
 def _cohort(rows: Sequence[SummaryRow]) -> dict[str, Any]:
     """Return the totals and the histogram of all cases with a label."""
-    return {
-        "label": rows[0].label,
-        "totals": _totals(rows),
-        "histogram": histogram(known("volume_mm3", rows)),
-    }
+    return {"label": rows[0].label, "totals": _totals(rows), "histogram": histogram(known("volume_mm3", rows))}
 
 
 def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:

@@ -28,13 +28,7 @@ from .box_pairs import BoxTree
 from .near import near_faces_steps
 from .orientation import EPSILON
 from .stars import flat_stars_steps
-from .triangle_pairs import (
-    have_no_area,
-    surely_apart,
-    triangles_at_edge_meet,
-    triangles_at_vertex_meet,
-    triangles_meet,
-)
+from .triangle_pairs import have_no_area, surely_apart, triangles_at_edge_meet, triangles_at_vertex_meet, triangles_meet
 
 Pairs = Iterator[tuple[Ints, Ints]]
 

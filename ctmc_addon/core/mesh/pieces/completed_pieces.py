@@ -35,9 +35,7 @@ class CompletedPiece:
     first: int
 
 
-def with_next_steps(
-    pieces: Generator[Step | Piece, None, T],
-) -> Generator[Step | tuple[Piece, Piece | None], None, T]:
+def with_next_steps(pieces: Generator[Step | Piece, None, T]) -> Generator[Step | tuple[Piece, Piece | None], None, T]:
     """Yield every piece with the next one, the last with None, and the steps between; closes `pieces` at the end."""
     held: Piece | None = None
     source = WithResult(pieces)

@@ -45,12 +45,7 @@ class KeptPieces:
         Keeps the component of each triangle; by default they stay in memory.
     """
 
-    def __init__(
-        self,
-        one_pass: Callable[[bool], Pieces],
-        limits: ComponentLimits,
-        spool: Spool | None = None,
-    ) -> None:
+    def __init__(self, one_pass: Callable[[bool], Pieces], limits: ComponentLimits, spool: Spool | None = None) -> None:
         self.one_pass, self.limits, self.spool = one_pass, limits, spool or Spool()
         self.alpha = 1.0  # at which components are measured
         self.first: list[int] = []  # of every piece's components among those of all pieces; the end

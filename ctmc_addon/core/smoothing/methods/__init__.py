@@ -15,11 +15,7 @@ from .smoothing import Smoothing, Spacing, Unsmoothed
 
 __all__ = ["SMOOTHINGS", "Smoothing", "refinement_of", "smoothing_of", "used_settings"]
 
-SMOOTHINGS: dict[str, Smoothing] = {
-    NONE: Unsmoothed(NONE),
-    WIDE: Gaussian(WIDE),
-    OF_LABEL: Constrained(OF_LABEL),
-}
+SMOOTHINGS: dict[str, Smoothing] = {NONE: Unsmoothed(NONE), WIDE: Gaussian(WIDE), OF_LABEL: Constrained(OF_LABEL)}
 
 
 def smoothing_of(settings: ReconstructionSettings) -> Smoothing:

@@ -136,10 +136,5 @@ def is_visible(obj: bpy.types.Object) -> bool:
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (
-        CTMC_OT_tick_structures,
-        CTMC_OT_add_threshold,
-        CTMC_OT_remove_structure,
-        CTMC_OT_structure_eye,
-    )
+    (CTMC_OT_tick_structures, CTMC_OT_add_threshold, CTMC_OT_remove_structure, CTMC_OT_structure_eye)
 )

@@ -11,14 +11,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import meshes_in
 
 from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
-from ctmc_addon.core import (
-    Budget,
-    MemoryLimitError,
-    ReconstructionSettings,
-    SettingsError,
-    finish,
-    reconstruct,
-)
+from ctmc_addon.core import Budget, MemoryLimitError, ReconstructionSettings, SettingsError, finish, reconstruct
 from ctmc_addon.core.volume import otsu
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.state import session, volumes
