@@ -9,10 +9,10 @@ import bpy
 def remove_blocks(*blocks: bpy.types.ID) -> None:
     """Remove data-blocks from the file, in the order given. `batch_remove` crashes on a scene that was in context."""
     for block in blocks:
-        collection_of(block).remove(block)
+        _collection_of(block).remove(block)
 
 
-def collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
+def _collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
     """Return the collection of `bpy.data` that a data-block lives in."""
     collections = {
         bpy.types.Scene: bpy.data.scenes,

@@ -36,16 +36,16 @@ def read_mesh(path: Path) -> TriangleMesh:
     """
     if not path.is_file():
         raise ReadError(f"there is no file {path}; check the path")
-    with added_data_removed():
+    with _added_data_removed():
         try:
-            objects = import_objects(path)
+            objects = _import_objects(path)
         except RuntimeError as error:  # how Blender's operators report what they could not do
             raise ReadError(f"{path.name} cannot be read: {' '.join(str(error).split())}") from error
         scene = bpy.data.scenes.new("CTMC Import")
         for obj in objects:
             if obj.name not in scene.collection.objects:
                 scene.collection.objects.link(obj)
-        meshes = [world_mesh(obj, scene) for obj in objects]
+        meshes = [_world_mesh(obj, scene) for obj in objects]
     if not sum(len(mesh.faces) for mesh in meshes):
         raise MeshError(f"{path.name} has no triangles; choose a file with a surface in it")
     starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes)])
@@ -53,7 +53,7 @@ def read_mesh(path: Path) -> TriangleMesh:
     return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces).astype(np.int32))
 
 
-def import_objects(path: Path) -> list[bpy.types.Object]:
+def _import_objects(path: Path) -> list[bpy.types.Object]:
     """Return the mesh objects that the file adds to Blender's."""
     before = set(bpy.data.objects)
     suffix, name = path.suffix.lower(), str(path.resolve())
@@ -66,11 +66,11 @@ def import_objects(path: Path) -> list[bpy.types.Object]:
     elif suffix == ".glb":
         bpy.ops.import_scene.gltf(filepath=name)
     else:
-        append_objects(name, path.name)
+        _append_objects(name, path.name)
     return [obj for obj in bpy.data.objects if obj not in before and obj.type == "MESH"]
 
 
-def append_objects(path: str, name: str) -> None:
+def _append_objects(path: str, name: str) -> None:
     """Copy all objects of a .blend into this file."""
     try:
         with bpy.data.libraries.load(path) as (source, target):
@@ -79,7 +79,7 @@ def append_objects(path: str, name: str) -> None:
         raise ReadError(f"{name} cannot be read: it is not a .blend that this Blender can open") from error
 
 
-def world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
+def _world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
     """Return an object's evaluated triangles where they stand in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
@@ -87,7 +87,7 @@ def world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
 
 
 @contextmanager
-def added_data_removed() -> Iterator[None]:
+def _added_data_removed() -> Iterator[None]:
     """Remove from the Blender file whatever the block adds."""
     before = {kind: set(getattr(bpy.data, kind)) for kind in KINDS}
     try:

@@ -21,7 +21,7 @@ CHOSEN = "ctmc_opacity"
 NODES = "CTMC Opacity"  # how the names of the nodes begin that opacity adds
 
 
-class MaterialFinish(NamedTuple):
+class _MaterialFinish(NamedTuple):
     """The numbers of a Principled BSDF.
 
     Parameters
@@ -44,9 +44,9 @@ class MaterialFinish(NamedTuple):
 
 
 FINISHES = {
-    "organ": MaterialFinish(0.35, (3.0, 1.2, 0.8), 0.42, 0.4, 0.12, 0.0),
-    "vessel": MaterialFinish(0.15, (1.2, 0.5, 0.4), 0.28, 0.5, 0.2, 0.0),
-    "bone": MaterialFinish(0.12, (1.6, 1.2, 0.8), 0.68, 0.18, 0.0, 1.2),
+    "organ": _MaterialFinish(0.35, (3.0, 1.2, 0.8), 0.42, 0.4, 0.12, 0.0),
+    "vessel": _MaterialFinish(0.15, (1.2, 0.5, 0.4), 0.28, 0.5, 0.2, 0.0),
+    "bone": _MaterialFinish(0.12, (1.6, 1.2, 0.8), 0.68, 0.18, 0.0, 1.2),
 }
 
 

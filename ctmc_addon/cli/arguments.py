@@ -224,14 +224,14 @@ def tables() -> dict[str, tuple[type, ...]]:
 
 def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     """Return the settings that the file of --settings and the flags give, by name; flags win."""
-    file = {name: value for name, value in file_of(args).items() if name not in TABLES}
+    file = {name: value for name, value in _file_of(args).items() if name not in TABLES}
     return overridden(file, given(args, ReconstructionSettings))
 
 
-def file_of(args: argparse.Namespace) -> dict[str, Any]:
+def _file_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return what stands in the file of --settings, its tables as dictionaries; empty without one."""
     path = getattr(args, "settings", None)
-    return read_settings(path) if path else {}
+    return _read_settings(path) if path else {}
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     return {name: value for name, value in below.items() if name not in replaced} | dict(above)
 
 
-def read_settings(path: str) -> dict[str, Any]:
+def _read_settings(path: str) -> dict[str, Any]:
     """Return the settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
     file = Path(path)
     add_inputs([file])
@@ -312,7 +312,7 @@ def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names:
             continue
         if name == "time" and all_times:
             several = replace(about, text=f"{about.text}, or all for one surface per time")
-            add_flag(group, name, several, None, time_or_all)
+            add_flag(group, name, several, None, _time_or_all)
         else:
             add_flag(group, name, about, defaults(readers.ReadingOptions)[name])
 
@@ -338,7 +338,7 @@ def reading_of(args: argparse.Namespace) -> readers.ReadingOptions:
 def given_table(args: argparse.Namespace, table: str) -> dict[str, Any]:
     """Return the values of a table's fields that the file of --settings and the flags give, by name; flags win."""
     flags = {name: value for kind in kinds_of(table) for name, value in given(args, kind).items()}
-    return file_of(args).get(table, {}) | flags
+    return _file_of(args).get(table, {}) | flags
 
 
 def asks_all_times(args: argparse.Namespace) -> bool:
@@ -353,14 +353,14 @@ def add_opacity(group: Any, dest: str, note: str) -> None:
         dest=dest,
         nargs="+",
         action="extend",
-        type=opacity_choice,
+        type=_opacity_choice,
         default=[],
         metavar="NAME=SHARE",
         help=f"opacity of structures from 0 to 1, by name, label number or all: liver=0.35 bone=0.15 ({note})",
     )
 
 
-def opacity_choice(text: str) -> tuple[int | str, float]:
+def _opacity_choice(text: str) -> tuple[int | str, float]:
     """Return the label's number or name, and the opacity, of NAME=SHARE; a label without a name is 'label 7' or 7.
 
     Examples
@@ -380,6 +380,6 @@ def opacity_choice(text: str) -> tuple[int | str, float]:
     return (ALL if name.lower() == ALL else name), opacity
 
 
-def time_or_all(text: str) -> int | str:
+def _time_or_all(text: str) -> int | str:
     """Return a time from 1 on, or all of them."""
     return ALL if text.strip().lower() == ALL else at_least(1)(text)

@@ -99,7 +99,7 @@ def silence() -> Iterator[None]:
     """Lead standard output and standard error nowhere, for Python and for C."""
     sys.stdout.flush()
     sys.stderr.flush()
-    flush_c_streams()
+    _flush_c_streams()
     with ExitStack() as undo:
         nowhere = undo.enter_context(open(os.devnull, "w", encoding="utf-8"))
         undo.enter_context(redirect_stdout(nowhere))
@@ -112,10 +112,10 @@ def silence() -> Iterator[None]:
             undo.callback(os.close, duplicate)
             undo.callback(os.dup2, duplicate, stream)
             os.dup2(nowhere.fileno(), stream)
-        undo.callback(flush_c_streams)
+        undo.callback(_flush_c_streams)
         yield
 
 
-def flush_c_streams() -> None:
+def _flush_c_streams() -> None:
     """Write out what C code has printed so far, to where its streams lead now."""
     ctypes.CDLL("ucrtbase" if sys.platform == "win32" else None).fflush(None)

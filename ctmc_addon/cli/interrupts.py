@@ -16,17 +16,17 @@ SIGNALS = (signal.SIGINT, signal.SIGTERM)
 def sigterm_raised() -> Iterator[None]:
     """Clean up after SIGTERM, which SLURM, Docker and Snakemake send, as after Ctrl-C."""
     # Only the main thread gets signals, and whoever handles this one already goes on doing so.
-    if not in_main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
+    if not _in_main_thread() or signal.getsignal(signal.SIGTERM) != signal.SIG_DFL:
         yield
         return
-    signal.signal(signal.SIGTERM, raise_terminated)
+    signal.signal(signal.SIGTERM, _raise_terminated)
     try:
         yield
     finally:
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 
-def raise_terminated(_number: int, _frame: Any) -> None:
+def _raise_terminated(_number: int, _frame: Any) -> None:
     """Handle SIGTERM."""
     raise KeyboardInterrupt("terminated")
 
@@ -37,7 +37,7 @@ def interrupts_held() -> Iterator[None]:
 
     Inside, Blender would crash while it is loaded, and swallow it while it renders, leaving half a picture.
     """
-    if not in_main_thread():
+    if not _in_main_thread():
         yield
         return
     received: list[int] = []
@@ -51,6 +51,6 @@ def interrupts_held() -> Iterator[None]:
         signal.raise_signal(received[0])
 
 
-def in_main_thread() -> bool:
+def _in_main_thread() -> bool:
     """Return whether this is the thread that Python handles signals in."""
     return threading.current_thread() is threading.main_thread()

@@ -175,7 +175,7 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
     paths = outputs.paths(surfaces)
     with whole_files(paths) as temporaries:
         if outputs.blender_needed_for(surfaces.results[0].settings.simplifier):
-            surfaces = yield from with_blender_steps(surfaces, outputs, temporaries)
+            surfaces = yield from _with_blender_steps(surfaces, outputs, temporaries)
         stages: list[Stage] = []
         for path, numbers in outputs.surfaces_in(surfaces).items():
             if path.suffix.lower() in mesh_files.SUFFIXES:
@@ -194,14 +194,14 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                     structures = structures_of(chosen, [surfaces.titles[number] for number in numbers], shares)
                     for step in write_structures_steps(temporaries[path], structures, outputs.space):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
-        surfaces = with_stages(surfaces, stages)
+        surfaces = _with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")
             write_json(temporaries[outputs.report], surfaces.report() | {"files": [path.name for path in paths]})
     return surfaces, paths
 
 
-def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
+def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
     from ..blender.figure.rendering.render import PICTURE_SIZE, render_figure_steps
@@ -232,17 +232,17 @@ def with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappin
                 small: dict[str, Any] = {}
                 if outputs.thumbnail:
                     small = {"size": outputs.thumbnail}
-                    made = objects_of(coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
+                    made = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
                     scene, objects, _ = stack.enter_context(made)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
                 how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}
                 rendering = render_figure_steps(objects, scene, temporaries[outputs.figure], **how)
                 yield from quiet_steps(rendering)
-    return with_stages(replace(surfaces, results=tuple(shown)), stages)
+    return _with_stages(replace(surfaces, results=tuple(shown)), stages)
 
 
-def coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
+def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
     """Return the surfaces as a thumbnail shows them, of `THUMBNAIL_FACES` triangles together at most, or a few more."""
     total = max(1, sum(len(result.mesh.faces) for result in results))
     coarse = []
@@ -256,7 +256,7 @@ def coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
     return coarse
 
 
-def with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:
+def _with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:
     """The surfaces with further stages, those of one name together; of several surfaces each has had all of them."""
     seconds: dict[str, float] = {}
     for stage in stages:

@@ -65,7 +65,7 @@ class Progress:
             steps.close()
 
 
-class CheckedOutput:
+class _CheckedOutput:
     """A stream whose errors are sentences, such as that of a full disk behind `ctmc info ... > FILE`."""
 
     def __init__(self, stream: TextIO) -> None:
@@ -100,7 +100,7 @@ class CheckedOutput:
 def checked_output() -> Iterator[None]:
     """Flush standard output at the end; what goes wrong there is an `OutputError`, a pipe that was closed excepted."""
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
-        output = CheckedOutput(sys.stdout or nowhere)  # none where it was closed, as by `>&-`
+        output = _CheckedOutput(sys.stdout or nowhere)  # none where it was closed, as by `>&-`
         with redirect_stdout(cast(TextIO, output)):
             try:
                 yield

@@ -63,7 +63,7 @@ def cases_bytes(budget: Budget) -> int | None:
     return None if there is None else int(there * CASES_SHARE)
 
 
-class AtOnce(NamedTuple):
+class _AtOnce(NamedTuple):
     """How many cases run side by side, and why not more.
 
     Parameters
@@ -77,7 +77,7 @@ class AtOnce(NamedTuple):
     reason: str
 
 
-def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> AtOnce:
+def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> _AtOnce:
     """Return how many processes may run at once: as many as asked for or as there are processors, if they fit.
 
     Only the smallest must fit side by side: the batch lets larger ones wait for others.
@@ -101,4 +101,4 @@ def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> At
             (max(1, fitting), f"as memory allows: a case begins with {between}, and {amount(limit)} may be used")
         )
     jobs = min(number for number, _ in limits)
-    return AtOnce(jobs, next(reason for number, reason in limits if number == jobs))
+    return _AtOnce(jobs, next(reason for number, reason in limits if number == jobs))

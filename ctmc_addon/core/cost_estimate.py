@@ -198,7 +198,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
         vertices=plan.counts.vertices,
         faces=plan.counts.faces,
         memory=plan.needed,
-        seconds=cache.seconds + seconds + seconds_after_counting(plan),
+        seconds=cache.seconds + seconds + _seconds_after_counting(plan),
         counting_seconds=seconds,
         available=cache.budget.available,
     )
@@ -208,7 +208,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     return replace(estimate, remedy=advice_of((yield from stages.run(LOOKING, looking))))
 
 
-def seconds_after_counting(plan: Plan) -> float:
+def _seconds_after_counting(plan: Plan) -> float:
     """Return the seconds of all that follows the first passes."""
     work, counts = CALIBRATION, plan.counts
     seconds = counts.vertices * work.vertex + counts.faces * (work.face + work.blender_face)

@@ -193,11 +193,11 @@ def checked(name: str, value: Any, about: Setting) -> Any:
         items = (value,) * about.size if isinstance(value, numbers.Real) else tuple(value)
         if len(items) != about.size:
             raise SettingsError(f"{name} takes {about.size} numbers, not {len(items)}: {value}")
-        return tuple(checked_item(name, item, about) for item in items)
-    return checked_item(name, value, about)
+        return tuple(_checked_item(name, item, about) for item in items)
+    return _checked_item(name, value, about)
 
 
-def checked_item(name: str, value: Any, about: Setting) -> Any:
+def _checked_item(name: str, value: Any, about: Setting) -> Any:
     """Return one number, word or switch of a setting in its type; raise a `SettingsError` outside its limits."""
     if about.type is str:
         if value not in about.choices if about.choices else not isinstance(value, str):

@@ -169,7 +169,7 @@ def plan_steps(
     return Plan(counts, settings, budget, field.values.own_bytes, sink, written_bytes)
 
 
-class PlanRefusal(MemoryLimitError):
+class _PlanRefusal(MemoryLimitError):
     """A surface does not fit, and the message already says what would."""
 
 
@@ -199,7 +199,7 @@ def required_steps(
     there = there if left is None else min(there, left)
     if least.needed > there:
         proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, there))
-        raise PlanRefusal(_unfitting(plan, there, proposals))
+        raise _PlanRefusal(_unfitting(plan, there, proposals))
 
 
 def advised_steps(
@@ -225,7 +225,7 @@ def advised_steps(
     try:
         return (yield from stages.run("Reconstructing", making))
     except (MemoryLimitError, MemoryError, RuntimeError) as error:
-        if isinstance(error, PlanRefusal) and not written_bytes:
+        if isinstance(error, _PlanRefusal) and not written_bytes:
             raise
         if isinstance(error, RuntimeError) and not isinstance(error, CtmcError) and str(error) != NO_THREAD:
             raise
@@ -234,11 +234,11 @@ def advised_steps(
         refused = error.with_traceback(None)  # what was made until then goes, and what its cause still holds
         refused.__cause__ = refused.__context__ = None
     give_back()
-    looking = refusal_steps(volume, settings, replace(budget, bytes=there), sink, written_bytes)
+    looking = _refusal_steps(volume, settings, replace(budget, bytes=there), sink, written_bytes)
     try:
         sentence = yield from stages.run(LOOKING, looking)
     except (MemoryLimitError, MemoryError):  # even a slab at a time
-        sentence = slab_refusal(volume, settings, there)
+        sentence = _slab_refusal(volume, settings, there)
     except CtmcError:
         sentence = ""
     if not sentence:
@@ -246,7 +246,7 @@ def advised_steps(
     raise MemoryLimitError(sentence) from refused
 
 
-def refusal_steps(
+def _refusal_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink = HOLD, written_bytes: int = 0
 ) -> Steps[str]:
     """Why a surface was refused, and settings that fit, all counted; empty where none is known."""
@@ -309,7 +309,7 @@ def proposals_steps(volume: Volume, plan: Plan, room: int) -> Steps[list[str]]:
     return proposals
 
 
-def slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -> str:
+def _slab_refusal(volume: Volume, settings: ReconstructionSettings, there: int) -> str:
     """Why values cannot even be fetched slab by slab, and a region that can."""
     x, y, _ = volume.size
     side = widest_slices(volume, settings, there)

@@ -35,7 +35,7 @@ LEAVE_IT = {*settings_of_stage(ALPHA), *settings_of_stage(SIMPLIFICATION)}
 Stride = tuple[int, int, int]
 
 
-class Rung(NamedTuple):
+class _Rung(NamedTuple):
     """How coarse a surface is: every so many samples, and steps from slice to slice; or as the settings have it."""
 
     stride: Stride
@@ -92,7 +92,7 @@ class Preview:
         """Return the finest surface within `seconds` (by default `REFINED` budgets), at the settings' threshold."""
         limit = self.budget * REFINED if seconds is None else seconds
         box = region_box(self.volume, settings)
-        ladder = rungs(self.volume, settings, box_size(box))
+        ladder = rungs(self.volume, settings, _box_size(box))
         fitting = (at for at, rung in enumerate(ladder) if self.expected(settings, rung, box) <= limit)
         rung = next(fitting, len(ladder) - 1)
         while True:
@@ -107,7 +107,7 @@ class Preview:
             except CtmcError:
                 return None
 
-    def expected(self, settings: ReconstructionSettings, rung: Rung, box: Box) -> float:
+    def expected(self, settings: ReconstructionSettings, rung: _Rung, box: Box) -> float:
         """Return the seconds that a surface will take, from the last one."""
         voxels = voxel_count(rung, box)
         if settings.smoothing_method not in self.last:
@@ -116,7 +116,7 @@ class Preview:
         return float(seconds * (voxels / before) ** GROWTH)
 
     def _surface_steps(
-        self, settings: ReconstructionSettings, threshold: float, rung: Rung, box: Box
+        self, settings: ReconstructionSettings, threshold: float, rung: _Rung, box: Box
     ) -> Steps[PreviewResult]:
         volume = self.volume
         plain = replace(
@@ -138,18 +138,20 @@ class Preview:
         return PreviewResult(result.surface, rung.stride, seconds)
 
 
-def box_size(box: Box) -> tuple[int, ...]:
+def _box_size(box: Box) -> tuple[int, ...]:
     """Return the samples of a box along x, y and z."""
     return tuple(stop - start for start, stop in box)
 
 
-def voxel_count(rung: Rung, box: Box) -> int:
+def voxel_count(rung: _Rung, box: Box) -> int:
     """Return how many samples of a box are worked on, those between slices among them."""
     stride = (1, 1, 1) if rung.as_set else rung.stride
-    return rung.slice_steps * int(np.prod([-(-size // step) for size, step in zip(box_size(box), stride, strict=True)]))
+    return rung.slice_steps * int(
+        np.prod([-(-size // step) for size, step in zip(_box_size(box), stride, strict=True)])
+    )
 
 
-def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...]) -> list[Rung]:
+def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...]) -> list[_Rung]:
     """Return how coarse a surface may be, the finest first.
 
     A label that is smoothed all at once is first the reconstruction's own, then gets fewer steps between its
@@ -163,17 +165,17 @@ def rungs(volume: Volume, settings: ReconstructionSettings, size: tuple[int, ...
     [((1, 1, 1), 4), ((1, 1, 1), 2), ((1, 1, 1), 1), ((2, 1, 1), 1)]
     """
     if smoothing_of(settings).by_slabs:
-        return [Rung(stride, 1) for stride in strides(volume, settings.stride, size)]
+        return [_Rung(stride, 1) for stride in strides(volume, settings.stride, size)]
     most = refinement_of(volume.spacing, settings)
     x, y, z = settings.stride
-    ladder = [Rung(settings.stride, most, as_set=True)]
+    ladder = [_Rung(settings.stride, most, as_set=True)]
     coarser = strides(volume, (x, y, max(1, z // most)), size)
     steps = max(1, most // z)
     while steps:
         if (coarser[0], steps) != ((1, 1, 1), most):
-            ladder.append(Rung(coarser[0], steps))
+            ladder.append(_Rung(coarser[0], steps))
         steps //= 2
-    return ladder + [Rung(stride, 1) for stride in coarser[1:]]
+    return ladder + [_Rung(stride, 1) for stride in coarser[1:]]
 
 
 def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Stride]:

@@ -106,7 +106,7 @@ def open_volume_steps(path: PathLike, allow_outside: bool = False) -> Steps[Volu
     path = existing_path(path)
     yield Step(0.0, f"Opening {path.name}")
     try:
-        name = format_at(path)
+        name = _format_at(path)
         if not name:
             return (yield from _open_folder_steps(path))
         inside = FORMATS[name].holds == FOLDER and path.name in FORMATS[name].names
@@ -233,7 +233,7 @@ def existing_path(path: PathLike) -> Path:
     return entry if entry.name.strip(".") else entry.resolve()  # '.' and '..' have no name to show
 
 
-def format_at(path: Path) -> str:
+def _format_at(path: Path) -> str:
     """Return the name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
     if path.is_dir():
         return folder_format(path)
@@ -329,7 +329,7 @@ def volume_name(path: Path) -> str:
     if path.is_dir():
         return stem(path)
     try:
-        is_volume = is_alone(format_at(path), path)
+        is_volume = is_alone(_format_at(path), path)
     except (CtmcError, OSError):
         is_volume = True
     return stem(path if is_volume else path.absolute().parent)

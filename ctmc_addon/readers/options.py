@@ -65,7 +65,7 @@ def checked_flip(flip: str | None) -> str:
     return "".join(sorted(letters))
 
 
-def checked_series(series: str | int) -> str | None:
+def _checked_series(series: str | int) -> str | None:
     """Return a series' UID or number as a word; None for an empty one.
 
     Examples
@@ -76,7 +76,7 @@ def checked_series(series: str | int) -> str | None:
     return str(series).strip() or None
 
 
-def checked_name(name: str) -> str:
+def _checked_name(name: str) -> str:
     """Return a name that can be shown on one line, or a `SettingsError`: an empty one would show the file's own."""
     if not name.strip() or not name.isprintable():
         raise SettingsError(f"name must be of letters that can be shown, not {name!r}")
@@ -125,7 +125,7 @@ class ReadingOptions(Described):
         type=str,
         start="2",
         without="the one with the most slices",
-        check=checked_series,
+        check=_checked_series,
     )
     time: int | None = setting(
         None,
@@ -164,7 +164,7 @@ class ReadingOptions(Described):
         type=str,
         kept=False,
         without="as the file or folder",
-        check=checked_name,
+        check=_checked_name,
     )
     remove_table: bool = setting(
         False,

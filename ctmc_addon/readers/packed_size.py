@@ -49,7 +49,7 @@ def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
         return int.from_bytes(content[4:8], "little") > most
     if codec == "lz4":
         return int.from_bytes(content[:4], "little") > most
-    return codec == "zstd" and zstandard_size(content[:LONGEST_HEAD]) > most
+    return codec == "zstd" and _zstandard_size(content[:LONGEST_HEAD]) > most
 
 
 def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool:
@@ -65,7 +65,7 @@ def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool
     return done > most
 
 
-def zstandard_size(head: bytes) -> int:
+def _zstandard_size(head: bytes) -> int:
     """Return the length that the first frame of Zstandard tells of, RFC 8878 3.1.1.1; 0 where it tells none.
 
     Examples

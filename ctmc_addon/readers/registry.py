@@ -51,36 +51,36 @@ class Format:
     may_be_mask: bool = False
 
 
-def at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
+def _at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
     """Marks that stand at the start of a file."""
     return tuple((0, mark) for mark in marks)
 
 
-JPEG_2000, JPEG_2000_MARKS = (".jp2", ".j2k", ".jpx", ".j2c"), at_start(b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")
-TIFF_MARKS = at_start(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
+JPEG_2000, JPEG_2000_MARKS = (".jp2", ".j2k", ".jpx", ".j2c"), _at_start(b"\0\0\0\x0cjP  ", b"\xff\x4f\xff\x51")
+TIFF_MARKS = _at_start(b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 ZARR = ("zarr.json", ".zattrs", ".zgroup", ".zarray")
 
 # By the name that users see. DICOM's mark is asked before TIFF's, as a DICOM file may begin like a TIFF (PS3.10, 7.1).
 FORMATS = {
     "DICOM": Format("dicom.opening", (".dcm", ".dicom", ".ima"), ((128, b"DICM"),), SERIES, ("DICOMDIR",)),
-    "PNG": Format("images.folder", (".png",), at_start(b"\x89PNG"), SLICE),
-    "JPEG": Format("images.folder", (".jpg", ".jpeg"), at_start(b"\xff\xd8\xff"), SLICE),
+    "PNG": Format("images.folder", (".png",), _at_start(b"\x89PNG"), SLICE),
+    "JPEG": Format("images.folder", (".jpg", ".jpeg"), _at_start(b"\xff\xd8\xff"), SLICE),
     "BMP": Format("images.folder", (".bmp",), (), SLICE),
     "TIFF": Format("images.folder", (".tif", ".tiff"), TIFF_MARKS, PAGES),
     "JPEG 2000": Format("images.folder", JPEG_2000, JPEG_2000_MARKS, SLICE),
     "NIfTI": Format("volumes.nifti", (".nii", ".nii.gz"), ((344, b"n+1\0"), (4, b"n+2\0")), may_be_mask=True),
-    "NRRD": Format("volumes.nrrd", (".nrrd", ".nhdr"), at_start(b"NRRD"), may_be_mask=True),
-    "NumPy": Format("volumes.npy", (".npy",), at_start(b"\x93NUMPY")),
-    "MetaImage": Format("volumes.metaimage", (".mha", ".mhd"), at_start(b"ObjectType ="), may_be_mask=True),
+    "NRRD": Format("volumes.nrrd", (".nrrd", ".nhdr"), _at_start(b"NRRD"), may_be_mask=True),
+    "NumPy": Format("volumes.npy", (".npy",), _at_start(b"\x93NUMPY")),
+    "MetaImage": Format("volumes.metaimage", (".mha", ".mhd"), _at_start(b"ObjectType ="), may_be_mask=True),
     "MGH": Format("volumes.mgh", (".mgh", ".mgz"), may_be_mask=True),
     "Analyze": Format("volumes.analyze", (".hdr",), values=".img"),
-    "VFF": Format("volumes.vff", (".vff",), at_start(b"ncaa")),
+    "VFF": Format("volumes.vff", (".vff",), _at_start(b"ncaa")),
     "VOL": Format("volumes.vol", (".vgi", ".vol.info"), values=".vol"),
     "OME-Zarr": Format("volumes.ome_zarr", (".ome.zarr", ".zarr"), (), FOLDER, ZARR),
 }
 
 
-def suffixes_of(*holds: str) -> tuple[str, ...]:
+def _suffixes_of(*holds: str) -> tuple[str, ...]:
     """Return the suffixes of all formats, or of those whose files hold this.
 
     Examples
@@ -91,11 +91,11 @@ def suffixes_of(*holds: str) -> tuple[str, ...]:
     return tuple(end for about in FORMATS.values() if not holds or about.holds in holds for end in about.suffixes)
 
 
-IMAGE_SUFFIXES = suffixes_of(SLICE, PAGES)
-PAGE_SUFFIXES = suffixes_of(PAGES)
-VOLUME_SUFFIXES = suffixes_of(VOLUME)
-FOLDER_SUFFIXES = suffixes_of(FOLDER)
-KNOWN_SUFFIXES = suffixes_of()
+IMAGE_SUFFIXES = _suffixes_of(SLICE, PAGES)
+PAGE_SUFFIXES = _suffixes_of(PAGES)
+VOLUME_SUFFIXES = _suffixes_of(VOLUME)
+FOLDER_SUFFIXES = _suffixes_of(FOLDER)
+KNOWN_SUFFIXES = _suffixes_of()
 MASK_SUFFIXES = tuple(end for about in FORMATS.values() if about.may_be_mask for end in about.suffixes)
 BY_SUFFIX = {end: name for name, about in FORMATS.items() for end in about.suffixes}
 BY_FILE_NAME = {word: name for name, about in FORMATS.items() for word in about.names}

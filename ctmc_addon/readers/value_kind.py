@@ -104,21 +104,21 @@ def scaled_steps(
     if (slope, intercept) == (1.0, 0.0):
         return stored
     if stored.dtype.kind not in "iu" or not (slope.is_integer() and intercept.is_integer()):
-        return ScaledSlices(stored, slope, intercept, np.dtype(np.float32))
+        return _ScaledSlices(stored, slope, intercept, np.dtype(np.float32))
     limits = np.iinfo(stored.dtype)
-    if scaled_integer(limits.min, limits.max, slope, intercept) == np.int16:
-        return ScaledSlices(stored, slope, intercept, np.dtype(np.int16))
+    if _scaled_integer(limits.min, limits.max, slope, intercept) == np.int16:
+        return _ScaledSlices(stored, slope, intercept, np.dtype(np.int16))
     if whole:
         require_volume_memory(stored.shape, stored.dtype.itemsize, what, budget)
         stored = ValuesInMemory((yield from stored.values_steps(*stored.everything)))
-    low, high = yield from range_steps(stored)
-    return ScaledSlices(stored, slope, intercept, scaled_integer(low, high, slope, intercept))
+    low, high = yield from _range_steps(stored)
+    return _ScaledSlices(stored, slope, intercept, _scaled_integer(low, high, slope, intercept))
 
 
-def scaled_integer(low: float, high: float, slope: float, intercept: float) -> np.dtype[Any]:
+def _scaled_integer(low: float, high: float, slope: float, intercept: float) -> np.dtype[Any]:
     """Return the smallest type for scaled integers from `low` to `high`."""
     ends = [int(end) * int(slope) + int(intercept) for end in (low, high)]
-    return np.dtype(smallest_integer(min(ends), max(ends)) or np.float32)
+    return np.dtype(_smallest_integer(min(ends), max(ends)) or np.float32)
 
 
 def step_of_scale(stored: np.dtype[Any], slope: float, intercept: float) -> float:
@@ -133,7 +133,7 @@ def step_of_scale(stored: np.dtype[Any], slope: float, intercept: float) -> floa
     return 0.0 if is_whole else abs(float(slope))
 
 
-class ScaledSlices(SliceReader):
+class _ScaledSlices(SliceReader):
     """Values `stored * slope + intercept`."""
 
     def __init__(self, stored: SliceReader, slope: float, intercept: float, dtype: np.dtype[Any]) -> None:
@@ -173,7 +173,7 @@ class ScaledSlices(SliceReader):
         return out
 
 
-def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
+def _smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
     """int16 or int32, whichever first holds `low` to `high`; None where neither does."""
     for dtype in (np.int16, np.int32):
         limits = np.iinfo(dtype)
@@ -182,7 +182,7 @@ def smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
     return None
 
 
-def range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
+def _range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
     """Lowest and highest value, NaN left out."""
     seen = Seen(reader.dtype)
     yield from reader.runs_steps(seen.add)
@@ -210,7 +210,7 @@ class Seen:
         return False
 
 
-def is_label_name(name: str) -> bool:
+def _is_label_name(name: str) -> bool:
     """Return whether a file's stem is one that label files have.
 
     Examples
@@ -239,7 +239,7 @@ def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) 
     HU: the format holds physical values, and some are as low as air. Else they are gray values.
     No more is read than settles it: of HU mostly a few slices, of labels all.
     """
-    may_be_label = is_label or is_label_name(name)
+    may_be_label = is_label or _is_label_name(name)
     if may_be_label and reader.is_whole:
         return Meaning(ValueKind.LABEL, reader)
     if not (may_be_label or may_be_hu):

@@ -41,14 +41,14 @@ def figure_caption(
         phrases += smoothings
     if all(surface.alpha_matters and surface.alpha == first.alpha for surface in settings):
         phrases.append(f"alpha {first.alpha_number:g}")
-    for phrase in shape_phrases(first):
-        if all(phrase in shape_phrases(surface) for surface in settings):
+    for phrase in _shape_phrases(first):
+        if all(phrase in _shape_phrases(surface) for surface in settings):
             phrases.append(phrase)
     text = ", ".join([*phrases, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
 
 
-def shape_phrases(settings: ReconstructionSettings) -> list[str]:
+def _shape_phrases(settings: ReconstructionSettings) -> list[str]:
     """Return what else shaped a surface, in the order in which it is done; nothing for what is left as it is.
 
     Examples

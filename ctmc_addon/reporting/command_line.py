@@ -32,10 +32,12 @@ def command_of(settings: ReconstructionSettings) -> str:
     '--threshold 200'
     """
     used = used_settings(settings)
-    return " ".join(flags_of(settings, but=[name for name in descriptions(ReconstructionSettings) if name not in used]))
+    return " ".join(
+        _flags_of(settings, but=[name for name in descriptions(ReconstructionSettings) if name not in used])
+    )
 
 
-def flags_of(values: Described, but: Sequence[str] = ()) -> list[str]:
+def _flags_of(values: Described, but: Sequence[str] = ()) -> list[str]:
     """Return the words of the flags that give these values, without those at their default."""
     words = []
     own = defaults(type(values))
@@ -58,7 +60,7 @@ def command_line(source: str, output: str, settings: ReconstructionSettings, rea
     >>> command_line("scan", "bone.stl", ReconstructionSettings(threshold=200))
     'ctmc reconstruct scan -o bone.stl --threshold 200'
     """
-    read = flags_of(reading) if reading is not None else []
+    read = _flags_of(reading) if reading is not None else []
     words = ["ctmc", "reconstruct", source, "-o", output, *read, *command_of(settings).split()]
     if sys.platform != "win32":
         return shlex.join(words)

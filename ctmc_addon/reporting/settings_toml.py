@@ -55,21 +55,21 @@ def to_toml(
     """
     lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
     for name, about in SETTINGS.items():
-        value = labels_value(labels) if name == "label" and labels else getattr(settings, name)
-        lines += ["", *comment_of(about), value_line(name, value, about.start)]
+        value = _labels_value(labels) if name == "label" and labels else getattr(settings, name)
+        lines += ["", *_comment_of(about), _value_line(name, value, about.start)]
     for table, kinds in (tables or {}).items():
-        lines += ["", f"[{table}]", *table_lines(kinds, (given or {}).get(table, {}))]
+        lines += ["", f"[{table}]", *_table_lines(kinds, (given or {}).get(table, {}))]
     return "\n".join(lines) + "\n"
 
 
-def table_lines(kinds: Sequence[type], given: Mapping[str, Any]) -> list[str]:
+def _table_lines(kinds: Sequence[type], given: Mapping[str, Any]) -> list[str]:
     """Return the lines of a table's fields, those that are not given as comments."""
     lines = []
     for kind in kinds:
         own = defaults(kind)
         for name, about in kept(kind).items():
             example = own[name] if about.start is None else about.start
-            lines += [*comment_of(about), value_line(name, given.get(name), example), ""]
+            lines += [*_comment_of(about), _value_line(name, given.get(name), example), ""]
     return lines[:-1]
 
 
@@ -78,12 +78,12 @@ def kept(kind: type) -> dict[str, Setting]:
     return {name: about for name, about in descriptions(kind).items() if about.kept}
 
 
-def labels_value(labels: Sequence[int | str]) -> Any:
+def _labels_value(labels: Sequence[int | str]) -> Any:
     """Return the only label, or all of them."""
     return labels[0] if len(labels) == 1 else tuple(labels)
 
 
-def comment_of(about: Setting) -> list[str]:
+def _comment_of(about: Setting) -> list[str]:
     """Return text, unit, limits and what holds without a value as lines of comment."""
     facts = [about.unit] if about.unit else []
     if about.choices or about.is_limited:
@@ -94,14 +94,14 @@ def comment_of(about: Setting) -> list[str]:
     return textwrap.wrap(text, WIDTH, initial_indent="# ", subsequent_indent="# ", break_on_hyphens=False)
 
 
-def value_line(name: str, value: Any, example: Any) -> str:
+def _value_line(name: str, value: Any, example: Any) -> str:
     """Return `name = value`; where there is no value, an example as a comment."""
     if value is None:
-        return f"# {name} = {toml_value(example)}"
-    return f"{name} = {toml_value(value)}"
+        return f"# {name} = {_toml_value(example)}"
+    return f"{name} = {_toml_value(value)}"
 
 
-def toml_value(value: Any) -> str:
+def _toml_value(value: Any) -> str:
     """Return a switch, number, word or list of numbers in TOML.
 
     Examples
@@ -110,7 +110,7 @@ def toml_value(value: Any) -> str:
     ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
     """
     if isinstance(value, (tuple, list)):
-        return "[" + ", ".join(toml_value(item) for item in value) + "]"
+        return "[" + ", ".join(_toml_value(item) for item in value) + "]"
     if isinstance(value, bool):
         return "true" if value else "false"
     return json.dumps(value, ensure_ascii=False) if isinstance(value, str) else repr(value)
@@ -137,20 +137,20 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
-        found = {table: table_of(table, values.pop(table), kinds) for table, kinds in in_both(tables, values)}
+        found = {table: table_of(table, values.pop(table), kinds) for table, kinds in _in_both(tables, values)}
         values = with_present_names(values)
         for key, value in values.items():
             if key == "label":
                 require_labels(value)
             elif key in SETTINGS:
-                require_type(key, value, SETTINGS[key])
+                _require_type(key, value, SETTINGS[key])
         ReconstructionSettings.from_dict(values | ({"label": 1} if "label" in values else {}))
     except SettingsError as error:
         raise SettingsError(f"{name}: {error}") from error
     return values | found
 
 
-def in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str, Sequence[type]]]:
+def _in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str, Sequence[type]]]:
     """Return the tables that the file has."""
     return [(table, kinds) for table, kinds in (tables or {}).items() if table in values]
 
@@ -178,7 +178,7 @@ def table_of(table: str, values: Any, kinds: Sequence[type]) -> dict[str, Any]:
     for key, value in values.items():
         if key not in described:
             raise SettingsError(f"unknown setting {key!r} in [{table}]; its settings are {', '.join(described)}")
-        require_type(key, value, described[key])
+        _require_type(key, value, described[key])
     return {key: checked(key, value, described[key]) for key, value in values.items()}
 
 
@@ -189,13 +189,13 @@ def require_labels(value: Any) -> None:
         raise SettingsError(f"label must be a whole number, a name in quotes, or a list of these, not {value!r}")
 
 
-def require_type(name: str, value: Any, about: Setting) -> None:
+def _require_type(name: str, value: Any, about: Setting) -> None:
     """Raise a `SettingsError` for what Python would convert silently: "false" to true, true to 1."""
     if about.many:
         if not isinstance(value, list):
             raise SettingsError(f"{name} must be a list in brackets, not {value!r}")
         for item in value:
-            require_type(name, item, dataclasses.replace(about, many=False))
+            _require_type(name, item, dataclasses.replace(about, many=False))
         return
     items = value if isinstance(value, list) and about.size > 1 else [value]
     types, expected = {bool: (bool, "true or false"), str: (str, "a word in quotes")}.get(

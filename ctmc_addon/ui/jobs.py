@@ -130,7 +130,7 @@ def stop_running(*_: Any) -> None:
         stop(job)
 
 
-def stop_locked(*_: Any) -> None:
+def _stop_locked(*_: Any) -> None:
     """End a job whose objects stand in the file: another window undoes, or saves."""
     if locked():
         stop_running()
@@ -285,7 +285,7 @@ def idle(operator: Any, _context: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
-HANDLERS = {"load_pre": stop_running, "undo_pre": stop_locked, "redo_pre": stop_locked, "save_pre": stop_locked}
+HANDLERS = {"load_pre": stop_running, "undo_pre": _stop_locked, "redo_pre": _stop_locked, "save_pre": _stop_locked}
 
 
 def register() -> None:

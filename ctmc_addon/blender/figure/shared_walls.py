@@ -45,7 +45,7 @@ def open_shared_walls_steps(cell: Cell, copies: Sequence[bpy.types.Object]) -> S
             some = positions[first : first + POINTS].tolist()
             on_wall[first : first + POINTS] = [tree.find_nearest(point, near)[0] is not None for point in some]
         triangles = meshes.read_triangles(copy.data)
-        delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
+        _delete_faces(copy.data, np.flatnonzero(on_wall[triangles].all(axis=1)))
 
 
 def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
@@ -73,7 +73,7 @@ def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
     mesh.update()
 
 
-def delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
+def _delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
     """Take triangles out of a mesh; the attributes of its vertices stay."""
     import bmesh
 

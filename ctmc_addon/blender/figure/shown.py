@@ -50,7 +50,9 @@ def shown_surfaces(
     hides = [False] * len(objects)
     if None in chosen:
         axes = view_axes(style.azimuth, style.elevation)
-        hides = hiding(depth_maps([seen_by(axes, obj, scene) for obj in objects]), [is_lesion(name) for name in called])
+        hides = hiding(
+            depth_maps([_seen_by(axes, obj, scene) for obj in objects]), [is_lesion(name) for name in called]
+        )
     most = (transparency or Transparency()).hiding_opacity
     shown = []
     for at, obj in enumerate(objects):
@@ -66,7 +68,7 @@ def written(name: str) -> str:
     return name.replace("_", " ")
 
 
-def seen_by(axes: Any, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> tuple[Any, Any]:
+def _seen_by(axes: Any, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> tuple[Any, Any]:
     """Return an object's vertices along the camera's axes and its triangles, as `depth_maps` takes them."""
     evaluated, _ = evaluated_object(obj, scene)
     points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))

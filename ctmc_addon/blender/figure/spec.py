@@ -54,7 +54,7 @@ ENGINES = {
 
 
 @dataclass(frozen=True)
-class SurfaceStyle:
+class _SurfaceStyle:
     """The color of faces (None is the surface's own) and of triangle edges (None draws none)."""
 
     text: str
@@ -63,10 +63,10 @@ class SurfaceStyle:
 
 
 STYLES = {
-    "illustration": SurfaceStyle("soft light, shaded recesses, outlines, names beside the structures", None, None),
-    "paper": SurfaceStyle("red faces, yellow triangle edges, as Su and Ma", RED, YELLOW),
-    "clinical": SurfaceStyle("every surface smooth in its own color", None, None),
-    "print": SurfaceStyle("gray faces, dark triangle edges, for black and white", GRAY, INK),
+    "illustration": _SurfaceStyle("soft light, shaded recesses, outlines, names beside the structures", None, None),
+    "paper": _SurfaceStyle("red faces, yellow triangle edges, as Su and Ma", RED, YELLOW),
+    "clinical": _SurfaceStyle("every surface smooth in its own color", None, None),
+    "print": _SurfaceStyle("gray faces, dark triangle edges, for black and white", GRAY, INK),
 }
 
 

@@ -90,12 +90,12 @@ def assign_materials(
         material = distance_material(style.distances)
     elif shown.opacity < 1.0:
         obj.visible_shadow = False  # or walls that touch would speckle each other
-        material = transparent_material(face, shown.opacity, layers, style)
+        material = _transparent_material(face, shown.opacity, layers, style)
     elif style.style == "illustration":
         material = opaque_material(NAME, face, finish_of(label_of(shown.obj), shown.name or shown.obj.name))
     else:
         material = surface_material(NAME, face)
-        make_matte(material)
+        _make_matte(material)
     if line and shown.opacity == 1.0 and not (style.distances is not None and DISTANCE in mesh.attributes):
         widths = edge_widths(obj, unit, unit / page.pixels_per_mm)
         width = float(np.median(widths))
@@ -106,7 +106,7 @@ def assign_materials(
     mesh.update()
     added: list[bpy.types.ID] = [material]
     if line and width and style.engine != "cycles":
-        added.append(add_edge_geometry(obj, line, width))
+        added.append(_add_edge_geometry(obj, line, width))
     return added
 
 
@@ -128,16 +128,16 @@ def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.
     mesh = obj.data
     scale = scale_in_scene(obj)
     positions, faces = meshes.read_positions(mesh), meshes.read_triangles(mesh)
-    radii, edges = inscribed_radii(positions, faces) * scale, mean_edges(positions, faces) * scale
+    radii, edges = _inscribed_radii(positions, faces) * scale, mean_edges(positions, faces) * scale
     if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
         owners = np.empty(len(radii), np.int32)
         mesh.loop_triangles.foreach_get("polygon_index", owners)
-        radii, edges = (smallest_of(values, owners, len(mesh.polygons)) for values in (radii, edges))
+        radii, edges = (_smallest_of(values, owners, len(mesh.polygons)) for values in (radii, edges))
     share = np.where(edges >= LEAST_EDGE * pixel, np.interp(radii / unit, RADII_MM, SHARES), 0.0)
     return np.minimum(share * radii, EDGE_MM * unit).astype(np.float32)
 
 
-def smallest_of(values: NDArray[np.float64], owners: NDArray[np.int32], count: int) -> NDArray[np.float64]:
+def _smallest_of(values: NDArray[np.float64], owners: NDArray[np.int32], count: int) -> NDArray[np.float64]:
     """Return the smallest value of each owner, (count,)."""
     smallest = np.full(count, np.inf)
     np.minimum.at(smallest, owners, values)
@@ -158,7 +158,7 @@ def mean_edges(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDAr
     return lengths
 
 
-def inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
+def _inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -> NDArray[np.float64]:
     """Return the radius of the circle inside each triangle, (F,).
 
     Examples
@@ -174,7 +174,7 @@ def inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) ->
     return radii
 
 
-def make_matte(material: bpy.types.Material) -> None:
+def _make_matte(material: bpy.types.Material) -> None:
     """Take the gloss away that leaves white spots on light surfaces."""
     shader = principled(material)
     shader.inputs["Roughness"].default_value, shader.inputs["Specular IOR Level"].default_value = 0.6, 0.15
@@ -198,7 +198,7 @@ def scale_in_scene(obj: bpy.types.Object) -> float:
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
-def transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
+def _transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
     """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
     Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
@@ -232,7 +232,7 @@ def transparent_material(color: Color, opacity: float, layers: int, style: Figur
     return material
 
 
-def add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
+def _add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
     """Triangle edges as bars of their own material; returns that.
 
     For Workbench, which has no nodes, and for EEVEE, whose wireframe node leaves dark stains from Blender 5.0 on.

@@ -70,7 +70,7 @@ def turntable_steps(
         If the place is taken, this Blender does not write the format, or a file cannot be written.
     """
     target = Path(path)
-    folder = frames_folder(target)
+    folder = _frames_folder(target)
     require_turntable(target, page, resume, overwrite)
     if blend is not None:
         require_own_blend(Path(blend))
@@ -80,10 +80,10 @@ def turntable_steps(
     yield Step(0.0, "Setting up the turntable")
     figure = yield from compose_steps([cell], page, style, scene, turning=True, even=True)
     try:
-        pivot = add_pivot(figure, turn)
-        note = note_of(figure, page, style, turn)
+        pivot = _add_pivot(figure, turn)
+        note = _note_of(figure, page, style, turn)
         made_folder(folder)
-        require_same(folder, note, overwrite)
+        _require_same(folder, note, overwrite)
         for each in {folder, *(file.resolve().parent for file in (target, Path(blend or target)))}:
             remove_leftovers(each)
         write_json(folder / NOTE, note)
@@ -95,9 +95,9 @@ def turntable_steps(
         picture = RenderRequest("", "", page.dpi, figure.paper, figure.written_rows, pivot.name)
         compiles = "EEVEE" in figure.scene.render.engine
         with renderer_of(figure, folder / NOTE, own_process) as renderer:
-            rendered = yield from frames_steps(renderer, picture, folder, turn, compiles)
+            rendered = yield from _frames_steps(renderer, picture, folder, turn, compiles)
             if is_video(target):
-                yield from video_steps(renderer, folder, target, turn, figure.size)
+                yield from _video_steps(renderer, folder, target, turn, figure.size)
     finally:
         figure.remove()
     if is_video(target):
@@ -111,12 +111,12 @@ def is_video(path: Path) -> bool:
     return path.suffix != "" and not path.is_dir()
 
 
-def frames_folder(path: Path) -> Path:
+def _frames_folder(path: Path) -> Path:
     """Return where the pictures of a turntable are."""
     return path.with_name(path.stem + FRAMES_FOLDER) if is_video(path) else path
 
 
-def add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
+def _add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
     """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last; returns their pivot."""
     pivot = bpy.data.objects.new("CTMC Turntable", None)
     figure.blocks.append(pivot)
@@ -138,7 +138,7 @@ def add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
     return pivot
 
 
-def frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
+def _frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
     """Render the frames that are missing; says how long the rest takes once one is done.
 
     Parameters
@@ -151,12 +151,12 @@ def frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn:
     compiles : bool
         Whether the engine compiles shaders before the first frame.
     """
-    missing = [at for at in range(turn.frames) if not is_complete_png(folder / FRAME.format(at + 1))]
+    missing = [at for at in range(turn.frames) if not _is_complete_png(folder / FRAME.format(at + 1))]
     began = time.perf_counter()
     for done, at in enumerate(missing):
         left = FIRST_OF_EEVEE if compiles else ""
         if done:
-            left = f", {duration_left((time.perf_counter() - began) / done * (len(missing) - done))} left"
+            left = f", {_duration_left((time.perf_counter() - began) / done * (len(missing) - done))} left"
         step = Step(at / turn.frames, f"Rendering frame {at + 1} of {turn.frames}{left}")
         target, angle = folder / FRAME.format(at + 1), math.radians(turn.degrees(at))
         with whole_file(target) as temporary:
@@ -165,7 +165,7 @@ def frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn:
     return len(missing)
 
 
-def video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
+def _video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
     """Write the video of the frames in a folder, whole or not at all."""
     made = renderer.folder / "video"
     made.mkdir()
@@ -176,7 +176,7 @@ def video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size
         shutil.copyfile(video.file, temporary)
 
 
-def duration_left(seconds: float) -> str:
+def _duration_left(seconds: float) -> str:
     """Return in words how long it will still take.
 
     Examples
@@ -189,7 +189,7 @@ def duration_left(seconds: float) -> str:
     return f"about {seconds / 60:.0f} min" if seconds < 5400 else f"about {seconds / 3600:.1f} h"
 
 
-def is_complete_png(path: Path) -> bool:
+def _is_complete_png(path: Path) -> bool:
     """Return whether a PNG is there from its first to its last chunk."""
     try:
         with path.open("rb") as file:
@@ -200,7 +200,7 @@ def is_complete_png(path: Path) -> bool:
         return False
 
 
-def note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) -> dict[str, Any]:
+def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) -> dict[str, Any]:
     """Return what tells one turntable from another: the surfaces, page, style and turn."""
     surfaces = hashlib.sha256()
     for copy in figure.copies[0]:
@@ -228,7 +228,7 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
     """
     if is_video(path):
         require_video(path, page.transparent)
-    folder = frames_folder(path)
+    folder = _frames_folder(path)
     try:
         names = sorted(path.name for path in folder.iterdir()) if folder.exists() else []
     except OSError as error:
@@ -243,10 +243,10 @@ def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> 
 
 def is_finished_video(path: Path) -> bool:
     """Return whether a video is there and no frames wait to become it."""
-    return is_video(path) and path.exists() and not frames_folder(path).exists()
+    return is_video(path) and path.exists() and not _frames_folder(path).exists()
 
 
-def require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
+def _require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
     """Raise `OutputError` if the folder has frames of another turntable; remove them if it may be overwritten."""
     if overwrite:
         older = [*folder.glob("frame_*.png"), folder / NOTE]

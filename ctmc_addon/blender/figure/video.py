@@ -25,11 +25,11 @@ def require_video(path: Path, transparent: bool) -> None:
         )
     if transparent:
         raise OutputError("a video has a background; write PNG frames into a folder, or leave out the transparency")
-    if not has_format(suffix):
+    if not _has_format(suffix):
         raise OutputError(f"this Blender was built without {suffix} videos; write PNG frames into a folder")
 
 
-def has_format(suffix: str) -> bool:
+def _has_format(suffix: str) -> bool:
     """Return whether this Blender was built with a video format."""
     container, codec = VIDEO_FORMATS[suffix]
     ffmpeg = bpy.types.FFmpegSettings.bl_rna.properties

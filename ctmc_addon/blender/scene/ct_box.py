@@ -20,24 +20,24 @@ FOLDER = "ctmc_folder"
 """The collection's: the folder that its CTs lie in."""
 
 
-def is_box(obj: bpy.types.Object) -> bool:
+def _is_box(obj: bpy.types.Object) -> bool:
     """Return whether an object is the box of a CT."""
     return obj.type == "EMPTY" and hasattr(obj.get(PROPERTY), "keys")
 
 
 def fingerprint_of_box(obj: bpy.types.Object | None) -> str:
     """Return the fingerprint of the CT whose box an object is; empty for everything else."""
-    return str(obj[PROPERTY].get("fingerprint", "")) if obj is not None and is_box(obj) else ""
+    return str(obj[PROPERTY].get("fingerprint", "")) if obj is not None and _is_box(obj) else ""
 
 
 def boxes_in(collection: bpy.types.Collection) -> list[bpy.types.Object]:
     """Return the boxes of CTs in a collection."""
-    return [obj for obj in collection.objects if is_box(obj)]
+    return [obj for obj in collection.objects if _is_box(obj)]
 
 
 def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.types.Object | None:
     """Return the box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
-    boxes = [obj for obj in scene.objects if is_box(obj)]
+    boxes = [obj for obj in scene.objects if _is_box(obj)]
     same = [obj for obj in boxes if obj[PROPERTY].get("fingerprint") == fingerprint]
     read_before = [obj for obj in boxes if path and obj[PROPERTY].get("path") == path]
     return next(iter(same + read_before), None)
@@ -45,7 +45,7 @@ def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.type
 
 def noted_paths() -> list[tuple[str, Callable[[str], None]]]:
     """Return the paths that boxes and their collections have noted, each with what notes another in its place."""
-    boxes = [obj[PROPERTY] for obj in bpy.data.objects if is_box(obj) and obj.library is None]
+    boxes = [obj[PROPERTY] for obj in bpy.data.objects if _is_box(obj) and obj.library is None]
     notes = [(str(box.get("path", "")), partial(box.__setitem__, "path")) for box in boxes]
     folders = [owner for owner in bpy.data.collections if FOLDER in owner and owner.library is None]
     return notes + [(str(owner[FOLDER]), partial(owner.__setitem__, FOLDER)) for owner in folders]
@@ -75,14 +75,14 @@ def show_box(
     if obj is None:
         obj = bpy.data.objects.new(name, None)
         obj.empty_display_type, obj.empty_display_size = "CUBE", 1.0
-        collection_for(scene, *folder).objects.link(obj)
+        _collection_for(scene, *folder).objects.link(obj)
     low, high = corners.min(axis=0), corners.max(axis=0)
     obj.location, obj.scale = (low + high) / 2, (high - low) / 2
     obj[PROPERTY] = {"fingerprint": fingerprint, "path": path}
     return obj, is_new
 
 
-def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.Collection:
+def _collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.Collection:
     """Return the collection of a patient's folder in a scene; make it if needed."""
     for collection in scene.collection.children_recursive:
         if collection.get(FOLDER) == folder:
@@ -93,7 +93,7 @@ def collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types.
     return collection
 
 
-def collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
+def _collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
     """Return where all that is made of a CT belongs: beside its box, else in the scene's own collection."""
     box = box_of(scene, fingerprint) if fingerprint else None
     inside = {collection.session_uid for collection in scene.collection.children_recursive}
@@ -103,4 +103,4 @@ def collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Coll
 
 def link_beside_ct(scene: bpy.types.Scene, obj: bpy.types.Object, fingerprint: str) -> None:
     """Give a scene a new object that was made of a CT: a surface, slice, cut, volume or ruler."""
-    collection_of_ct(scene, fingerprint).objects.link(obj)
+    _collection_of_ct(scene, fingerprint).objects.link(obj)

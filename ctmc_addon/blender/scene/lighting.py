@@ -25,7 +25,7 @@ BACKGROUND = 0.1  # linear gray: light bone and dark liver both stand out before
 AMBIENT = 0.35
 
 
-class Lamp(NamedTuple):
+class _Lamp(NamedTuple):
     """A light relative to camera and subject.
 
     Parameters
@@ -48,9 +48,9 @@ class Lamp(NamedTuple):
 
 
 LAMPS = {
-    "CTMC Key": Lamp(-38.0, 32.0, 3.5, 2.0, 0.75, (1.0, 0.96, 0.9)),
-    "CTMC Fill Light": Lamp(48.0, 0.0, 4.0, 4.0, 0.22, (0.88, 0.94, 1.0)),
-    "CTMC Rim": Lamp(155.0, 35.0, 3.5, 2.0, 1.1, (1.0, 1.0, 1.0)),
+    "CTMC Key": _Lamp(-38.0, 32.0, 3.5, 2.0, 0.75, (1.0, 0.96, 0.9)),
+    "CTMC Fill Light": _Lamp(48.0, 0.0, 4.0, 4.0, 0.22, (0.88, 0.94, 1.0)),
+    "CTMC Rim": _Lamp(155.0, 35.0, 3.5, 2.0, 1.1, (1.0, 1.0, 1.0)),
 }
 
 
@@ -72,7 +72,7 @@ def set_up_studio(
     tuple of ID
         The new collection, objects, then their data, then the world.
     """
-    remove_studio(scene)
+    _remove_studio(scene)
     points = np.concatenate([corners_of(obj, scene) for obj in objects])
     axes = view_axes(azimuth, elevation)
     middle, radius = sphere_of(points)
@@ -83,8 +83,8 @@ def set_up_studio(
     folder.objects.link(eye)
     frame(eye, points, axes, (scene.render.resolution_x, scene.render.resolution_y))
     scene.camera = eye
-    lights = [add_lamp(folder, name, lamp, middle, radius, azimuth, elevation) for name, lamp in LAMPS.items()]
-    scene.world = gray_world()
+    lights = [_add_lamp(folder, name, lamp, middle, radius, azimuth, elevation) for name, lamp in LAMPS.items()]
+    scene.world = _gray_world()
     scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
     scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
     if hasattr(scene, "cycles"):
@@ -100,10 +100,10 @@ def sphere_of(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
     return middle, max(float(np.sqrt(((high - low) ** 2).sum())) / 2, 1e-6)
 
 
-def add_lamp(
+def _add_lamp(
     folder: bpy.types.Collection,
     name: str,
-    lamp: Lamp,
+    lamp: _Lamp,
     middle: NDArray[np.float64],
     radius: float,
     azimuth: float,
@@ -122,7 +122,7 @@ def add_lamp(
     return obj
 
 
-def gray_world() -> bpy.types.World:
+def _gray_world() -> bpy.types.World:
     """Dark gray to the camera, a soft light to what it lights."""
     world = bpy.data.worlds.new(NAME)
     use_nodes(world)
@@ -141,7 +141,7 @@ def gray_world() -> bpy.types.World:
     return world
 
 
-def remove_studio(scene: bpy.types.Scene) -> None:
+def _remove_studio(scene: bpy.types.Scene) -> None:
     """Remove the studio that was set up in a scene before, with its objects; other objects in it go to the scene."""
     for folder in [child for child in scene.collection.children if child.name.partition(".")[0] == NAME]:
         for obj in list(folder.objects):

@@ -118,7 +118,7 @@ def add_light(
         if hasattr(light, "cycles") and hasattr(light.cycles, "cast_shadow"):
             light.cycles.cast_shadow = sun.shadow
         scene.collection.objects.link(obj)
-    scene.world = page_world(paper, world)
+    scene.world = _page_world(paper, world)
     return *objects, *lights, scene.world
 
 
@@ -233,7 +233,7 @@ def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.
     return np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in heights]) + axis
 
 
-def page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
+def _page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
     """Return a world of one color to the camera, and a soft white of some strength to what it lights."""
     world = bpy.data.worlds.new("CTMC World")
     use_nodes(world)

@@ -29,7 +29,7 @@ def shown_in_turn(objects: Sequence[bpy.types.Object], frames: Sequence[int], sc
     scene.frame_current = frames[0]
     try:
         for obj, frame in zip(objects, frames, strict=True):
-            show_at(obj, frame, frames[-1])
+            _show_at(obj, frame, frames[-1])
             obj.hide_viewport = obj.hide_render = frame != frames[0]
         yield
     finally:
@@ -41,20 +41,20 @@ def shown_in_turn(objects: Sequence[bpy.types.Object], frames: Sequence[int], sc
                 bpy.data.actions.remove(action)
 
 
-def show_at(obj: bpy.types.Object, frame: int, last: int) -> None:
+def _show_at(obj: bpy.types.Object, frame: int, last: int) -> None:
     """Key the object to be hidden at all frames from 1 to `last` but one."""
     hidden = {at: at != frame for at in (1, frame, frame + 1) if at <= last}
     for switch in SWITCHES:
         for at, value in hidden.items():
             setattr(obj, switch, value)
             obj.keyframe_insert(switch, frame=at)
-    for curve in curves_of(obj.animation_data.action):
+    for curve in _curves_of(obj.animation_data.action):
         for key in curve.keyframe_points:
             key.interpolation = "CONSTANT"
     obj.animation_data.action.name = obj.name
 
 
-def curves_of(action: Any) -> list[Any]:
+def _curves_of(action: Any) -> list[Any]:
     """Return the curves of an action: since Blender 4.4 in layers, before that its own."""
     if not hasattr(action, "layers"):
         return list(action.fcurves)

@@ -80,9 +80,9 @@ def cut_away(surfaces: Iterable[bpy.types.Object], box: bpy.types.Object) -> Non
     surfaces = list(surfaces)
     for obj in surfaces:
         require_cuttable(obj)
-    tree = nodes_of(box) or box_nodes(box)
+    tree = nodes_of(box) or _box_nodes(box)
     for obj in surfaces:
-        if not any(modifier.node_group == tree for modifier in cuts_away(obj)):
+        if not any(modifier.node_group == tree for modifier in _cuts_away(obj)):
             obj.modifiers.new(CUT_AWAY, "NODES").node_group = tree
 
 
@@ -91,7 +91,7 @@ def nodes_of(box: bpy.types.Object) -> bpy.types.NodeTree | None:
     return next((tree for tree in bpy.data.node_groups if tree.get(CUT_AWAY) == box), None)
 
 
-def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
+def _box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
     """Return a new node group that takes away what lies inside a box."""
     tree = bpy.data.node_groups.new(box.name, "GeometryNodeTree")
     tree.is_modifier = True
@@ -103,8 +103,8 @@ def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
     info.inputs["Object"].default_value = box
     box_mesh = info.outputs["Geometry"]
     outside = nodes.add("GeometryNodeSwitch", input_type="GEOMETRY", label=OUTSIDE)
-    nodes.link(boolean_of(nodes, "DIFFERENCE", surface, box_mesh), outside.inputs["False"])
-    nodes.link(boolean_of(nodes, "INTERSECT", surface, box_mesh), outside.inputs["True"])
+    nodes.link(_boolean_of(nodes, "DIFFERENCE", surface, box_mesh), outside.inputs["False"])
+    nodes.link(_boolean_of(nodes, "INTERSECT", surface, box_mesh), outside.inputs["True"])
     # Versions differ in the material that the faces of the box become.
     cut = nodes.add("GeometryNodeInputNamedAttribute", data_type="BOOLEAN")
     cut.inputs["Name"].default_value = BOX
@@ -126,7 +126,7 @@ def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
     return tree
 
 
-def boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any:
+def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any:
     """Return what is left of a surface, and of the box inside it."""
     # The other solvers leave holes or refuse open surfaces, which Hole Tolerant caps.
     node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver="EXACT")
@@ -137,7 +137,7 @@ def boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any
     return node.outputs[0]
 
 
-def cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
+def _cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
     """Return the modifiers of an object that cut with a box, in their order."""
     cuts = [modifier for modifier in obj.modifiers if modifier.type == "NODES" and modifier.node_group is not None]
     return [cut for cut in cuts if is_cut_box(cut.node_group.get(CUT_AWAY))]
@@ -147,7 +147,7 @@ def cut_box_of(obj: bpy.types.Object | None) -> bpy.types.Object | None:
     """Return the box that an object is, or the last that cuts it, or None."""
     if obj is None or is_cut_box(obj):
         return obj
-    return next((cut.node_group[CUT_AWAY] for cut in reversed(cuts_away(obj))), None)
+    return next((cut.node_group[CUT_AWAY] for cut in reversed(_cuts_away(obj))), None)
 
 
 def flip_cut_away(box: bpy.types.Object) -> None:
@@ -162,7 +162,7 @@ def remove_cut_away(box: bpy.types.Object) -> None:
     """Remove a box, and make every surface that it cuts as it was."""
     tree = nodes_of(box)
     for obj in bpy.data.objects:
-        for cut in cuts_away(obj):
+        for cut in _cuts_away(obj):
             if cut.node_group == tree:
                 obj.modifiers.remove(cut)
     if tree is not None:

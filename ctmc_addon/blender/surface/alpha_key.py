@@ -81,7 +81,7 @@ def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
     if before is not None:
         after = new.key_blocks[KEY]
         after.slider_min, after.slider_max, after.mute = before.slider_min, before.slider_max, before.mute
-        if before.value != np.float32(old_alpha) or is_animated(old):
+        if before.value != np.float32(old_alpha) or _is_animated(old):
             after.value = before.value
     if animation is None:
         return
@@ -89,14 +89,14 @@ def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
     target.action = animation.action
     if getattr(animation, "action_slot", None) is not None:
         target.action_slot = animation.action_slot
-    copy_settings(animation, target, ANIMATION_SETTINGS)
+    _copy_settings(animation, target, ANIMATION_SETTINGS)
     for driver in animation.drivers:
         target.drivers.from_existing(src_driver=driver)
     for track in animation.nla_tracks:
-        copy_track(track, target.nla_tracks.new())
+        _copy_track(track, target.nla_tracks.new())
 
 
-def copy_track(old: bpy.types.NlaTrack, new: bpy.types.NlaTrack) -> None:
+def _copy_track(old: bpy.types.NlaTrack, new: bpy.types.NlaTrack) -> None:
     """Give a new NLA track the strips and settings of another; strips without an action cannot be copied."""
     for strip in old.strips:
         if strip.action is None:
@@ -104,11 +104,11 @@ def copy_track(old: bpy.types.NlaTrack, new: bpy.types.NlaTrack) -> None:
         copy = new.strips.new(strip.name, int(strip.frame_start), strip.action)
         if getattr(strip, "action_slot", None) is not None:
             copy.action_slot = strip.action_slot
-        copy_settings(strip, copy, STRIP_SETTINGS)
-    copy_settings(old, new, ("name", "mute", "lock", "is_solo"))
+        _copy_settings(strip, copy, STRIP_SETTINGS)
+    _copy_settings(old, new, ("name", "mute", "lock", "is_solo"))
 
 
-def copy_settings(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, names: tuple[str, ...]) -> None:
+def _copy_settings(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, names: tuple[str, ...]) -> None:
     """Copy settings in this order."""
     for name in names:
         setattr(new, name, getattr(old, name))
@@ -129,7 +129,7 @@ def require_no_other_keys(obj: bpy.types.Object) -> None:
         )
 
 
-def is_animated(keys: bpy.types.Key) -> bool:
+def _is_animated(keys: bpy.types.Key) -> bool:
     """Return whether an action, a driver or the NLA moves a mesh's keys."""
     animation = keys.animation_data
     if animation is None:

@@ -35,12 +35,12 @@ def component_at(result: Reconstruction, point_mm: NDArray[np.float64]) -> NDArr
     point_mm : (3,) float64
         RAS+ mm, on the surface as the patient has it.
     """
-    triangle = nearest_triangle(result.mesh, point_mm)
+    triangle = _nearest_triangle(result.mesh, point_mm)
     bodies = finish(bodies_steps(surface_of(result), result.settings.alpha_number))
     return np.asarray(bodies == bodies[triangle])
 
 
-def nearest_triangle(mesh: TriangleMesh, point: NDArray[np.float64]) -> int:
+def _nearest_triangle(mesh: TriangleMesh, point: NDArray[np.float64]) -> int:
     """Return the triangle that a point lies on; for a point on none, one at the vertex nearest to it."""
     corners = mesh.vertices[mesh.faces]  # (F, 3, 3)
     low, high = corners.min(axis=1) - ON_SURFACE, corners.max(axis=1) + ON_SURFACE
@@ -62,7 +62,7 @@ def surface_of(result: Reconstruction) -> Surface:
     return result.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
 
 
-def with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Reconstruction:
+def _with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Reconstruction:
     """Return a reconstruction of some of the triangles, (F,).
 
     Raises
@@ -89,7 +89,7 @@ def give_triangles(obj: bpy.types.Object, result: Reconstruction, chosen: NDArra
     """Leave an object only some of its triangles; transform, materials and modifiers stay."""
     require_updatable(obj)
     provenance: Provenance = require_provenance(obj)
-    update_reconstruction(obj, with_triangles(result, chosen), fingerprint=provenance.fingerprint)
+    update_reconstruction(obj, _with_triangles(result, chosen), fingerprint=provenance.fingerprint)
 
 
 def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.bool_]) -> bpy.types.Object:

@@ -59,14 +59,14 @@ def new_mesh_steps(
         mesh.vertices.add(len(positions))
         mesh.edges.add(ends.shape[1])
         if len(faces):
-            write_positions(mesh, positions)
-            write_numbers(mesh, ".edge_verts", ends.T)
+            _write_positions(mesh, positions)
+            _write_numbers(mesh, ".edge_verts", ends.T)
             yield Step(0.3, "Adding the surface")  # until here it is a mesh of edges alone, which is a mesh as well
             mesh = mesh_of(uid)
             mesh.loops.add(faces.size)
             mesh.polygons.add(len(faces))
-            write_numbers(mesh, ".corner_vert", faces)
-            write_numbers(mesh, ".corner_edge", edge_of_corner.T)
+            _write_numbers(mesh, ".corner_vert", faces)
+            _write_numbers(mesh, ".corner_edge", edge_of_corner.T)
             mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
         mesh.update()
         complete = True
@@ -90,7 +90,7 @@ def mesh_of(uid: int) -> bpy.types.Mesh:
     return mesh
 
 
-def write_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32]) -> None:
+def _write_numbers(mesh: bpy.types.Mesh, name: str, values: NDArray[np.int32]) -> None:
     """Fill one of the mesh's own attributes of numbers or pairs with int32."""
     mesh.attributes[name].data.foreach_set("value", np.ascontiguousarray(values, np.int32).ravel())
 
@@ -113,7 +113,7 @@ def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
     return (yield from topology_edges_steps(columns, vertex_count))
 
 
-def write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:
+def _write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:
     """Move the mesh's vertices; of a mesh with keys, only what lies under the keys.
 
     Parameters
@@ -206,8 +206,8 @@ def encode_normals(mesh: bpy.types.Mesh, positions: NDArray[np.float32], normals
     there and back. A normal of zero means Blender's own.
     """
     under_keys = read_positions(mesh)
-    write_positions(mesh, positions)
+    _write_positions(mesh, positions)
     mesh.update()
     mesh.normals_split_custom_set_from_vertices(normals)
-    write_positions(mesh, under_keys)
+    _write_positions(mesh, under_keys)
     mesh.update()

@@ -65,7 +65,7 @@ def add_reconstruction(
     MeshError
         If the surface has no triangles.
     """
-    name = object_name(result, structure or result.label_name)
+    name = _object_name(result, structure or result.label_name)
     mesh = finish(surface_mesh_steps(result, None, scale)) if mesh is None else mesh
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
@@ -78,7 +78,7 @@ def add_reconstruction(
     link_beside_ct(scene, obj, fingerprint)
     if result.surface is not None:
         add_alpha(obj, result.surface, result.settings.alpha_number, placement)
-    update_decimate(obj, result)
+    _update_decimate(obj, result)
     shade(obj, result, placement)
     write_provenance(obj, provenance_of_result(result, placement, fingerprint))
     return obj
@@ -110,7 +110,7 @@ def update_reconstruction(
         add_alpha(obj, result.surface, result.settings.alpha_number, placement)
     if old_keys is not None and mesh.shape_keys is not None:
         keep_key(old_keys, mesh.shape_keys, before.settings.alpha_number)
-    update_decimate(obj, result, before)
+    _update_decimate(obj, result, before)
     shade(obj, result, placement)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
@@ -177,7 +177,7 @@ def refresh_normals(obj: bpy.types.Object) -> None:
     meshes.encode_normals(mesh, mixed_positions(mesh), normals)
 
 
-def object_name(result: Reconstruction, structure: str = "") -> str:
+def _object_name(result: Reconstruction, structure: str = "") -> str:
     """What the surface is of, else the file's stem and its label; short enough for every Blender to keep the label."""
     room = NAME_BYTES - 4  # for the .001 of a second one
     if structure:
@@ -223,7 +223,7 @@ def surface_mesh_steps(
         )
     if obj is not None:
         require_provenance(obj)
-    name = object_name(result) if obj is None else obj.data.name
+    name = _object_name(result) if obj is None else obj.data.name
     placement = placed_at_center(result.mesh.vertices, scale) if obj is None else placement_of(obj)
     surface = result.surface
     vertices, faces = (
@@ -238,22 +238,22 @@ def surface_mesh_steps(
     return mesh
 
 
-def update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Provenance | None = None) -> None:
+def _update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Provenance | None = None) -> None:
     """Our own Decimate modifier, there where the settings ask for it; others are left alone."""
     settings, modifier = result.settings, obj.modifiers.get(DECIMATE)
     if settings.simplifier != "decimate" or not settings.simplifies:
         if modifier is not None:
             obj.modifiers.remove(modifier)
         return
-    ratio = decimate_ratio(settings, len(result.mesh.faces))
+    ratio = _decimate_ratio(settings, len(result.mesh.faces))
     if modifier is None:
         modifier = obj.modifiers.new(DECIMATE, "DECIMATE")
         modifier.ratio = ratio
-    elif before is not None and modifier.ratio == np.float32(decimate_ratio(before.settings, before.full_faces)):
+    elif before is not None and modifier.ratio == np.float32(_decimate_ratio(before.settings, before.full_faces)):
         modifier.ratio = ratio
 
 
-def decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
+def _decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
     """Return the share of the triangles that Decimate is to leave."""
     if settings.target_faces is not None:
         return min(1.0, settings.target_faces / faces)

@@ -43,7 +43,7 @@ def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surfa
         mesh.attributes.remove(mesh.attributes[LINEAR_MM])
 
 
-def unmoved_mm(
+def _unmoved_mm(
     local: NDArray[np.float32], expected: NDArray[np.float32], stored_mm: NDArray[np.float32], placement: Placement
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
     """RAS+ mm of vertices, (V, 3) float32: `stored_mm` where `local` is as `expected`; and where that is so, (V,)."""
@@ -70,7 +70,7 @@ def positions_mm(
     if linear is not None:
         expected = blend(expected, placement.to_local(linear), alpha)
         stored_mm = blend(stored_mm, linear, alpha)
-    return unmoved_mm(local, expected, stored_mm, placement)
+    return _unmoved_mm(local, expected, stored_mm, placement)
 
 
 def evaluated_triangles(
@@ -85,7 +85,7 @@ def evaluated_triangles(
     """
     evaluated, depsgraph = evaluated_object(obj, scene)
     placement = placement_of(obj)
-    mesh = triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
+    mesh = _triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
     return moved_mesh(placement.transform_mm(evaluated.matrix_world), mesh).in_space(space)
 
 
@@ -96,7 +96,7 @@ def evaluated_alpha(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> fl
     return value_of(obj.data.shape_keys.evaluated_get(depsgraph).key_blocks[KEY])
 
 
-def triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> TriangleMesh:
+def _triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> TriangleMesh:
     """A mesh without keys as triangles, RAS+ mm as it was placed; moved vertices have the normals of their faces."""
     vertices, unmoved = positions_mm(mesh, meshes.read_positions(mesh), placement, alpha)
     faces, normals = meshes.read_triangles(mesh), meshes.kept_normals(mesh)
@@ -152,7 +152,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
         if stored_mm is None:  # a file of an older version
             ends.append(placement.to_mm(local))
         else:
-            ends.append(unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])
+            ends.append(_unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])
     surface = Surface(ends[0], ends[1], faces, normals)
     return reconstruction_of(surface.at(provenance.settings.alpha_number), surface, provenance.settings, provenance)
 
@@ -177,7 +177,7 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
     """
     provenance = require_provenance(obj)
     evaluated, depsgraph = evaluated_object(obj, scene)
-    mesh = triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
+    mesh = _triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
     return reconstruction_of(replace(mesh, normals=None), None, provenance.settings.without(SIMPLIFICATION), provenance)
 
 

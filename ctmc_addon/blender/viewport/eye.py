@@ -34,7 +34,7 @@ BARS = {"RIGHT": (1.0, 0.0), "LEFT": (-1.0, 0.0), "TOP": (0.0, 1.0), "BOTTOM": (
 MOST = 0.6  # of a view that bars may cover on one side; what they cover more is not made room for
 
 
-def rotation_from(side: str) -> Any:
+def _rotation_from(side: str) -> Any:
     """Return how a viewport is turned that looks from a side, one letter of A P L R S I."""
     back, up = (Vector(axis) for axis in SIDES[side])
     right = up.cross(back)
@@ -65,7 +65,7 @@ def show_from(view: Any, point: Sequence[float]) -> None:
     view.clip_planes = [(*away, NEAR - away.dot(Vector(point)))] * 6
 
 
-def covered_in(area: Any, region: Any) -> dict[str, float]:
+def _covered_in(area: Any, region: Any) -> dict[str, float]:
     """Return how many pixels of a region sidebars and headers cover on each side that `BARS` names."""
     covered = dict.fromkeys(BARS, 0.0)
     for bar in area.regions if bpy.context.preferences.system.use_region_overlap else ():
@@ -89,11 +89,11 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
         Of the box, Blender units.
     """
     if side and not view.lock_rotation:
-        view.view_rotation = rotation_from(side)
+        view.view_rotation = _rotation_from(side)
     if view.view_perspective == "CAMERA":
         view.view_perspective = "PERSP"
     region = region_of(area, view)
-    covered = covered_in(area, region)
+    covered = _covered_in(area, region)
     width = max(region.width - covered["LEFT"] - covered["RIGHT"], 1.0)
     height = max(region.height - covered["TOP"] - covered["BOTTOM"], 1.0)
     longer = max(region.width, region.height, 1)

@@ -148,17 +148,17 @@ def draw_letters(
             continue
         width, height = blf.dimensions(FONT, letter)
         x, y = at.x - width / 2, at.y - height / 2
-        draw_plate(plate_of(x, y, width, height))
+        _draw_plate(_plate_of(x, y, width, height))
         blf.position(FONT, x, y, 0.0)
         blf.draw(FONT, letter)
 
 
-def plate_of(x: float, y: float, width: float, height: float) -> Box:
+def _plate_of(x: float, y: float, width: float, height: float) -> Box:
     """Return the box behind letters that begin at (x, y), pixels: left, bottom, right, top."""
     return x - PLATE, y - PLATE, x + width + PLATE, y + height + PLATE
 
 
-def draw_plate(box: Box) -> None:
+def _draw_plate(box: Box) -> None:
     """Darken a box of the screen, so that light letters are read on any ground."""
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -212,9 +212,9 @@ def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size:
         at = location_3d_to_region_2d(region, view, Vector(point))
         if at is not None:
             texts.append(text)
-            boxes.append(plate_of(at.x + size / 2, at.y + size / 2, *blf.dimensions(FONT, text)))
+            boxes.append(_plate_of(at.x + size / 2, at.y + size / 2, *blf.dimensions(FONT, text)))
     for text, box in zip(texts, apart(boxes), strict=True):
-        draw_plate(box)
+        _draw_plate(box)
         blf.position(FONT, box[0] + PLATE, box[1] + PLATE, 0.0)
         blf.draw(FONT, text)
 

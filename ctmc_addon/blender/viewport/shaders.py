@@ -77,7 +77,7 @@ def draw_surface(
     """
     import gpu
 
-    shader = surface_shader()
+    shader = _surface_shader()
     gpu.state.depth_test_set("LESS_EQUAL")
     gpu.state.depth_mask_set(True)
     shader.bind()
@@ -90,7 +90,7 @@ def draw_surface(
     gpu.state.depth_test_set("NONE")
 
 
-def surface_shader() -> Any:
+def _surface_shader() -> Any:
     """Return the shader, made once while Blender draws."""
     if not _shader:
         import gpu

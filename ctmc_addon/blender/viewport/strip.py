@@ -193,7 +193,7 @@ def width_of(text: str, scale: float) -> float:
     return float(blf.dimensions(FONT, text)[0])
 
 
-def draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
+def _draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
     """Fill boxes with one color."""
     import gpu
     from gpu_extras.batch import batch_for_shader
@@ -272,20 +272,20 @@ def draw_strip(strip: Strip, shown: Shown) -> None:
     scale, (first, last) = strip.scale, strip.axis
     foot = strip.bottom + TICKS * scale
     head = foot + PLOT * scale
-    draw_boxes(np.array([[strip.left, strip.bottom, strip.right, strip.top]]), BACKGROUND)
-    draw_boxes(np.array([[first, foot, last, head]]), PLOT_BACKGROUND)
-    draw_bars(strip, shown)
+    _draw_boxes(np.array([[strip.left, strip.bottom, strip.right, strip.top]]), BACKGROUND)
+    _draw_boxes(np.array([[first, foot, last, head]]), PLOT_BACKGROUND)
+    _draw_bars(strip, shown)
     grid = [strip.x_of(value) for value, _ in shown.ticks]
-    draw_boxes(np.array([[x, foot, x + scale, head] for x in grid]).reshape(-1, 4), FAINT)
+    _draw_boxes(np.array([[x, foot, x + scale, head] for x in grid]).reshape(-1, 4), FAINT)
     blf.size(FONT, LETTERS * scale)
     blf.color(FONT, *TEXT)
     for (_, text), x in zip(shown.ticks, grid, strict=True):
         draw_text(text, x, strip.bottom + 5 * scale, (strip.left, strip.right), middle=True)
     for number, (low, high, _) in enumerate(shown.bands):
         begin, end = strip.x_of(low), strip.x_of(high)
-        draw_boxes(np.array([[begin, head, end - scale, head + BANDS * scale]]), BAND_COLORS[number % 2])
-    draw_names(strip, shown, head)
-    draw_limits(strip, shown, foot, head)
+        _draw_boxes(np.array([[begin, head, end - scale, head + BANDS * scale]]), BAND_COLORS[number % 2])
+    _draw_names(strip, shown, head)
+    _draw_limits(strip, shown, foot, head)
     y = strip.top - (TITLE - 6) * scale
     width = blf.dimensions(FONT, shown.title)[0]
     draw_text(shown.title, first, y, (first, last))
@@ -293,37 +293,37 @@ def draw_strip(strip: Strip, shown: Shown) -> None:
     if shown.pointed is not None:
         value, text = shown.pointed
         x = strip.x_of(value)
-        draw_boxes(np.array([[x, foot, x + scale, head]]), (1.0, 1.0, 1.0, 0.35))
+        _draw_boxes(np.array([[x, foot, x + scale, head]]), (1.0, 1.0, 1.0, 0.35))
         wide = blf.dimensions(FONT, text)[0] + 8 * scale
         left = min(x + 6 * scale, last - wide)
-        draw_boxes(np.array([[left, head - 20 * scale, left + wide, head - 3 * scale]]), (0.0, 0.0, 0.0, 0.75))
+        _draw_boxes(np.array([[left, head - 20 * scale, left + wide, head - 3 * scale]]), (0.0, 0.0, 0.0, 0.75))
         draw_text(text, left + 4 * scale, head - 15 * scale, (left, last))
     gpu.state.blend_set("NONE")
 
 
-def draw_names(strip: Strip, shown: Shown, head: float) -> None:
+def _draw_names(strip: Strip, shown: Shown, head: float) -> None:
     """The names of the bands, whose lower edge is at `head`."""
     scale = strip.scale
     for name in placed_names(strip, shown.bands, lambda text: width_of(text, scale)):
         y = head + (BANDS + NAMES * (name.row - 1)) * scale if name.row else head
         if name.row:
-            draw_boxes(np.array([[name.band, head + BANDS * scale, name.band + scale, y + 4 * scale]]), TEXT)
+            _draw_boxes(np.array([[name.band, head + BANDS * scale, name.band + scale, y + 4 * scale]]), TEXT)
         draw_text(name.text, name.x, y + 5 * scale, (strip.left, strip.right))
 
 
-def draw_bars(strip: Strip, shown: Shown) -> None:
+def _draw_bars(strip: Strip, shown: Shown) -> None:
     """The bars, those between the limits in color."""
     boxes = bar_boxes(strip, *shown.bars)
     threshold, upper = shown.limits
     begin = strip.axis[1] if threshold is None else strip.x_of(threshold)
     end = strip.axis[1] if upper is None else strip.x_of(upper)
-    draw_boxes(boxes, OUTSIDE)
+    _draw_boxes(boxes, OUTSIDE)
     inside = boxes.copy()
     inside[:, [0, 2]] = np.clip(inside[:, [0, 2]], begin, max(begin, end))
-    draw_boxes(inside[inside[:, 2] > inside[:, 0]], INSIDE)
+    _draw_boxes(inside[inside[:, 2] > inside[:, 0]], INSIDE)
 
 
-def draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
+def _draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
     """The two lines, each with a grip at its head; the upper limit's is hollow if there is none."""
     scale = strip.scale
     threshold, upper = shown.limits
@@ -334,5 +334,5 @@ def draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
         color = LINE_HELD if shown.held == number else LINE
         if value is None:
             color = (*color[:3], 0.5)
-        draw_boxes(np.array([[x - scale, foot, x + scale, head]]), color)
-        draw_boxes(np.array([[x - 4 * scale, foot, x + 4 * scale, foot + 12 * scale]]), color)
+        _draw_boxes(np.array([[x - scale, foot, x + scale, head]]), color)
+        _draw_boxes(np.array([[x - 4 * scale, foot, x + 4 * scale, foot + 12 * scale]]), color)

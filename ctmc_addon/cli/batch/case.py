@@ -95,7 +95,7 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
 
 
 @dataclass(frozen=True)
-class AnnouncedBudget(Budget):
+class _AnnouncedBudget(Budget):
     """A budget of a case that says what a work will need, and waits until the batch has room for it.
 
     Parameters
@@ -112,7 +112,7 @@ class AnnouncedBudget(Budget):
         super().require(needed_bytes, what, remedy)
 
 
-def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
+def announced_budget(task: Mapping[str, Any], ask: Ask) -> _AnnouncedBudget:
     """Return the budget of a task that has `reserved` bytes and asks for more.
 
     Labels that are made side by side, each in a thread of its own, need memory at once: the last need of each thread
@@ -136,7 +136,7 @@ def announced_budget(task: Mapping[str, Any], ask: Ask) -> AnnouncedBudget:
                 ask(total)
                 reserved = total
 
-    return AnnouncedBudget(task["threads"], announce=announce)
+    return _AnnouncedBudget(task["threads"], announce=announce)
 
 
 def _since(start: float) -> float:

@@ -52,7 +52,7 @@ def run(_args: argparse.Namespace) -> None:
     if first is None:
         raise CtmcError(f"{COMMAND} is for `ctmc batch` to start; use that")
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # The batch gets Ctrl-C too, and ends this process.
-    batch = BatchPipe(asked, own_output(), Path(first["temporary"]))
+    batch = _BatchPipe(asked, own_output(), Path(first["temporary"]))
     try:
         batch.take(first)
         threading.Thread(target=batch.listen, daemon=True).start()
@@ -61,7 +61,7 @@ def run(_args: argparse.Namespace) -> None:
         shutil.rmtree(batch.temporary, ignore_errors=True)
 
 
-def _do_cases(batch: BatchPipe) -> None:
+def _do_cases(batch: _BatchPipe) -> None:
     """Do one task after the other, until there is none or this process has grown."""
     while (task := batch.tasks.get()) is not None:
         unfinished = own_unfinished_folder(task)
@@ -80,7 +80,7 @@ def _do_cases(batch: BatchPipe) -> None:
             return
 
 
-class BatchPipe:
+class _BatchPipe:
     """The batch at the other end of standard input and output.
 
     Parameters

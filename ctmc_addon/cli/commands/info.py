@@ -47,7 +47,7 @@ def run(args: argparse.Namespace) -> None:
         reading = needed_steps(source, Path(args.input), options, ReconstructionSettings(), several=True)
         volume = progress.finish(stages.run("Reading values", reading))
         values = progress.finish(stages.run("Looking at the values", value_facts_steps(volume)))
-        labels = progress.finish(stages.run("Counting the labels", labels_steps(volume)))
+        labels = progress.finish(stages.run("Counting the labels", _labels_steps(volume)))
     facts = facts_of(volume, source, values, labels)
     print(json_text(facts) if args.json else text_of(facts, source.series), end="" if args.json else "\n")
 
@@ -84,7 +84,7 @@ def facts_of(
     }
 
 
-def labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
+def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
     """Return every label with its value, its name and sRGB color if it has them, and its voxels."""
     if volume.kind != ValueKind.LABEL:
         return []

@@ -63,7 +63,7 @@ def run(args: argparse.Namespace) -> None:
     reading, reading_ct, making, measuring = STAGES
     with Progress() as progress:
         volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
-        ct = progress.finish(stages.run(reading_ct, ct_steps(args, volume, settings)))
+        ct = progress.finish(stages.run(reading_ct, _ct_steps(args, volume, settings)))
         budget = Budget(args.threads)
         surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget)))
         measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles)
@@ -80,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
     print(f"{head_of(volume)}\n\n{table(table_cells(rows, kind))}" + (f"\n\n{listing(facts)}" if facts else ""))
 
 
-def ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionSettings) -> Steps[Volume | None]:
+def _ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionSettings) -> Steps[Volume | None]:
     """Open the CT whose values are measured; None for labels without one.
 
     Raises

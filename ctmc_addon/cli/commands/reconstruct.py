@@ -115,7 +115,7 @@ def run(args: argparse.Namespace) -> None:
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     if asks_all_times(args):
-        run_times(args, settings, choices, outputs)
+        _run_times(args, settings, choices, outputs)
         return
     stages = Stages(STAGES | {"Writing": 6} if args.figure else STAGES)
     if args.scheduler and may_be_several(choices):
@@ -141,7 +141,7 @@ def run(args: argparse.Namespace) -> None:
         writing = written_steps(replace(surfaces, results=results), outputs)
         surfaces, files = progress.finish(stages.run("Writing", writing))
     if surfaces.are_several:
-        print(summary_of_several(surfaces, volume, files, stages.seconds))
+        print(_summary_of_several(surfaces, volume, files, stages.seconds))
     else:
         print(summary(surfaces.results[0], volume, files))
 
@@ -156,7 +156,7 @@ def measured_steps(making: Steps[Surfaces], outputs: Outputs) -> Steps[Surfaces]
     return surfaces
 
 
-def run_times(
+def _run_times(
     args: argparse.Namespace, settings: ReconstructionSettings, choices: Sequence[int | str], outputs: Outputs
 ) -> None:
     """Read and reconstruct every time, write, and print what came out."""
@@ -178,7 +178,7 @@ def run_times(
         making = times_steps(read_steps, count, settings, choices, budget, writer)
         surfaces, volume = progress.finish(stages.run("Reading and reconstructing", making))
         surfaces, files = progress.finish(stages.run("Writing", written_steps(surfaces, outputs)))
-    print(summary_of_several(surfaces, volume, files, stages.seconds))
+    print(_summary_of_several(surfaces, volume, files, stages.seconds))
 
 
 def input_steps(args: argparse.Namespace, settings: ReconstructionSettings) -> Steps[Volume]:
@@ -226,13 +226,13 @@ def needed_steps(
         Whether workers fetch the values, so that none are read here.
     budget : Budget, optional
     """
-    whole = not by_workers and reads_whole(source, reading, settings, several, budget or Budget())
+    whole = not by_workers and _reads_whole(source, reading, settings, several, budget or Budget())
     if whole:
         return checked((yield from source.read_steps(reading, budget=budget)), source, path, settings.label)
     return checked((yield from source.slabs_steps(reading, budget=budget)), source, path, settings.label)
 
 
-def reads_whole(
+def _reads_whole(
     source: readers.VolumeSource,
     reading: readers.ReadingOptions,
     settings: ReconstructionSettings,
@@ -289,7 +289,7 @@ def source_of(path: Path, label: int | None) -> Path:
     return (readers.segmentation_sibling(path) if label is not None else None) or path
 
 
-def small_components_lines(result: Reconstruction) -> list[str]:
+def _small_components_lines(result: Reconstruction) -> list[str]:
     """Return how many components are small and which flag removes them; empty where they are few or were removed."""
     measures = result.measures
     if not measures.has_many_small_components or result.settings.min_part_mm3 >= measures.small:
@@ -309,18 +309,18 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         measured["faces"] = (head, f"{faces} of {report['full_faces']}")
     facts = [
         *measured.values(),
-        *(("small", line) for line in small_components_lines(result)),
+        *(("small", line) for line in _small_components_lines(result)),
         *([] if result.settings.label is not None else [("threshold", f"{result.threshold:.6g}")]),
         ("voxels", f"{result.voxels_visited} visited"),
         *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
-    settings = f"settings: {command_of(given_of(result)) or 'the defaults'}"
+    settings = f"settings: {command_of(_given_of(result)) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
 
-def given_of(result: Reconstruction) -> ReconstructionSettings:
+def _given_of(result: Reconstruction) -> ReconstructionSettings:
     """Return the settings that were given: with alpha as `auto` where it was chosen."""
     return result.settings if result.alpha_choice is None else replace(result.settings, alpha=AUTO)
 
@@ -330,9 +330,9 @@ def head_of(volume: Volume) -> str:
     return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
 
 
-def summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
+def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
-    shared, chose = given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
+    shared, chose = _given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
     measures = measures_in(Place.SURFACES)
     head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]

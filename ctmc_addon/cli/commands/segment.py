@@ -140,10 +140,10 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Make the structures, write them, read them back and print their volumes."""
-    request = request_of(args)
+    request = _request_of(args)
     output = require_writable(args.output, (*LABEL_SUFFIXES, dicom_segmentation.SUFFIX))
     as_dicom = output.suffix.lower() == dicom_segmentation.SUFFIX
-    check_identity(as_dicom, args.with_identity)
+    _check_identity(as_dicom, args.with_identity)
     stages = Stages(STAGES)
     opening, reading, before, segmenting, growing, writing, back = STAGES
     with Progress() as progress:
@@ -156,7 +156,7 @@ def run(args: argparse.Namespace) -> None:
         structures = Structures(ct.shape)
         if args.labels:
             progress.finish(stages.run(before, structures.read_steps(args.labels, ct)))
-        progress.finish(stages.run(segmenting, segmented_steps(structures, ct, request)))
+        progress.finish(stages.run(segmenting, _segmented_steps(structures, ct, request)))
         progress.finish(stages.run(growing, structures.grow_steps(request.margins, ct.spacing)))
         segments = structures.segments(in_order=as_dicom)
         with whole_files([output]) as temporary_paths:
@@ -170,7 +170,7 @@ def run(args: argparse.Namespace) -> None:
     print(text_of(structures, segments, ct, output))
 
 
-def check_identity(as_dicom: bool, with_identity: bool) -> None:
+def _check_identity(as_dicom: bool, with_identity: bool) -> None:
     """Refuse an identity that is not asked for, and one that is asked for where none can be."""
     if as_dicom and not with_identity:
         raise UsageError(
@@ -183,22 +183,22 @@ def check_identity(as_dicom: bool, with_identity: bool) -> None:
         dicom_segmentation.require_highdicom()
 
 
-def request_of(args: argparse.Namespace) -> Request:
+def _request_of(args: argparse.Namespace) -> Request:
     """Return the request that the flags describe, or raise a `UsageError` if they contradict each other."""
     points: list[tuple[str, tuple[float, ...]]] = []
     for words in args.points:
         if len(words) == 3:
-            points.append(("", numbers_of("--background", words)))
+            points.append(("", _numbers_of("--background", words)))
             continue
         called = printable(words[0])
         if not called:
             raise UsageError("--seed begins with the structure's name: --seed liver -40 20 95")
-        points.append((called, numbers_of("--seed", words[1:])))
+        points.append((called, _numbers_of("--seed", words[1:])))
     seeds = [name for name, _ in points if name]
-    margins = {printable(name): numbers_of("--margin", [mm])[0] for name, mm in args.margin}
+    margins = {printable(name): _numbers_of("--margin", [mm])[0] for name, mm in args.margin}
     if len(margins) < len(args.margin):
         raise UsageError("--margin is given twice for one structure; give it once, with the sum")
-    limits = None if args.range is None else numbers_of("--range", args.range)
+    limits = None if args.range is None else _numbers_of("--range", args.range)
     if not seeds and not (args.labels and margins):
         raise UsageError("give a point with --seed NAME X Y Z, or labels with --from and a --margin")
     if points and not seeds:
@@ -211,17 +211,17 @@ def request_of(args: argparse.Namespace) -> Request:
         raise UsageError("--background is for --method compete; with connected choose --opening-mm or a --range")
     if args.method == "compete" and args.opening_mm is not None:
         raise UsageError("--opening-mm is for --method connected; with compete close a leak by --background X Y Z")
-    max_mm = None if args.max_mm is None else numbers_of("--max-mm", [args.max_mm])[0]
-    opening_mm = 0.0 if args.opening_mm is None else numbers_of("--opening-mm", [args.opening_mm])[0]
+    max_mm = None if args.max_mm is None else _numbers_of("--max-mm", [args.max_mm])[0]
+    opening_mm = 0.0 if args.opening_mm is None else _numbers_of("--opening-mm", [args.opening_mm])[0]
     if args.method == "connected" and args.hu_per_mm is not None:
         raise UsageError("--hu-per-mm is for --method compete; with connected choose --opening-mm or a --range")
-    hu_per_mm = HU_PER_MM if args.hu_per_mm is None else numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
+    hu_per_mm = HU_PER_MM if args.hu_per_mm is None else _numbers_of("--hu-per-mm", [args.hu_per_mm])[0]
     region, unit = getattr(args, "region", None), getattr(args, "region_unit", "voxel")
     given = None if limits is None else (limits[0], limits[1])
     return Request(points, margins, args.method, given, region, unit, max_mm, opening_mm, hu_per_mm)
 
 
-def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
+def _numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
     """Return the numbers of a flag; a `UsageError` where one is no finite number."""
     try:
         numbers = tuple(float(word) for word in words)
@@ -232,7 +232,7 @@ def numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
     return numbers
 
 
-def segmented_steps(structures: Structures, ct: Volume, request: Request) -> Steps[None]:
+def _segmented_steps(structures: Structures, ct: Volume, request: Request) -> Steps[None]:
     """Make the structures of the seeds, and add them to those that are there."""
     names = list(dict.fromkeys(name for name, _ in request.points if name))
     if not names:
@@ -240,14 +240,14 @@ def segmented_steps(structures: Structures, ct: Volume, request: Request) -> Ste
     require_count(len(names))
     box = box_of(ct, request.region, request.region_unit)
     part = ct.part(box)
-    samples = [(name, clicked_sample(ct, point, box)) for name, point in request.points]
+    samples = [(name, _clicked_sample(ct, point, box)) for name, point in request.points]
     allowed = None
     if request.limits is not None:
         allowed = yield from range_mask_steps(part, *request.limits)
         for (name, sample), (_, point) in zip(samples, request.points, strict=True):
             if name and not allowed[sample]:
                 raise SettingsError(
-                    f"the point {numbers_text(point)} of {name} has the value "
+                    f"the point {_numbers_text(point)} of {name} has the value "
                     f"{value_at(part, sample):.5g}, outside the range {request.limits[0]:g} to "
                     f"{request.limits[1]:g}; give another point or a wider range"
                 )
@@ -267,15 +267,15 @@ def segmented_steps(structures: Structures, ct: Volume, request: Request) -> Ste
         structures.add(name, labels == number, (z, y, x))
 
 
-def clicked_sample(ct: Volume, point: tuple[float, ...], box: Box) -> Sample:
+def _clicked_sample(ct: Volume, point: tuple[float, ...], box: Box) -> Sample:
     """Return the sample of a region at a point; refuse one that lies outside of it, or that has no value."""
     sample = sample_at(ct, point)
     if not math.isfinite(value_at(ct, sample)):
-        raise SettingsError(f"the CT is NaN at the point {numbers_text(point)}; give another point")
+        raise SettingsError(f"the CT is NaN at the point {_numbers_text(point)}; give another point")
     z, y, x = (at - low for at, (low, _) in zip(sample, reversed(box), strict=True))
     if min(z, y, x) < 0 or any(at >= high - low for at, (low, high) in zip((x, y, z), box, strict=True)):
         raise SettingsError(
-            f"the point {numbers_text(point)} lies outside the region; give another point or a larger --region"
+            f"the point {_numbers_text(point)} lies outside the region; give another point or a larger --region"
         )
     return z, y, x
 
@@ -286,7 +286,7 @@ def value_at(volume: Volume, sample: Sample) -> float:
     return float(volume.samples(z, y, x)[0, 0, 0])
 
 
-def numbers_text(point: tuple[float, ...]) -> str:
+def _numbers_text(point: tuple[float, ...]) -> str:
     """Return a point as it is given."""
     return " ".join(f"{part:g}" for part in point)
 

@@ -28,7 +28,7 @@ RETRIES = 2  # Retries of a task that failed for another reason than the content
 
 
 @dataclass(frozen=True)
-class ClusterWorkers:
+class _ClusterWorkers:
     """The workers of a cluster, for one volume.
 
     Parameters
@@ -112,7 +112,7 @@ class ClusterWorkers:
 
 
 @contextmanager
-def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions) -> Iterator[ClusterWorkers | None]:
+def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions) -> Iterator[_ClusterWorkers | None]:
     """The workers of the scheduler at an address, if one is given, who read `path`."""
     if not address:
         yield None
@@ -121,7 +121,7 @@ def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions)
     try:
         if not cluster.workers:
             raise CtmcError(f"the scheduler {address} has no worker; start one with `dask worker {address}`")
-        yield ClusterWorkers(cluster, path.resolve(), reading)
+        yield _ClusterWorkers(cluster, path.resolve(), reading)
     finally:
         cluster.close()
 

@@ -28,7 +28,7 @@ DESCRIPTION = (
 
 
 @dataclass
-class SimplifiedLevel:
+class _SimplifiedLevel:
     """The surface of one simplifier at one level, and the seconds of each run."""
 
     percent: float
@@ -82,11 +82,11 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
     return ExperimentTable("Simplification", facts, COLUMNS, rows, plot)
 
 
-def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: int) -> Steps[list[SimplifiedLevel]]:
+def simplify_levels_steps(mesh: TriangleMesh, levels: Sequence[float], repeats: int) -> Steps[list[_SimplifiedLevel]]:
     """Simplify `mesh` to every level both ways, `repeats` times in turn."""
     from ...blender.surface import decimated
 
-    pairs = [(SimplifiedLevel(level, BUILTIN, mesh), SimplifiedLevel(level, DECIMATE, mesh)) for level in levels]
+    pairs = [(_SimplifiedLevel(level, BUILTIN, mesh), _SimplifiedLevel(level, DECIMATE, mesh)) for level in levels]
     for turn in range(repeats):
         for at, (builtin, decimate) in enumerate(pairs):
             run = f"{builtin.percent:g} %, run {turn + 1} of {repeats}"

@@ -25,7 +25,7 @@ WINDOW = (-160, 240)  # HU that become 0 and 255 of a PNG
 CT_IMAGE_STORAGE = "1.2.840.10008.5.1.4.1.1.2"
 
 
-def png_name(number: int) -> str:
+def _png_name(number: int) -> str:
     """Names without leading zeros, as many tools write them: readers must sort by number."""
     return f"slice_{number}.png"
 
@@ -51,7 +51,7 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
     OutputError
         If a folder holds others.
     """
-    for name, namer in (("png", png_name), ("dicom", dicom_name)):
+    for name, namer in (("png", _png_name), ("dicom", dicom_name)):
         if name not in formats or not (folder / name).is_dir():
             continue
         ours = {namer(number) for number in range(1, slices + 1)}
@@ -62,7 +62,7 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
             )
 
 
-def write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
+def _write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """8 bit gray slices from the feet to the head, HU -160 to 240."""
     image = library("PIL.Image", "Pillow")
     png_folder = made_folder(folder / "png")
@@ -72,7 +72,7 @@ def write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
         gray = (np.clip(plane, low, high).astype(np.int32) - low) * 255 // (high - low)
         buffer = io.BytesIO()
         image.fromarray(gray.astype(np.uint8)).save(buffer, "PNG")
-        write_bytes(png_folder / png_name(k + 1), buffer.getvalue())
+        write_bytes(png_folder / _png_name(k + 1), buffer.getvalue())
     return ["png/"]
 
 
@@ -179,7 +179,7 @@ def library(module: str, package: str) -> Any:
 
 
 WRITERS: dict[str, Callable[[Phantom, Path], Steps[list[str]]]] = {
-    "png": write_png_steps,
+    "png": _write_png_steps,
     "dicom": write_dicom_steps,
     "nifti": write_nifti_steps,
 }

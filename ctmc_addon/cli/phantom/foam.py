@@ -48,9 +48,9 @@ def run(args: argparse.Namespace) -> None:
     volume = foam(args.slices, args.size, args.pore, args.seed)
     with Progress() as progress, whole_file(path) as temporary:
         if path.suffix.lower() == ".npy":
-            progress.finish(npy_steps(volume, temporary))
+            progress.finish(_npy_steps(volume, temporary))
         else:
-            write_tiff(volume, temporary)
+            _write_tiff(volume, temporary)
     facts = [
         ("foam", f"{dimensions(volume.size)}, {dimensions(volume.spacing)} mm, seed {args.seed}"),
         ("threshold", f"{FOAM_THRESHOLD:g}"),
@@ -59,7 +59,7 @@ def run(args: argparse.Namespace) -> None:
     print(listing(facts))
 
 
-def npy_steps(volume: Volume, path: Path) -> Steps[None]:
+def _npy_steps(volume: Volume, path: Path) -> Steps[None]:
     """Write a .npy file."""
     with path.open("wb") as stream:
         npy: Any = np.lib.format
@@ -69,7 +69,7 @@ def npy_steps(volume: Volume, path: Path) -> Steps[None]:
             stream.write(slab.data)
 
 
-def write_tiff(volume: Volume, path: Path) -> None:
+def _write_tiff(volume: Volume, path: Path) -> None:
     """Write a .tif file, a page for each slice; BigTIFF beyond 4 GB."""
     with path.open("wb") as stream:
         library("tifffile", "tifffile").imwrite(

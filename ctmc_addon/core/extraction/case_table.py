@@ -143,7 +143,7 @@ class TriangleTables:
         lists, kinds = [], []
         for first, count in zip(self.first_triangle.tolist(), self.triangle_count.tolist(), strict=True):
             triangles = [tuple(triangle) for triangle in self.triangle_edges[first : first + count].tolist()]
-            fan = as_fan(triangles)
+            fan = _as_fan(triangles)
             lists.append(fan or [edge for triangle in triangles for edge in triangle])
             kinds.append(2 * count - bool(fan))
         edges = np.zeros((max(map(len, lists)), len(lists)), np.intp)
@@ -181,7 +181,7 @@ class CornerLists:
         return 3 * triangles, tuple(range(3 * triangles))
 
 
-def as_fan(triangles: list[Triangle]) -> Loop:
+def _as_fan(triangles: list[Triangle]) -> Loop:
     """The corners of triangles that all share one, that one first; empty where they make no fan.
 
     Examples

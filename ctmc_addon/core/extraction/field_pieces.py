@@ -194,7 +194,7 @@ class FieldSlabs:
         return values
 
 
-class WorkerSlabs(FieldSlabs):
+class _WorkerSlabs(FieldSlabs):
     """The slabs of a field, extracted by workers that read the same file, some layers each."""
 
     def pieces_steps(self, low: int = 0, high: int | None = None) -> Pieces:
@@ -282,10 +282,10 @@ def surface_pieces_steps(field: Field, budget: Budget, normals: bool, joined: bo
     ThresholdError, LabelError, VolumeError, MeshError, MemoryLimitError
     """
     field = field.again()
-    slabs = (WorkerSlabs if budget.workers is not None else FieldSlabs)(field, budget, normals, joined)
+    slabs = (_WorkerSlabs if budget.workers is not None else FieldSlabs)(field, budget, normals, joined)
     faces = 0
     pieces = slabs.pieces_steps()
-    source = WithResult(completed_normals_steps(pieces) if normals else pieces)
+    source = WithResult(_completed_normals_steps(pieces) if normals else pieces)
     for item in source:
         if isinstance(item, Surface):
             faces += len(item.faces)
@@ -297,7 +297,7 @@ def surface_pieces_steps(field: Field, budget: Budget, normals: bool, joined: bo
     return source.result
 
 
-def completed_normals_steps(pieces: Pieces) -> Pieces:
+def _completed_normals_steps(pieces: Pieces) -> Pieces:
     """Yield the pieces with the mesh's own normal at every vertex that has none, as soon as the next piece has come."""
     below = _Seam(np.empty((0, 3, 3), np.float32), np.empty((0, 3), np.int32))
     held: Surface | None = None

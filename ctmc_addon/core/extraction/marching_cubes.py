@@ -134,7 +134,7 @@ def marching_cubes(
     """
     if not 0 <= alpha <= 1:
         raise SettingsError(f"alpha must be from 0 to 1, not {alpha:g}")
-    grid = make_grid(checked_values(values), stride, close_border, upper=upper)
+    grid = make_grid(_checked_values(values), stride, close_border, upper=upper)
     surface = finish(extract_steps(grid, float(threshold), normals, Budget(threads), topology, (alpha,)))
     return TriangleMesh(surface.linear, surface.faces, surface.normals)
 
@@ -177,7 +177,7 @@ def count_steps(grid: Grid, threshold: float, budget: Budget | None = None, topo
     )
 
 
-def checked_values(values: NDArray[Any]) -> NDArray[Any]:
+def _checked_values(values: NDArray[Any]) -> NDArray[Any]:
     """`values` as an array that can be extracted from, or a `VolumeError`."""
     values = np.asarray(values)
     if values.ndim != 3 or min(values.shape) < 2:

@@ -47,7 +47,7 @@ class VertexArrays:
     normals: NDArray[np.float32] | None
 
 
-class ByteSamples(NamedTuple):
+class _ByteSamples(NamedTuple):
     """The first samples of the bytes of a slab; along y and z all samples of a byte are at the same place."""
 
     sample: tuple[NDArray[np.intp], ...]  # three (m,): number along x, y, z
@@ -66,7 +66,7 @@ def fill_edge_vertices(
     position = (grid.y.position.take(y), grid.z.position.take(z))
     flat = sampler.flat_index(np.zeros(1, np.intp), grid.y.index.take(y), grid.z.index.take(z))
     reach = (_reach(grid.x, x, BYTE), _reach(grid.y, y, 1), _reach(grid.z, z, 1))
-    first = ByteSamples(sample, position, flat, reach)
+    first = _ByteSamples(sample, position, flat, reach)
     for axis, (slots, of_axis) in enumerate(zip(slab.edge_slots, runs, strict=False)):
         for start in range(0, len(slots), EDGES_AT_ONCE):
             slot = slots[start : start + EDGES_AT_ONCE]
@@ -83,7 +83,7 @@ def _fill_edges(
     sampler: Sampler,
     threshold: float,
     axis: int,
-    first: ByteSamples,
+    first: _ByteSamples,
     slot: NDArray[np.intp],
     pieces: Pieces,
     out: VertexArrays,

@@ -17,7 +17,7 @@ from ..errors import OutputError
 PathLike = str | os.PathLike[str]
 
 
-class InputFiles:
+class _InputFiles:
     """Input files and planned outputs of one command, or of a process that may write now and read later.
 
     Parameters
@@ -54,13 +54,13 @@ class InputFiles:
         self.added = {}
 
 
-_current = [InputFiles(keeps_plans=False)]
+_current = [_InputFiles(keeps_plans=False)]
 
 
 @contextmanager
 def own_input_files() -> Iterator[None]:
     """Begin without inputs and outputs, as a command does, and forget at the end those of the block."""
-    _current.append(InputFiles(keeps_plans=True))
+    _current.append(_InputFiles(keeps_plans=True))
     try:
         yield
     finally:

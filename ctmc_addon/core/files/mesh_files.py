@@ -63,7 +63,7 @@ def write_mesh(
         writer(file, vertices, faces, normals)
 
 
-def write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
+def _write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
     """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
@@ -91,7 +91,7 @@ def write_stl_facets(file: IO[bytes], corners: Floats) -> None:
     file.write(rows.view(np.uint8).data)
 
 
-def write_ply(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
+def _write_ply(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
     """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
     write_ply_head(file, len(vertices), len(faces))
     if normals is None:
@@ -140,8 +140,8 @@ def parts_of(count: int) -> Iterator[slice]:
 
 
 WRITERS: dict[str, Callable[[IO[bytes], Floats, NDArray[np.int32], Floats | None], None]] = {
-    ".stl": write_stl,
-    ".ply": write_ply,
+    ".stl": _write_stl,
+    ".ply": _write_ply,
 }
 SUFFIXES = tuple(WRITERS)
 SURFACE_SUFFIXES = (*SUFFIXES, *STRUCTURE_SUFFIXES, *BLENDER_SUFFIXES)

@@ -39,7 +39,7 @@ MOST_FACETS = np.iinfo(np.uint32).max  # of an STL
 
 
 @dataclass(frozen=True)
-class WrittenPieces(Generic[T]):
+class _WrittenPieces(Generic[T]):
     """How large the surface is that was written, its measures, and what the maker of its pieces returned."""
 
     vertices: int
@@ -50,7 +50,7 @@ class WrittenPieces(Generic[T]):
 
 def write_pieces_steps(
     path: str | os.PathLike[str], pieces: SurfacePieces[T], space: str = "ras"
-) -> Steps[WrittenPieces[T]]:
+) -> Steps[_WrittenPieces[T]]:
     """Write a surface in RAS+ mm that comes in pieces, whole or not at all; the suffix chooses the format.
 
     Parameters
@@ -80,7 +80,7 @@ def write_pieces_steps(
         pieces.close()
 
 
-def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
+def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[_WrittenPieces[T]]:
     """The number of facets stands before them, so it is written last."""
     write_stl_head(file, 0)
     source, measured = WithResult(completed_pieces_steps(pieces)), PieceMeasures()
@@ -100,10 +100,10 @@ def _stl_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[W
     _require_triangles(faces)
     file.seek(0)
     write_stl_head(file, faces)
-    return WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
+    return _WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
 
 
-def _ply_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[WrittenPieces[T]]:
+def _ply_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[_WrittenPieces[T]]:
     """All vertices stand before all faces and their numbers before both, so both wait in files without a name."""
     folder = Path(file.name).parent
     with tempfile.TemporaryFile(dir=folder) as of_vertices, tempfile.TemporaryFile(dir=folder) as of_faces:
@@ -139,7 +139,7 @@ def _ply_steps(file: IO[bytes], pieces: SurfacePieces[T], space: str) -> Steps[W
             while block := spooled.read(COPIED):
                 file.write(block)
                 yield Step(WRITING_SHARE + (1.0 - WRITING_SHARE) * min(1.0, file.tell() / total), "Writing the file")
-        return WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
+        return _WrittenPieces(vertices, faces, (yield from measured.measures_steps()), source.result)
 
 
 def _while_writing(step: Step) -> Step:
@@ -175,6 +175,6 @@ def _normal_sums_steps(mesh: TriangleMesh, sums: NDArray[np.float64]) -> Steps[N
     return out
 
 
-WRITERS: dict[str, Callable[[IO[bytes], SurfacePieces[T], str], Steps[WrittenPieces[T]]]] = dict(
+WRITERS: dict[str, Callable[[IO[bytes], SurfacePieces[T], str], Steps[_WrittenPieces[T]]]] = dict(
     zip(SUFFIXES, (_stl_steps, _ply_steps), strict=True)
 )

@@ -51,13 +51,13 @@ def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tu
         inside = order[start:stop]
         alike += (
             len(inside) >= FEWEST
-            and WIDTH_MM[0] <= extent_mm(right[inside]) <= WIDTH_MM[1]
-            and DEPTH_MM[0] <= extent_mm(front[inside]) <= DEPTH_MM[1]
+            and WIDTH_MM[0] <= _extent_mm(right[inside]) <= WIDTH_MM[1]
+            and DEPTH_MM[0] <= _extent_mm(front[inside]) <= DEPTH_MM[1]
         )
     return (NOTE,) if alike * BAND_MM >= LEAST_MM else ()
 
 
-def extent_mm(positions: NDArray[Any]) -> float:
+def _extent_mm(positions: NDArray[Any]) -> float:
     """Return the extent of the values, mm, without the lowest and the highest one per cent."""
     out = len(positions) // 100
     positions = np.sort(positions)

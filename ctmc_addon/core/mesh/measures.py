@@ -149,9 +149,9 @@ class PieceMeasures:
         border, borders = np.concatenate(self._borders, axis=1), 0
         if border.shape[1]:
             numbers, ends = np.unique(border, return_inverse=True)
-            borders = yield from borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
+            borders = yield from _borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
         closed = self._closed and self._faces > 0
-        small = small_below(float(np.abs(volumes).max(initial=0.0)))
+        small = _small_below(float(np.abs(volumes).max(initial=0.0)))
         return Measures(
             faces=self._faces,
             area=self._area,
@@ -229,7 +229,7 @@ class PieceMeasures:
         self._sums.append(sums.T)
 
 
-def small_below(largest: float) -> float:
+def _small_below(largest: float) -> float:
     """Return the volume below which components are small: a thousandth of the largest, rounded down to one digit.
 
     Examples
@@ -253,7 +253,7 @@ def _added(total: float, terms: NDArray[np.float64]) -> float:
     return float(np.cumsum(np.concatenate([[total], terms]))[-1])
 
 
-def borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
+def _borders_steps(ends: NDArray[np.int32], vertex_count: int) -> Steps[int]:
     """Number of connected lines that the edges between (2, E) vertices form."""
     if not ends.shape[1]:
         return 0

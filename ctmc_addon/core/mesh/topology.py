@@ -40,7 +40,7 @@ def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
     yield PAUSE
     face_edges = np.empty(len(low), np.int32)
     edges, count = [np.empty((2, 0), np.int32)], 0
-    for corners in buckets(low, vertex_count):
+    for corners in _buckets(low, vertex_count):
         lower, higher = np.take(low, corners), np.take(high, corners)
         order = _order(lower, higher, vertex_count)
         lower, higher = np.take(lower, order), np.take(higher, order)
@@ -100,7 +100,7 @@ def edge_keys_steps(
     both |= low.astype(np.int64) << 32
     yield PAUSE
     parts, irregular, counts, edges = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [np.empty((2, 0), np.int64)], 0
-    for corners in buckets(low, vertex_count):
+    for corners in _buckets(low, vertex_count):
         ways = both[corners]
         ways.sort(kind="stable")  # neighbors come one after the other: much is in order already
         yield PAUSE
@@ -125,7 +125,7 @@ def edge_ends(keys: NDArray[np.int64]) -> Ints:
     return np.stack([keys >> 31, keys & 0x7FFFFFFF]).astype(np.int32)
 
 
-def buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
+def _buckets(low: Ints, vertex_count: int) -> Iterator[NDArray[np.intp]]:
     """Places of edges whose lower ends are in one range, range by range, so that nothing large is sorted at once."""
     width = max(1, vertex_count * BUCKET // max(1, len(low)))
     for first in range(0, vertex_count, width):

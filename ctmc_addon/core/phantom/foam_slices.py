@@ -24,7 +24,7 @@ SPACING_MM = 0.02
 MOST_SAMPLES = 1 << 40
 
 
-class FoamSlices(SliceReader):
+class _FoamSlices(SliceReader):
     """The slices of a foam.
 
     Parameters
@@ -77,7 +77,7 @@ def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> Volume:
     (2, 2000, 2000)
     """
     affine = np.diag([SPACING_MM, SPACING_MM, SPACING_MM, 1.0])
-    return Volume(FoamSlices(slices, size, pore, seed), affine, name=f"foam-{seed}")
+    return Volume(_FoamSlices(slices, size, pore, seed), affine, name=f"foam-{seed}")
 
 
 def _waves(at: NDArray[Any], pore: int, phase: float, other: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:

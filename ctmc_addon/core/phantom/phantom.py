@@ -111,7 +111,7 @@ def phantom_steps(
     slices: int = 29, size: int = 512, spacing: tuple[float, float, float] | None = None, seed: int = 0
 ) -> Steps[Phantom]:
     """The same as `phantom`, a slice a step."""
-    spacing = checked_grid(slices, size, spacing, seed)
+    spacing = _checked_grid(slices, size, spacing, seed)
     require(3 * slices * size * size, f"a phantom of {slices} slices of {size} x {size}", "make it smaller")
     axes = [centered(size, spacing[0]), centered(size, spacing[1]), centered(slices, spacing[2])]
     scale = min(spacing[0], spacing[1]) * size / FIELD_MM
@@ -153,7 +153,7 @@ def phantom_steps(
     )
 
 
-def checked_grid(
+def _checked_grid(
     slices: int, size: int, spacing: tuple[float, float, float] | None, seed: int
 ) -> tuple[float, float, float]:
     """Return the spacing, mm; raise a `SettingsError` for a grid outside its limits."""
@@ -204,9 +204,9 @@ class Background:
             tissue[rim] += step * (1 - (np.clip(high, -start, start) - np.clip(low, -start, start)) / (high - low))
         # Ribs run down towards the front, 28 mm apart.
         down = 0.6 * self.y[:, 0]
-        rib = share_near_whole((low - down) / 28.0, (high - down) / 28.0, 0.2)  # (rows,)
+        rib = _share_near_whole((low - down) / 28.0, (high - down) / 28.0, 0.2)  # (rows,)
         tissue[self.wall] += rib[self.wall[0]] * (RIB - MUSCLE)
-        self.add_spine(tissue, float(share_near_whole(np.array(low / 32.0), np.array(high / 32.0), 3.5 / 32.0)))
+        self.add_spine(tissue, float(_share_near_whole(np.array(low / 32.0), np.array(high / 32.0), 3.5 / 32.0)))
         self.add_disc(tissue, (18.0, 38.0), (11.0, 11.0), AORTA_HU)
         return tissue
 
@@ -236,7 +236,7 @@ class Background:
         window += share * (across + along < 1.0) * (hu - window)
 
 
-def share_near_whole(low: NDArray[np.float64], high: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
+def _share_near_whole(low: NDArray[np.float64], high: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
     """Return which part of `low` to `high` is less than `distance`, at most 0.5, away from a whole number.
 
     Examples

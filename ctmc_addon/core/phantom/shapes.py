@@ -114,7 +114,7 @@ class Blob:
         cut = (np.abs(middle) < self.steepness * half) | (u * u + v * v < self.limits[0] ** 2)
         below, low, high, above = self.depth(u[cut], v[cut], w + half * np.array([[-1.0], [-0.5], [0.5], [1.0]]))
         depths = (below, low, middle[cut], high, above)
-        share.flat[rim[cut]] = sum(map(share_inside, depths, depths[1:])) / 4
+        share.flat[rim[cut]] = sum(map(_share_inside, depths, depths[1:])) / 4
         return inside, share
 
     def depth(self, u: NDArray[np.float64], v: NDArray[np.float64], w: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -145,7 +145,7 @@ class Blob:
         return float((weights * radii**3).sum() / 3.0 * (a * b * c))
 
 
-def share_inside(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
+def _share_inside(start: NDArray[np.float64], end: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return which part of a line is inside whose depth changes evenly from start to end."""
     span = np.abs(start) + np.abs(end)
     return (np.maximum(start, 0) + np.maximum(end, 0)) / np.where(span > 0, span, 1.0)
@@ -207,7 +207,7 @@ def grow_tumors(
     for number, size in enumerate([19.0 + 5.0 * float(rng.random()), *sizes.tolist()]):
         radius = size * scale
         for _ in range(60):
-            tumor = random_tumor(rng, liver, radius, spacing, axes, deep=number == 0)
+            tumor = _random_tumor(rng, liver, radius, spacing, axes, deep=number == 0)
             if has_room(tumor, liver, tumors, scale):
                 tumors.append(tumor)
                 break
@@ -231,7 +231,7 @@ def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool
     return True
 
 
-def random_tumor(
+def _random_tumor(
     rng: np.random.Generator, liver: Blob, radius: float, spacing: Point, axes: list[NDArray[np.float64]], deep: bool
 ) -> Blob:
     """Return a tumor of about this radius, mm, at random in the liver's box, or deep in its right lobe."""
@@ -248,11 +248,11 @@ def random_tumor(
     for axis in range(2):
         if half[axis] < 3 * spacing[axis]:  # coarse pixels: on one, so that the label is there
             position[axis] = float(axes[axis][np.argmin(np.abs(axes[axis] - position[axis]))])
-    position[2], half[2] = fitted_height(shape, position[2], spacing[2], slices, half_mm=float(half[2]))
+    position[2], half[2] = _fitted_height(shape, position[2], spacing[2], slices, half_mm=float(half[2]))
     return Blob((position[0], position[1], position[2]), (half[0], half[1], half[2]), lobes, heights)
 
 
-def fitted_height(shape: Blob, height: float, gap: float, slices: int, half_mm: float) -> tuple[float, float]:
+def _fitted_height(shape: Blob, height: float, gap: float, slices: int, half_mm: float) -> tuple[float, float]:
     """Return the height of the center and the half axis along z, mm, so that two slices or more cut the body's axis.
 
     From 4 slices on, the first and the last slice stay free.

@@ -35,7 +35,7 @@ STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 
 @dataclass(frozen=True, eq=False)
-class PatientTable:
+class _PatientTable:
     """Position of the table in a CT.
 
     Parameters
@@ -90,12 +90,12 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     if table.backwards:  # the first sample that was looked at lies at the back
         first += (count - 1) % along
     note = f"The table was removed: {volume_text(table.volume_mm3)} behind the body."
-    reader = WithoutTable(volume, replace(table, first=first))
+    reader = _WithoutTable(volume, replace(table, first=first))
     removed = replace(volume, reader=reader, notes=(*volume.notes, note))
     return removed if volume.reader.own_bytes else (yield from removed.in_memory_steps())
 
 
-def table_steps(ct: Volume) -> Steps[PatientTable | None]:
+def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
     """Find the table of a CT in HU whose samples are a few mm apart; None where nothing is behind the body."""
     side = next(at for at, letter in enumerate(ct.orientation) if letter in "AP")
     axis, backwards = 2 - side, ct.orientation[side] == "A"
@@ -118,7 +118,7 @@ def table_steps(ct: Volume) -> Steps[PatientTable | None]:
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
     behind = np.count_nonzero(mask & (np.arange(count) >= first[..., None]))
-    return PatientTable(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
+    return _PatientTable(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
 
 
 def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:
@@ -143,7 +143,7 @@ def _enlarged(first: NDArray[np.int32], steps: list[int], shape: list[int]) -> N
     return first
 
 
-class WithoutTable(SliceReader):
+class _WithoutTable(SliceReader):
     """Reads the values of another reader, with air instead of a table.
 
     Parameters
@@ -153,7 +153,7 @@ class WithoutTable(SliceReader):
     table : PatientTable
     """
 
-    def __init__(self, volume: Volume, table: PatientTable) -> None:
+    def __init__(self, volume: Volume, table: _PatientTable) -> None:
         reader = volume.reader
         self.reader, self.table, self.count = reader, table, volume.shape[table.axis]
         self.start = (0, 0, 0) if volume.box is None else tuple(side[0] for side in volume.box[::-1])

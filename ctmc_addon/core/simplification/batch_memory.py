@@ -14,7 +14,7 @@ SEAM_VERTICES = 2 / 3  # Share of the vertices in the planes of samples across z
 
 
 @dataclass(frozen=True)
-class HeldBatches:
+class _HeldBatches:
     """The triangles of all batches.
 
     held : int
@@ -34,7 +34,7 @@ def seam_vertices(vertex_count: int, layers: int) -> int:
 
 def held_batches(
     face_count: int, share: float, batch: int, layers: int, border: int, most: int, merges: bool = True
-) -> HeldBatches:
+) -> _HeldBatches:
     """Simulate equal batches until the first group is merged.
 
     Parameters
@@ -74,4 +74,4 @@ def held_batches(
             held = after if 2 * (after := share * came + border) <= held else held
             if held > most // 2:
                 break
-    return HeldBatches(min(face_count, round(held * face_count / came)), math.ceil(merged))
+    return _HeldBatches(min(face_count, round(held * face_count / came)), math.ceil(merged))

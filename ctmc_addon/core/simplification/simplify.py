@@ -114,7 +114,7 @@ def simplification_steps(
 
 
 @dataclass(frozen=True, eq=False)
-class SimplifiedPieces(Generic[T]):
+class _SimplifiedPieces(Generic[T]):
     """A simplified surface, how many triangles it had, and what the maker of its pieces returned."""
 
     simplification: Simplification
@@ -124,7 +124,7 @@ class SimplifiedPieces(Generic[T]):
 
 def simplified_pieces_steps(
     pieces: SurfacePieces[T], goal: Goal, budget: Budget = WHOLE_MACHINE
-) -> Steps[SimplifiedPieces[T]]:
+) -> Steps[_SimplifiedPieces[T]]:
     """Simplify a surface that comes in pieces; the same bytes as of the mesh of all its pieces, wherever it was cut.
 
     Parameters
@@ -146,11 +146,11 @@ def simplified_pieces_steps(
 
 def _pieces_steps(
     pieces: SurfacePieces[T], goal: Goal, budget: Budget, face_count: int | None = None
-) -> Steps[SimplifiedPieces[T]]:
+) -> Steps[_SimplifiedPieces[T]]:
     """`face_count` triangles come, where that is known."""
     source = WithResult(batches_steps(pieces, goal.sizes(budget)[0], goal.most_whole(budget)))
     simplification, full_faces = yield from in_batches_steps(source, goal, budget, face_count)
-    return SimplifiedPieces(simplification, full_faces, source.result)
+    return _SimplifiedPieces(simplification, full_faces, source.result)
 
 
 def _one_piece(mesh: TriangleMesh) -> SurfacePieces[None]:

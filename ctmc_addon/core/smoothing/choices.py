@@ -8,7 +8,7 @@ from typing import NamedTuple
 from ..described import AUTO
 
 
-class SmoothingChoice(NamedTuple):
+class _SmoothingChoice(NamedTuple):
     """A smoothing, as settings know it.
 
     Parameters
@@ -28,10 +28,10 @@ class SmoothingChoice(NamedTuple):
 
 NONE, WIDE, OF_LABEL = "none", "gaussian", "constrained"
 """Chosen by auto: for a threshold, with a width, for a label."""
-CHOICES: dict[str, SmoothingChoice] = {
-    NONE: SmoothingChoice(graded=False),
-    WIDE: SmoothingChoice(has_width=True),
-    OF_LABEL: SmoothingChoice(for_gray=False),
+CHOICES: dict[str, _SmoothingChoice] = {
+    NONE: _SmoothingChoice(graded=False),
+    WIDE: _SmoothingChoice(has_width=True),
+    OF_LABEL: _SmoothingChoice(for_gray=False),
 }
 TEXT = (
     "Smoothing before extraction. constrained = the smoothest surface that keeps every sample of the "

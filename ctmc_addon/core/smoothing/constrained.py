@@ -38,7 +38,7 @@ WORKING_BYTES = 1 << 23
 REMEDY = "choose a region, fewer slice_steps or smoothing none"  # where memory is too little
 
 
-class SmoothingGrid(NamedTuple):
+class _SmoothingGrid(NamedTuple):
     """A grid on which a field is smoothed.
 
     Parameters
@@ -70,15 +70,15 @@ FAR, NEAR = (5.0, 1.6), (2.5, 0.0)
 # Farther than that from the surface the field of every other pixel is smooth enough. Distances are smooth but for
 # steps, hence the momentum. With three or more steps a slice, folds between slices need many rounds. So such fields
 # are smoothed at the slices alone first.
-THIN = (SmoothingGrid(2, True, FAR, 26, 4.5), SmoothingGrid(1, True, NEAR, 18, 8.0))
+THIN = (_SmoothingGrid(2, True, FAR, 26, 4.5), _SmoothingGrid(1, True, NEAR, 18, 8.0))
 THICK = (
-    SmoothingGrid(2, False, FAR, 41, 4.5),
-    SmoothingGrid(2, True, FAR, 12, 4.5),
-    SmoothingGrid(1, True, NEAR, 18, 8.0),
+    _SmoothingGrid(2, False, FAR, 41, 4.5),
+    _SmoothingGrid(2, True, FAR, 12, 4.5),
+    _SmoothingGrid(1, True, NEAR, 18, 8.0),
 )
 
 
-def grids_of(slice_steps: int) -> tuple[SmoothingGrid, ...]:
+def grids_of(slice_steps: int) -> tuple[_SmoothingGrid, ...]:
     """Return the grids on which a field with `slice_steps` steps per slice is smoothed, the coarsest first."""
     return THICK if slice_steps > 2 else THIN
 
@@ -199,7 +199,7 @@ def outlined(
 class _Level(NamedTuple):
     """The field and its bounds on one grid; every `slice_steps`-th slice is the label's."""
 
-    grid: SmoothingGrid
+    grid: _SmoothingGrid
     slice_steps: int
     bricks: Bricks
     start: Start
@@ -252,7 +252,7 @@ class _Smoother:
                 carried(before.bricks, before.start.field, level.bricks, level.start, every, self.pool)
             yield from equal_part(self._relaxed_steps(level), 2 * number + 1, parts)
 
-    def _measured_steps(self, grid: SmoothingGrid) -> Steps[_Measured]:
+    def _measured_steps(self, grid: _SmoothingGrid) -> Steps[_Measured]:
         """Measure distances up to where a sample may still enter the grid's band."""
         spacing, every = self.spacing_mm, grid.every_xy
         # A sample that is farther from the other side cannot come as near to the surface as is smoothed.
@@ -272,7 +272,7 @@ class _Smoother:
         distance = yield from signed_distance_steps(self.code, label, spacing, reach, farthest, self.pool, every)
         return _Measured(label, distance, near, deep)
 
-    def _level(self, grid: SmoothingGrid, measured: _Measured) -> _Level:
+    def _level(self, grid: _SmoothingGrid, measured: _Measured) -> _Level:
         """The bricks of a grid, with distances and bounds."""
         steps = self.steps if grid.between else 1
         near, deep = measured.near, measured.deep

@@ -44,7 +44,7 @@ def field_steps(
     settings : ReconstructionSettings
     budget : Budget, optional
     window : Box, optional
-        What `field_window_steps` returned, where that is known already.
+        What `_field_window_steps` returned, where that is known already.
     with_surface : bool
         Whether the field is to keep the surface that smoothing measured, if that is the one of the settings but for its
         normals.
@@ -68,7 +68,7 @@ def field_steps(
     looking = VALUES_STAGE if settings.label is None else LABEL_STAGE
     stages = Stages({looking: 1} | ({SMOOTHING: smoothing.weight} if smoothing.smooths else {}))
     if window is None:
-        window = yield from stages.run(looking, field_window_steps(volume, settings, budget, region))
+        window = yield from stages.run(looking, _field_window_steps(volume, settings, budget, region))
     reach = smoothing.reach(volume.spacing, settings)
     box = grown_box(window, [voxels + 1 for voxels in reach], volume.size)  # a voxel more, for normals
     origin = (box[0][0], box[1][0], box[2][0])
@@ -96,7 +96,7 @@ def field_steps(
     return (yield from stages.run(SMOOTHING, smoothing.field_steps(field, volume, budget, with_surface)))
 
 
-def field_window_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget, region: Box) -> Steps[Box]:
+def _field_window_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget, region: Box) -> Steps[Box]:
     """Return the box that is extracted: the region, or in it a label's box with its margin."""
     window = region
     if settings.label is None and not is_for_gray(settings.smoothing_method):

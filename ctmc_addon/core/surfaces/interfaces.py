@@ -130,7 +130,7 @@ def complex_steps(
         As `reconstruct`.
     """
     scope = scope or scope_of_labels(volume, settings)
-    making = LabelInterfaces(volume, settings, budget or Budget(), all_needed, scope)
+    making = _LabelInterfaces(volume, settings, budget or Budget(), all_needed, scope)
     yield from making.fields_steps(labels)
     yield from making.owners_steps()
     yield from making.bands_steps()
@@ -138,7 +138,7 @@ def complex_steps(
     return (yield from making.result_steps())
 
 
-class LabelInterfaces:
+class _LabelInterfaces:
     """Make a complex, stage by stage."""
 
     owners: Owners

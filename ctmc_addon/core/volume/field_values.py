@@ -109,7 +109,7 @@ class GrayValues:
             if z[0] <= number < z[1] and not np.isfinite(layer[slice(*y), slice(*x)]).all():
                 needed = self.volume.part(self.needed)
                 count = sum(int(slab.size - np.count_nonzero(np.isfinite(slab))) for slab in slabs_of(needed))
-                raise VolumeError(not_finite_text(count))
+                raise VolumeError(_not_finite_text(count))
         return values
 
 
@@ -184,7 +184,7 @@ def fetched_steps(volume: Volume, numbers: Sequence[int]) -> Steps[NDArray[Any]]
     """Fetch the slices of a volume with rising numbers, (slices, rows, columns): a view where that is possible."""
     rows, columns = range(volume.shape[1]), range(volume.shape[2])
     parts = []
-    for run in runs_of(list(numbers)):
+    for run in _runs_of(list(numbers)):
         yield PAUSE
         parts.append(volume.samples(run, rows, columns))
     if not parts:
@@ -192,7 +192,7 @@ def fetched_steps(volume: Volume, numbers: Sequence[int]) -> Steps[NDArray[Any]]
     return parts[0] if len(parts) == 1 else np.concatenate(parts)
 
 
-def runs_of(numbers: list[int]) -> Iterator[range]:
+def _runs_of(numbers: list[int]) -> Iterator[range]:
     """Rising numbers as ranges.
 
     Examples
@@ -210,6 +210,6 @@ def runs_of(numbers: list[int]) -> Iterator[range]:
         start = end
 
 
-def not_finite_text(count: int) -> str:
+def _not_finite_text(count: int) -> str:
     """Return what is wrong with values that are not finite, and the remedy."""
     return f"{count} voxels are NaN or infinite; replace them with nan_as, such as -1024 in HU"

@@ -34,7 +34,7 @@ def require_gray_type(dtype: np.dtype[Any]) -> None:
         raise VolumeError(f"values of type {dtype} are not gray values; convert them to int16 or float32")
 
 
-def require_samples(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
+def _require_samples(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
     """Raise a `VolumeError` for a volume without a voxel, or of values that are not gray values."""
     if min(shape) < 2:
         raise VolumeError(
@@ -144,7 +144,7 @@ class Volume(SampleGrid):
                 )
             require_gray_type(values.dtype)
             object.__setattr__(self, "reader", ValuesInMemory(values))
-        require_samples(self.shape, self.dtype)
+        _require_samples(self.shape, self.dtype)
         try:
             object.__setattr__(self, "kind", ValueKind(self.kind))
         except ValueError:

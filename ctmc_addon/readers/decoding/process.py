@@ -140,7 +140,7 @@ class DecodingProcess:
         assert self.process.stdout is not None
         handle = self.process.stdout.fileno()
         try:
-            if not is_readable(handle):
+            if not _is_readable(handle):
                 return b""
             piece = os.read(handle, PIECE)
         except OSError:  # a broken pipe, on Windows
@@ -190,7 +190,7 @@ def started_steps(pixels: int) -> Steps[DecodingProcess | None]:
     return process if ready else None
 
 
-def is_readable(handle: int) -> bool:
+def _is_readable(handle: int) -> bool:
     """Return whether a pipe has something to read or has ended, after at most `TICK` seconds."""
     if sys.platform != "win32":
         return bool(select.select([handle], [], [], TICK)[0])

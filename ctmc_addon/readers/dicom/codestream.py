@@ -79,10 +79,10 @@ def codestream_size(frame: bytes) -> tuple[int, int, int] | None:
     if frame.startswith(JPEG_2000):
         right, lower, left, upper = (int.from_bytes(frame[at : at + 4], "big") for at in (8, 12, 16, 20))
         return lower - upper, right - left, int.from_bytes(frame[40:42], "big")
-    return jpeg_size(frame) if frame.startswith(START) else None
+    return _jpeg_size(frame) if frame.startswith(START) else None
 
 
-def jpeg_size(frame: bytes) -> tuple[int, int, int]:
+def _jpeg_size(frame: bytes) -> tuple[int, int, int]:
     """Return `codestream_size` of JPEG and JPEG-LS, whose start of frame follows other segments."""
     for marker, at, _ in segments_of(frame):
         if marker in FRAMES:

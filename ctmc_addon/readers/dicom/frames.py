@@ -18,7 +18,7 @@ class WrongGroups(ValueError):
     """A file has more or fewer functional groups than frames; the text has both numbers."""
 
 
-class Moment(NamedTuple):
+class _Moment(NamedTuple):
     """The times and numbers that tell a frame from others at its position; empty or None if missing."""
 
     temporal: str = ""  # number of the time point
@@ -37,7 +37,7 @@ class FrameGeometry(NamedTuple):
     intercept: float
     unit: str  # RescaleType, empty where there is none
     scout: bool
-    moment: Moment = Moment()
+    moment: _Moment = _Moment()
 
 
 def frame_geometries(dataset: Any, count: int) -> tuple[FrameGeometry, ...]:
@@ -92,7 +92,7 @@ def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> F
     )
 
 
-def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
+def _moment(dataset: Any, value_of: Callable[..., Any]) -> _Moment:
     temporal = value_of("FrameContentSequence", "TemporalPositionIndex", False)
     acquisition = value_of("FrameContentSequence", "FrameAcquisitionNumber", False)
     delay = value_of("CardiacSynchronizationSequence", "NominalCardiacTriggerDelayTime", False)
@@ -101,7 +101,7 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> Moment:
     trigger = _numbers([dataset.get("TriggerTime", None) if delay is None else delay], 1)
     times = (str(dataset.get("AcquisitionTime", None) or ""), str(dataset.get("ContentTime", None) or ""))
     started = str(value_of("FrameContentSequence", "FrameReferenceDateTime", False) or "")
-    return Moment(
+    return _Moment(
         str(temporal or dataset.get("TemporalPositionIdentifier", None) or ""),
         str(acquisition or dataset.get("AcquisitionNumber", None) or ""),
         trigger[0] if trigger else None,

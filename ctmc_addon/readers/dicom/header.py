@@ -108,7 +108,7 @@ def may_be_dicom(path: Path) -> bool:
         return False
     try:
         with path.open("rb") as file:
-            return has_preamble(file) or looks_like_dataset(file)
+            return _has_preamble(file) or _looks_like_dataset(file)
     except OSError:
         return False
 
@@ -118,14 +118,14 @@ def has_other_suffix(path: Path) -> bool:
     return path.name.upper() in BY_FILE_NAME or BY_SUFFIX.get(suffix(path), "DICOM") != "DICOM"
 
 
-def has_preamble(file: IO[bytes]) -> bool:
+def _has_preamble(file: IO[bytes]) -> bool:
     """Return whether the file has 'DICM' at the position of PS3.10; leave `file` at its start."""
     head = file.read(132)
     file.seek(0)
     return head[128:] == b"DICM"
 
 
-def looks_like_dataset(file: IO[bytes]) -> bool:
+def _looks_like_dataset(file: IO[bytes]) -> bool:
     """Return whether the file begins like a DICOM dataset that lost its preamble; leave `file` at its start."""
     head = file.read(8)
     file.seek(0)
@@ -146,12 +146,12 @@ def pydicom_errors() -> tuple[type[Exception], ...]:
 
 
 @cache
-def tag_of(keyword: str) -> Any:
+def _tag_of(keyword: str) -> Any:
     """Return pydicom's tag of a keyword, looked up once instead of once a file."""
     return needed("pydicom.tag", "pydicom", "DICOM").Tag(keyword)
 
 
-class DatasetValues:
+class _DatasetValues:
     """The values of a dataset by keyword; pydicom takes long to look for missing elements, and most are missing."""
 
     def __init__(self, dataset: Any) -> None:
@@ -159,17 +159,17 @@ class DatasetValues:
         self.present = frozenset(dataset.keys())
 
     def __contains__(self, keyword: str) -> bool:
-        return tag_of(keyword) in self.present
+        return _tag_of(keyword) in self.present
 
     def get(self, keyword: str, default: Any) -> Any:
         """Return a value, or the default where the dataset does not have it."""
-        tag = tag_of(keyword)
+        tag = _tag_of(keyword)
         return self.dataset[tag].value if tag in self.present else default
 
 
 def read_dataset(file: IO[bytes], **options: Any) -> Any:
     """Return the elements of `KEYWORDS`, as pydicom reads them."""
-    return needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=list(map(tag_of, KEYWORDS)), **options)
+    return needed("pydicom", "pydicom", "DICOM").dcmread(file, specific_tags=list(map(_tag_of, KEYWORDS)), **options)
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
@@ -177,10 +177,10 @@ def read_header(path: Path) -> ImageFile | Broken | None:
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:
-        preamble = has_preamble(file)
+        preamble = _has_preamble(file)
         if label_class(path):
             return None
-        if preamble or looks_like_dataset(file):
+        if preamble or _looks_like_dataset(file):
             return _parsed(path, file, preamble)
     return Broken(path, "", stray=True)
 
@@ -201,11 +201,11 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         if unpacks_without_end(file):
             return Broken(path, "", "it unpacks to far more than its size tells of")
         dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
-        syntax = syntax_of(dataset)
+        syntax = _syntax_of(dataset)
         if syntax == DEFLATED:  # skipped values cannot be found again in the file
             file.seek(0)
             dataset = read_dataset(file, force=not preamble)
-        elements = DatasetValues(dataset)
+        elements = _DatasetValues(dataset)
         series = str(elements.get("SeriesInstanceUID", None) or "")
         kind = sop_class(elements)
         if not kind or (kind[0].isdigit() and not series):  # cut off before or within it
@@ -225,7 +225,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
             return Broken(path, series, number, EXPORT)
         pixels = pixels_of(elements, syntax, options)
         damage = missing_pixels(pixels, dataset.get_item(keyword, keep_deferred=True).length, file.seek(0, 2))
-        return Broken(path, series, damage) if damage else image_file(path, elements, series, pixels)
+        return Broken(path, series, damage) if damage else _image_file(path, elements, series, pixels)
     except WrongGroups as error:
         return Broken(path, series, str(error), EXPORT)
     except unreadable:
@@ -237,15 +237,15 @@ def kind_in_words(path: Path) -> str:
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)
     try:
         with quiet(), path.open("rb") as file:
-            if not (has_preamble(file) or looks_like_dataset(file)) or unpacks_without_end(file):
+            if not (_has_preamble(file) or _looks_like_dataset(file)) or unpacks_without_end(file):
                 return ""
-            kind = sop_class(DatasetValues(read_dataset(file, stop_before_pixels=True, force=True)))
+            kind = sop_class(_DatasetValues(read_dataset(file, stop_before_pixels=True, force=True)))
     except unreadable:
         return ""
     return "of a private kind" if kind[:1].isdigit() else kind.removesuffix(" Storage")
 
 
-def syntax_of(dataset: Any) -> str:
+def _syntax_of(dataset: Any) -> str:
     """Return the transfer syntax UID, or the one in which the file was read if it names none."""
     implicit, little = dataset.original_encoding
     assumed = IMPLICIT_LITTLE if implicit else EXPLICIT_LITTLE if little else EXPLICIT_BIG
@@ -259,13 +259,13 @@ def one_line(value: Any) -> str:
     return "".join(letter for letter in " ".join(words) if letter.isprintable())[:LONGEST_CALLED]
 
 
-def sop_class(elements: DatasetValues) -> str:
+def sop_class(elements: _DatasetValues) -> str:
     """Return the name of the SOP class, such as 'CT Image Storage'; empty if the file has none."""
     kind = elements.get("SOPClassUID", None) or elements.dataset.file_meta.get("MediaStorageSOPClassUID", None)
     return str(getattr(kind, "name", ""))
 
 
-def image_file(path: Path, elements: DatasetValues, series: str, pixels: Pixels) -> ImageFile:
+def _image_file(path: Path, elements: _DatasetValues, series: str, pixels: Pixels) -> ImageFile:
     """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
@@ -302,7 +302,7 @@ def options_of(dataset: Any, keyword: str) -> dict[str, Any]:
     return options | sizes
 
 
-def pixels_of(elements: DatasetValues, syntax: str, options: Mapping[str, Any]) -> Pixels:
+def pixels_of(elements: _DatasetValues, syntax: str, options: Mapping[str, Any]) -> Pixels:
     """Return the storage of the pixels."""
     keyword = options["pixel_keyword"]
     return Pixels(

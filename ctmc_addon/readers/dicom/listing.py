@@ -43,7 +43,7 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
         sizes = Counter((ct_slice.image.columns, ct_slice.image.rows) for ct_slice in slices)
         positions = {ct_slice.geometry.position for ct_slice in slices} - {None}
         dtype = np.dtype(output_types([ct_slice.geometry for ct_slice in slices], image.pixels.floating)[0])
-        times, default_time, spacing_mm = times_and_spacing(slices, path)
+        times, default_time, spacing_mm = _times_and_spacing(slices, path)
         lines.append(
             Series(
                 number,
@@ -56,13 +56,13 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
                 default_time,
                 *image.called,
                 spacing_mm,
-                folder_of(folders[uid], path) if several else "",
+                _folder_of(folders[uid], path) if several else "",
             )
         )
     return tuple(lines)
 
 
-def times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, float | None]:
+def _times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, float | None]:
     """Return the number of times in the largest group of a series, the default time, and the mm between its slices.
 
     The default is the time that holds the file `path`, else the first of those with the most slices. A series that
@@ -99,7 +99,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     list of Slice
         Empty where none has a position.
     """
-    groups = geometry_groups([ct_slice for ct_slice in slices if is_placed(ct_slice) and not is_scout(ct_slice)])
+    groups = _geometry_groups([ct_slice for ct_slice in slices if is_placed(ct_slice) and not is_scout(ct_slice)])
     if not groups:
         return []
     group = max(groups, key=len)  # the first of equals; but a file given by itself chooses its own
@@ -108,7 +108,7 @@ def largest_group(slices: Sequence[Slice], path: Path) -> list[Slice]:
     return sorted(group, key=in_order)
 
 
-def folder_of(folders: set[Path], path: Path) -> str:
+def _folder_of(folders: set[Path], path: Path) -> str:
     """Return the folder of a series below `path`, such as 'a/b', '.' for `path` itself, or '2 folders'."""
     if len(folders) > 1:
         return f"{len(folders)} folders"
@@ -128,7 +128,7 @@ def is_scout(ct_slice: Slice) -> bool:
     return ct_slice.image.scout or ct_slice.geometry.scout
 
 
-def geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
+def _geometry_groups(slices: Sequence[Slice]) -> list[list[Slice]]:
     """Group slices by size, orientation and spacing."""
     groups: list[list[Slice]] = []
     for ct_slice in slices:
@@ -144,12 +144,12 @@ def alike(first: Slice, second: Slice) -> bool:
     """Return whether two slices can belong to one volume."""
     a, b = first.geometry, second.geometry
     if a.orientation == b.orientation:
-        return same_grid(first, second)
+        return _same_grid(first, second)
     turn = max(abs(p - q) for p, q in zip(a.orientation or (), b.orientation or (), strict=True))
-    return turn <= SAME_DIRECTION and same_grid(first, second)
+    return turn <= SAME_DIRECTION and _same_grid(first, second)
 
 
-def same_grid(first: Slice, second: Slice) -> bool:
+def _same_grid(first: Slice, second: Slice) -> bool:
     """Return whether two slices have the same size and spacing, in whatever direction."""
     if (first.image.rows, first.image.columns) != (second.image.rows, second.image.columns):
         return False
@@ -169,25 +169,25 @@ def turning(slices: Sequence[Slice], best: Sequence[Slice]) -> str:
     best : sequence of Slice
         The largest group of one direction.
     """
-    ordered = sorted((ct_slice for ct_slice in slices if same_grid(best[0], ct_slice)), key=in_order)
-    steps = [turn_degrees(one, following) for one, following in pairwise(ordered)]
+    ordered = sorted((ct_slice for ct_slice in slices if _same_grid(best[0], ct_slice)), key=in_order)
+    steps = [_turn_degrees(one, following) for one, following in pairwise(ordered)]
     if not steps or (len(best) > 1 and (2 * len(best) >= len(ordered) or median(steps) < ROUNDED_DEGREES)):
         return ""
-    first, last = ordered[0], max(ordered, key=lambda ct_slice: turn_degrees(ordered[0], ct_slice))
+    first, last = ordered[0], max(ordered, key=lambda ct_slice: _turn_degrees(ordered[0], ct_slice))
     return (
         f"the {len(ordered)} slices turn: ImageOrientationPatient differs by {median(steps):.2g} degrees from one to "
-        f"the next and by {turn_degrees(first, last):.2g} degrees between {first.name} and {last.name}, and slices of "
+        f"the next and by {_turn_degrees(first, last):.2g} degrees between {first.name} and {last.name}, and slices of "
         f"one volume differ by at most {math.degrees(SAME_DIRECTION):.1g} degrees"
     )
 
 
-def turn_degrees(first: Slice, second: Slice) -> float:
+def _turn_degrees(first: Slice, second: Slice) -> float:
     """Return the angle of the turn that carries the axes of one slice to those of another."""
-    difference = axes_of(first) - axes_of(second)
+    difference = _axes_of(first) - _axes_of(second)
     return 2 * math.degrees(math.asin(min(1.0, math.sqrt(float((difference**2).sum()) / 8))))
 
 
-def axes_of(ct_slice: Slice) -> NDArray[np.float64]:
+def _axes_of(ct_slice: Slice) -> NDArray[np.float64]:
     """Return the directions of a slice's rows, columns and normal, (3, 3)."""
     row, column = np.array(ct_slice.geometry.orientation, np.float64).reshape(2, 3)
     return np.stack([row, column, np.cross(row, column)])

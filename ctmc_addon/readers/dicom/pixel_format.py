@@ -133,7 +133,7 @@ def padding_ends(elements: Any, options: Mapping[str, Any]) -> tuple[int, int] |
     if len(whole) < 2:
         return None
     bits = options.get("bits_stored") or allocated  # floats have none
-    low, high = (low_bits(end, bits, signed) for end in sorted(whole))
+    low, high = (_low_bits(end, bits, signed) for end in sorted(whole))
     # A range across a multiple of 2**bits would become the rest of all values.
     return (low, high) if high - low == max(whole) - min(whole) else (min(whole), max(whole))
 
@@ -163,10 +163,10 @@ def as_stored(value: Any, bits: int, signed: bool) -> int | None:
     if value is None:
         return None
     number = int.from_bytes(value[: (bits + 7) // 8], "little") if isinstance(value, bytes) else int(value)
-    return low_bits(number, bits, signed)
+    return _low_bits(number, bits, signed)
 
 
-def low_bits(number: int, bits: int, signed: bool) -> int:
+def _low_bits(number: int, bits: int, signed: bool) -> int:
     """Return the lowest bits of a whole number as a number, the highest of them its sign if it has one."""
     number %= 1 << bits
     return number - (1 << bits) if signed and number >= 1 << (bits - 1) else number
@@ -205,8 +205,8 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
     above, below = None, None
     if pixels.syntax in LOSSY and not exact:
         margin = int((high - low) * OVERSHOOT)
-        above = overshot(stored > high, stored > high - margin, stored <= high + margin)
-        below = overshot(stored < low, stored < low + margin, stored >= low - margin)
+        above = _overshot(stored > high, stored > high - margin, stored <= high + margin)
+        below = _overshot(stored < low, stored < low + margin, stored >= low - margin)
     out = stored if stored.flags.writeable else None
     shifted = np.left_shift(stored, unused, out=out)
     values = np.right_shift(shifted, unused, out=shifted)
@@ -216,7 +216,9 @@ def value_bits(stored: NDArray[Any], pixels: Pixels, exact: bool = False) -> NDA
     return values
 
 
-def overshot(beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+def _overshot(
+    beyond: NDArray[np.bool_], past: NDArray[np.bool_], within: NDArray[np.bool_]
+) -> NDArray[np.bool_] | None:
     """Return the pixels that a lossy codec pushed beyond an end of the range of values; None without any beyond.
 
     Errors of a codec are small and go both ways, so a saturated body also has pixels just before the end, and those

@@ -94,7 +94,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
                 source = pydicom.dcmread(file, specific_tags=list(PIXEL_KEYWORDS))[options["pixel_keyword"]].value
             else:
                 if image.pixels.compressed:
-                    exact = checked_codestreams(image, frames, file)
+                    exact = _checked_codestreams(image, frames, file)
                 file.seek(image.pixels.start)
             options = {**options, "view_only": True, "correct_unused_bits": False}
             decoded = decoder.iter_array(source, indices=frames, **options)
@@ -143,7 +143,7 @@ def plain_frames(image: ImageFile, frames: Sequence[int], dtype: np.dtype[Any]) 
             yield value_bits(plane, image.pixels)
 
 
-def checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> list[bool]:
+def _checked_codestreams(image: ImageFile, frames: Sequence[int], file: Any) -> list[bool]:
     """Check frames before they are decoded; return for each whether it gives exactly the compressed pixels.
 
     Raises

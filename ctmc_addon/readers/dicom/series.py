@@ -83,7 +83,7 @@ class DicomSource(VolumeSource):
         uid, notes = self._selected(request.series or "")
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
-        check_whole(self.content, uid)
+        _check_whole(self.content, uid)
         slices = times_of(slices)[request.time - 1]
         color = sum(image.series == uid for image in self.content.color)
         if color:
@@ -96,7 +96,7 @@ class DicomSource(VolumeSource):
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
                 check_codec(image)
-        stack, own_spacing = stack_and_spacing_note(slices, request)
+        stack, own_spacing = _stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
         stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
         decoding = values_steps(ordered, stack, request.whole, request.budget)
@@ -133,7 +133,7 @@ class DicomSource(VolumeSource):
         return line.uid, [f"{count} series found: series {line.number}, with the most slices, was read"]
 
 
-def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
+def _stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
     """Return the stack of the slices, and words about a spacing that cannot be used."""
     first = slices[0].geometry
     pixel_spacing, unusable = first.spacing, ""
@@ -178,8 +178,8 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
         folder = path if path.is_dir() else path.parent
         candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
         headers = yield from stages.run("Reading headers", headers_steps(candidates))
-        return DicomSource(path, sorted_out(headers))
-    (own,) = yield from stages.run("Reading header", each_header_steps([path]))
+        return DicomSource(path, _sorted_out(headers))
+    (own,) = yield from stages.run("Reading header", _each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
         what = f"holds a DICOM object that is not a CT: {kind}" if kind else "is not a DICOM image"
@@ -187,14 +187,14 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     if isinstance(own, Broken):
         raise truncated(own)
     if len(own.frames) > 1:
-        return DicomSource(path, sorted_out([own]))
+        return DicomSource(path, _sorted_out([own]))
     others = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural_key)
     at = next(number for number, file in enumerate(others) if file.name == path.name)
     before = yield from stages.run("Reading headers", headers_steps(others[:at]))
     after = yield from stages.run("Reading headers", headers_steps(others[at + 1 :]))
     headers = [*before, own, *after]
     return DicomSource(
-        path, sorted_out([header for header in headers if header.series == own.series or isinstance(header, Broken)])
+        path, _sorted_out([header for header in headers if header.series == own.series or isinstance(header, Broken)])
     )
 
 
@@ -205,11 +205,11 @@ def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:
     ----------
     files : sequence of Path
     """
-    headers = yield from each_header_steps(files)
+    headers = yield from _each_header_steps(files)
     return [header for header in headers if header is not None]
 
 
-def each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
+def _each_header_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken | None]]:
     """Return `read_header` of each file; pydicom is imported only where one may be DICOM."""
     stages = Stages({"Loading pydicom": 1, "Reading headers": 4})
     if any(map(may_be_dicom, files)):
@@ -225,7 +225,7 @@ def estimate_voxels(folder: Path) -> int:
     return 0 if first is None else first.rows * first.columns * len(files) * len(first.frames)
 
 
-def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
+def _sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
     """Group slices by series, in the order in which the series first appear."""
     series: dict[str, list[Slice]] = {}
     broken = [header for header in headers if isinstance(header, Broken)]
@@ -236,19 +236,21 @@ def sorted_out(headers: Sequence[ImageFile | Broken]) -> FolderContent:
             series.setdefault(image.series, []).extend(Slice(image, frame) for frame in range(len(image.frames)))
     slice_names: dict[tuple[Path, str], set[str]] = {}
     for image in images if broken else []:
-        slice_names.setdefault((image.path.parent, name_pattern(image.path)), set()).add(image.series)
+        slice_names.setdefault((image.path.parent, _name_pattern(image.path)), set()).add(image.series)
     unsound, strays = [], 0
     for header in broken:
-        own = slice_names.get((header.path.parent, name_pattern(header.path)), ()) if header.stray else (header.series,)
+        own = (
+            slice_names.get((header.path.parent, _name_pattern(header.path)), ()) if header.stray else (header.series,)
+        )
         damage = "named like the slices, but not DICOM" if header.path.stat().st_size else "0 bytes"
         unsound += [
             header._replace(series=uid, damage=damage if header.stray else header.damage) for uid in sorted(own)
         ]
-        strays += not own and is_named_dicom(header.path)
+        strays += not own and _is_named_dicom(header.path)
     return FolderContent(series, unsound, color, strays)
 
 
-def name_pattern(path: Path) -> str:
+def _name_pattern(path: Path) -> str:
     """Return the common part of the names in one export, with '#' for numbers and hexadecimal words.
 
     Examples
@@ -260,12 +262,12 @@ def name_pattern(path: Path) -> str:
     return re.sub(r"[0-9]+", "#", words)
 
 
-def is_named_dicom(path: Path) -> bool:
+def _is_named_dicom(path: Path) -> bool:
     """Return whether a file that is not DICOM has a suffix of DICOM, or none and too few bytes."""
     return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
-def check_whole(content: FolderContent, uid: str) -> None:
+def _check_whole(content: FolderContent, uid: str) -> None:
     """Refuse a series with a broken file, because a slice would be missing silently."""
     for broken in content.broken:
         cut_off = broken.series not in content.series and uid.startswith(broken.series)  # within its UID

@@ -27,7 +27,7 @@ from .stored import StoredPixels
 PLANES = 8  # Slices cleared of padding between two steps.
 
 
-class DicomSlices(SliceReader):
+class _DicomSlices(SliceReader):
     """Slices of a volume in the type `dtype`.
 
     Parameters
@@ -45,7 +45,7 @@ class DicomSlices(SliceReader):
         if self.dtype.kind == "f" and not any(one.image.pixels.floating for one in slices):
             scales = {(one.geometry.slope, one.geometry.intercept) for one in slices}
             self.value_step = min(step_of_scale(np.dtype(np.int32), *scale) for scale in scales)
-        self._fits = fit_by_headers(slices, dtype) and all(plain_type(one.image) is not None for one in slices)
+        self._fits = _fit_by_headers(slices, dtype) and all(plain_type(one.image) is not None for one in slices)
         self._pixels = StoredPixels(slices)
         finalize(self, self._pixels.close)
 
@@ -121,10 +121,10 @@ def values_steps(
     """
     types = output_types([one.geometry for one in slices], any(one.image.pixels.floating for one in slices))
     if not whole:
-        dtype, seen = yield from type_steps(slices, types)
-        return DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)
+        dtype, seen = yield from _type_steps(slices, types)
+        return _DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)
     for dtype in types:
-        reader = DicomSlices(slices, stack, dtype)
+        reader = _DicomSlices(slices, stack, dtype)
         require_volume_memory(reader.shape, reader.dtype.itemsize, "this series", budget)
         values = np.empty(reader.shape, dtype)
         try:
@@ -136,14 +136,14 @@ def values_steps(
             reader.close()
         notes = padding_notes(seen)
         if notes:
-            yield from clear_padding_steps(values, seen.lowest)
+            yield from _clear_padding_steps(values, seen.lowest)
         return ValuesInMemory(values, reader.value_step), notes
     raise AssertionError("float32 holds every value")
 
 
-def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any, SliceRead]]:
+def _type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any, SliceRead]]:
     """Return the first type that holds all slices, and their padding, by their headers or by decoding each."""
-    if fit_by_headers(slices, types[0]):
+    if _fit_by_headers(slices, types[0]):
         return types[0], SliceRead(math.inf, 0)
     low, high, padded = math.inf, -math.inf, 0
     with StoredPixels(slices) as pixels:
@@ -157,7 +157,7 @@ def type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[Any
     return next(dtype for dtype in types if fits(low, high, dtype)), SliceRead(low, padded)
 
 
-def fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
+def _fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
     """Return whether the headers say that all values fit into a type, and that none of them is padding."""
     if any(one.image.pixels.padding is not None for one in slices):
         return False
@@ -206,7 +206,7 @@ def padding_notes(seen: SliceRead) -> list[str]:
     return [f"{seen.padded} padding pixels were set to the lowest value, {seen.lowest:g}"]
 
 
-def clear_padding_steps(values: NDArray[Any], lowest: float) -> Steps[None]:
+def _clear_padding_steps(values: NDArray[Any], lowest: float) -> Steps[None]:
     """Give padding the lowest real value, so that no surface surrounds it."""
     mark = padding_mark(values.dtype)
     for at in range(0, len(values), PLANES):

@@ -31,7 +31,7 @@ class StoredPixels:
         self.asked: int | None = None  # slice that the process decodes
         self.here: Iterator[NDArray[Any]] | None = None
         self.following = -1  # slice that `here` gives next
-        self.decodes_here = not any(needs_process(ct_slice) for ct_slice in slices)
+        self.decodes_here = not any(_needs_process(ct_slice) for ct_slice in slices)
 
     def __enter__(self) -> StoredPixels:
         return self
@@ -88,7 +88,7 @@ class StoredPixels:
             ) from error
 
 
-def needs_process(ct_slice: Slice) -> bool:
+def _needs_process(ct_slice: Slice) -> bool:
     """Return whether a slice is decoded by a library in C."""
     return ct_slice.image.pixels.syntax not in (*UNCOMPRESSED, RLE)
 

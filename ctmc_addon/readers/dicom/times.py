@@ -43,7 +43,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
     mean = len(slices) / len(groups)
     if mean < FEWEST:  # the scanner counts slices
         groups = [list(range(len(slices)))]
-    pieces = [piece for group in groups for piece in by_acquisition(group, acquisition, along)]
+    pieces = [piece for group in groups for piece in _by_acquisition(group, acquisition, along)]
     times: list[list[int]] = []
     for piece in pieces:  # those that follow each other in space are one volume
         room = next((time for time in times if not overlaps(along[time], along[piece])), None)
@@ -55,7 +55,7 @@ def times_of(slices: Sequence[Slice]) -> list[list[Slice]]:
         times = in_order(slices, along) or times
     selected = [[slices[at] for at in sorted(time)] for time in times]
     for time, numbers in zip(selected, times, strict=True):
-        check_doubled(time, along[sorted(numbers)])
+        _check_doubled(time, along[sorted(numbers)])
     return selected
 
 
@@ -79,7 +79,7 @@ def grouped(numbers: Iterable[int], keys: Sequence[str]) -> list[list[int]]:
     return [groups[key] for key in sorted(groups, key=lambda key: (len(key), key))]
 
 
-def by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.float64]) -> list[list[int]]:
+def _by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.float64]) -> list[list[int]]:
     """Return the acquisitions among slices; all in one where they are few slices each, or nowhere overlap."""
     pieces = grouped(group, keys)
     if min(map(len, pieces)) < FEWEST:
@@ -120,12 +120,12 @@ def in_order(slices: Sequence[Slice], along: NDArray[np.float64]) -> list[list[i
         if None in keys:
             continue
         ranked = [sorted(level, key=keys.__getitem__) for level in by_height.values()]
-        if tells_apart([[keys[number] for number in level] for level in ranked]):
+        if _tells_apart([[keys[number] for number in level] for level in ranked]):
             return [list(time) for time in zip(*ranked, strict=True)]
     return []
 
 
-def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
+def _tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
     """Return whether sorted keys of each position give distinct times.
 
     They differ at each place, and each time ends before the next begins, or each place before the next.
@@ -139,7 +139,7 @@ def tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
     return by_time or by_level
 
 
-def check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
+def _check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
     """Refuse slices of which most stand where a different one stands; copies of one image are alike."""
     images: dict[int, set[tuple[str, int]]] = {}
     for ct_slice, height in zip(slices, along, strict=True):

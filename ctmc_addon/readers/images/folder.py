@@ -25,7 +25,7 @@ from .tiff import opened_stack, page_count, raw_values_steps, tiff_picture, tiff
 from .tiff_axes import TiffMetadata
 
 
-class ImageFolder(VolumeSource):
+class _ImageFolder(VolumeSource):
     """The slices of one format in a folder.
 
     Parameters
@@ -43,7 +43,7 @@ class ImageFolder(VolumeSource):
     def __init__(self, folder: Path, headers: Sequence[Picture], notes: Sequence[str], times: int = 1) -> None:
         self.headers = headers
         self.notes = tuple(notes)
-        self.format = format_by_name(headers[0].path)
+        self.format = _format_by_name(headers[0].path)
         first = headers[0]
         series = Series(1, "", len(headers) // times, (first.columns, first.rows), "", first.dtype.name, times)
         files = list(dict.fromkeys(header.path for header in headers))
@@ -66,14 +66,14 @@ class ImageFolder(VolumeSource):
         reader = DecodedSlices(decode, (slices, rows, columns), first.dtype, request.budget.thread_count)
         lossy = "JPEG is lossy: the gray values are near the original ones, not equal to them"
         notes = (*self.notes, *([lossy] if self.format == "JPEG" else ()))
-        metadata = common_metadata(self.headers)
+        metadata = _common_metadata(self.headers)
         if metadata.spacing is None:
             spacing, log_notes = skyscan_spacing(self.files)
             metadata = metadata._replace(spacing=spacing, notes=(*metadata.notes, *log_notes))
         return (yield from raw_values_steps(reader, metadata, notes, self.path.name, request))
 
 
-def common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
+def _common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
     """Return what the files of all slices say; where they differ in spacing, a note instead of it."""
     first = headers[0].metadata
     if all(header.metadata.spacing == first.spacing for header in headers):
@@ -113,17 +113,17 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     name = folder.absolute().name
     images = images_in(folder)
     own_slice = own_slice and listed(own_slice, images)
-    images, notes = one_format(images, own_slice)
+    images, notes = _one_format(images, own_slice)
     stages = Stages({"Reading headers": 1})
     ome = None
     if suffix(images[0]) in PAGE_SUFFIXES:
         ome = ome_files_among(images, name) if own_slice is None else ome_files_of(own_slice)
     if ome is not None:
         headers, ome_notes = yield from stages.run("Reading headers", slices_of_ome_steps(ome, images))
-        check_alike(headers)
+        _check_alike(headers)
         if own_slice is not None:
             notes.insert(0, f"{own_slice.name} belongs to an OME-TIFF of several files, which was read")
-        return ImageFolder(folder, headers, [*notes, *ome_notes], ome.pages.times)
+        return _ImageFolder(folder, headers, [*notes, *ome_notes], ome.pages.times)
     add_inputs(images)  # No output replaces a picture that is left out, either.
     images, left_out = slices_by_name(images, own_slice, name)
     notes += left_out
@@ -136,11 +136,11 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
             raise ReadError(f"{name} has one slice only ({images[0].name}); a surface needs at least 2 slices")
         stack.name = stem(folder)
         return stack
-    check_alike(headers)
+    _check_alike(headers)
     check_numbers(images)
     if own_slice is not None:
         notes.insert(0, f"{own_slice.name} is one slice: its folder was read, {len(headers)} slices")
-    return ImageFolder(folder, headers, notes)
+    return _ImageFolder(folder, headers, notes)
 
 
 def listed(own_slice: Path, images: Sequence[Path]) -> Path:
@@ -152,23 +152,23 @@ def listed(own_slice: Path, images: Sequence[Path]) -> Path:
     return same
 
 
-def format_by_name(path: Path) -> str:
+def _format_by_name(path: Path) -> str:
     """Return the format of an image by its suffix, such as 'JPEG'."""
     return BY_SUFFIX[suffix(path)]
 
 
-def one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Path], list[str]]:
+def _one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Path], list[str]]:
     """The images of the commonest format, or of that of `own_slice`; and the note that says what was left out."""
-    counts = Counter(map(format_by_name, images))
+    counts = Counter(map(_format_by_name, images))
     best = max(counts, key=lambda name: (counts[name], -list(FORMATS).index(name)))
-    best = format_by_name(own_slice) if own_slice is not None else best
-    selected = [path for path in images if format_by_name(path) == best]
+    best = _format_by_name(own_slice) if own_slice is not None else best
+    selected = [path for path in images if _format_by_name(path) == best]
     others = [f"{count} {name}" for name, count in sorted(counts.items()) if name != best]
     note = f"{' and '.join(others)} beside the {len(selected)} {best} slices left out"
     return selected, [note] if others else []
 
 
-def check_alike(headers: Sequence[Picture]) -> None:
+def _check_alike(headers: Sequence[Picture]) -> None:
     """Refuse slices of different sizes or depths, naming the first odd one."""
     pages = next((header for header in headers if header.pages > 1), None)
     if pages is not None:

@@ -26,7 +26,7 @@ from .tiff_axes import Pages, pages_of_axes
 MOST_XML = 1 << 26  # bytes
 
 
-class OmeFiles(NamedTuple):
+class _OmeFiles(NamedTuple):
     """An OME-TIFF of several files.
 
     Parameters
@@ -71,7 +71,7 @@ class OmeFiles(NamedTuple):
         return [name for name in names if Path(name).name != name or not (folder / name).is_file()]
 
 
-def ome_files_of(path: Path) -> OmeFiles | None:
+def ome_files_of(path: Path) -> _OmeFiles | None:
     """Return the OME-TIFF of several files that a TIFF is one of; None where it is complete by itself.
 
     A file of several pages whose other files are missing is read by itself.
@@ -94,11 +94,11 @@ def ome_files_of(path: Path) -> OmeFiles | None:
     image = image_with(root, path.name, own, count_pages)
     if image is None or (len(image.files) < 2 and not companion):
         return None
-    ome = OmeFiles(path, image, pages_of_axes(image.axes, image.sizes, path))
+    ome = _OmeFiles(path, image, pages_of_axes(image.axes, image.sizes, path))
     return None if ome.missing and plain_page_count(path) > 1 else ome
 
 
-def ome_files_among(images: Sequence[Path], folder: str) -> OmeFiles | None:
+def ome_files_among(images: Sequence[Path], folder: str) -> _OmeFiles | None:
     """Return the OME-TIFF that most pictures of a folder belong to, or None; one picture of each run is opened.
 
     Raises
@@ -106,7 +106,7 @@ def ome_files_among(images: Sequence[Path], folder: str) -> OmeFiles | None:
     ReadError
         If there are two of like size.
     """
-    found: list[OmeFiles] = []
+    found: list[_OmeFiles] = []
     runs: list[list[Path]] = []
     rest = list(images)
     for run in runs_by_name(images):
@@ -125,7 +125,7 @@ def ome_files_among(images: Sequence[Path], folder: str) -> OmeFiles | None:
     return largest if max(sizes) == len(runs[0]) else None
 
 
-def slices_of_ome_steps(ome: OmeFiles, images: Sequence[Path]) -> Steps[tuple[list[Picture], list[str]]]:
+def slices_of_ome_steps(ome: _OmeFiles, images: Sequence[Path]) -> Steps[tuple[list[Picture], list[str]]]:
     """Return the headers of all slices, time after time, and notes.
 
     Parameters

@@ -67,7 +67,7 @@ def picture(path: Path) -> Picture:
     except AttributeError as error:  # imageio asks the palette, which is not there
         raise ReadError(f"{path.name} is a palette picture without its palette; copy or export it again") from error
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
-        raise ReadError(f"{path.name} is not a readable image ({image_reason(error)}); copy it again") from error
+        raise ReadError(f"{path.name} is not a readable image ({_image_reason(error)}); copy it again") from error
     rows, columns, *channels = about.shape
     kind = marked(head) or "BMP"
     bits, color = head[PNG_DEPTH : PNG_COLOR + 1] if kind == "PNG" else (8, PNG_GRAY)
@@ -84,7 +84,7 @@ def picture(path: Path) -> Picture:
     return Picture(path, rows, columns, dtype, 1, kind, decode_as, SPREAD.get(bits, 1) if color == PNG_GRAY else 1)
 
 
-def image_reason(error: BaseException) -> str:
+def _image_reason(error: BaseException) -> str:
     """Pillow's complaint, without the object or path that it may name."""
     return "unknown content" if "cannot identify" in str(error) else reason(error)
 
@@ -100,7 +100,9 @@ def gray_slice(header: Picture) -> NDArray[Any]:
             image.verify()  # Check sums of PNG, which imageio passes over.
         pixels = iio.imread(content, plugin="pillow", mode=header.decode_as)
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
-        raise ReadError(f"{header.path.name} is truncated or damaged ({image_reason(error)}); copy it again") from error
+        raise ReadError(
+            f"{header.path.name} is truncated or damaged ({_image_reason(error)}); copy it again"
+        ) from error
     if pixels.dtype.kind == "i" and pixels.min() >= 0 and pixels.max() <= 65535:
         pixels = pixels.astype(np.uint16)  # older Pillow widens 16 bit PNG to int32
     if header.kind == "JPEG 2000" and header.decode_as is None:

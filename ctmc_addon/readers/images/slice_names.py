@@ -58,7 +58,7 @@ def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) 
     """
     runs = runs_by_name(images)
     if len(runs[0]) == len(images):
-        return runs[0], notes_on_parts(runs[0])
+        return runs[0], _notes_on_parts(runs[0])
     if len(runs[0]) < max(2, FEWEST_OF_PATTERN * len(images)):
         return list(images), [f"the names of the {len(images)} pictures follow no pattern: read in their order"]
     stack = runs[0]
@@ -66,14 +66,14 @@ def slices_by_name(images: Sequence[Path], own_slice: Path | None, folder: str) 
         require_one_stack(runs, folder)
     else:
         stack = next(run for run in runs if own_slice in run)
-    require_none_between(images, runs, folder)
+    _require_none_between(images, runs, folder)
     if len(stack) == 1:
         raise ReadError(
             f"by its name, {own_slice.name if own_slice else stack[0].name} does not belong to the slices "
             f"{_ends(runs[0])}; choose one of those, or the folder"
         )
     why = f"not named like the {len(stack)} slices {_ends(stack)}"
-    return stack, [*notes_on_parts(stack), *left_out(images, stack, why)]
+    return stack, [*_notes_on_parts(stack), *left_out(images, stack, why)]
 
 
 def require_one_stack(runs: Sequence[Sequence[Path]], folder: str) -> None:
@@ -103,7 +103,7 @@ def require_one_stack(runs: Sequence[Sequence[Path]], folder: str) -> None:
         )
 
 
-def require_none_between(images: Sequence[Path], runs: Sequence[Sequence[Path]], folder: str) -> None:
+def _require_none_between(images: Sequence[Path], runs: Sequence[Sequence[Path]], folder: str) -> None:
     """Refuse to leave out several pictures that seem to lie between the slices of the longest run.
 
     They have letters in the slice's number, or a number that the slices skip. Runs of like size are stacks apart.
@@ -127,7 +127,7 @@ def require_none_between(images: Sequence[Path], runs: Sequence[Sequence[Path]],
         )
 
 
-def notes_on_parts(stack: Sequence[Path]) -> list[str]:
+def _notes_on_parts(stack: Sequence[Path]) -> list[str]:
     """Return the note that several numbers of a name were read as one, or none."""
     if single_number(stack, NUMBER) is not None or number_in_parts(stack) is None:
         return []

@@ -46,7 +46,7 @@ COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # These photometric
 BYTE_CODECS = (UNCOMPRESSED, 5, 8, 32773, 32946, 34925, 50000)  # Their bytes are samples, never YCbCr made RGB.
 
 
-class PageStack(NamedTuple):
+class _PageStack(NamedTuple):
     """The pages of a TIFF that make one volume."""
 
     shape: tuple[int, int, int]  # (slices, rows, columns)
@@ -60,13 +60,13 @@ class PageStack(NamedTuple):
     metadata: TiffMetadata
 
 
-class TiffStack(VolumeSource):
+class _TiffStack(VolumeSource):
     """One TIFF of several pages."""
 
     format = "TIFF"
     has_geometry = False
 
-    def __init__(self, path: Path, stack: PageStack) -> None:
+    def __init__(self, path: Path, stack: _PageStack) -> None:
         slices, rows, columns = stack.shape
         series = Series(1, "", slices, (columns, rows), "", stack.dtype.name, stack.layout.times)
         super().__init__(path, (series,), [path])
@@ -74,10 +74,10 @@ class TiffStack(VolumeSource):
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read page by page; values in one piece row by row."""
         yield PAUSE
-        tiff = open_tiff(self.path)
+        tiff = _open_tiff(self.path)
         with ExitStack() as on_error:
             on_error.callback(tiff.close)
-            stack = page_stack(tiff, self.path)
+            stack = _page_stack(tiff, self.path)
             on_error.pop_all()
         slices, pages = stack.shape[0], stack.layout
         first = pages.first(request.time)
@@ -100,7 +100,7 @@ class TiffStack(VolumeSource):
             if layout.depth != stack.depth:
                 depths = f"{layout.depth}, and the first {stack.depth}"
                 raise ReadError(f"page {number + 1} of {self.path.name} has {depths}; save it again")
-            return page_slice(tiff, page, layout, self.path, lock)
+            return _page_slice(tiff, page, layout, self.path, lock)
 
         reader = DecodedSlices(decode, stack.shape, stack.dtype.newbyteorder("="), request.budget.thread_count)
         finalize(reader, tiff.close)
@@ -128,28 +128,28 @@ def raw_values_steps(
     return RawValues(values, None, (*notes, *calibration_notes, *metadata.notes), spacing=metadata.spacing)
 
 
-def opened_stack(path: Path) -> TiffStack | None:
+def opened_stack(path: Path) -> _TiffStack | None:
     """Return the volume in a TIFF of several pages; None where it has one: a single page is a slice of its folder."""
-    with open_tiff(path) as tiff:
-        return TiffStack(path, page_stack(tiff, path)) if pages_of(tiff) > 1 else None
+    with _open_tiff(path) as tiff:
+        return _TiffStack(path, _page_stack(tiff, path)) if _pages_of(tiff) > 1 else None
 
 
 def page_count(path: Path) -> int:
     """Number of pages of a TIFF."""
-    with open_tiff(path) as tiff:
-        return pages_of(tiff)
+    with _open_tiff(path) as tiff:
+        return _pages_of(tiff)
 
 
-def pages_of(tiff: Any) -> int:
+def _pages_of(tiff: Any) -> int:
     """Number of pages; ImageJ writes one page header for a large stack."""
-    return max(len(tiff.pages), stack_sides(tiff.series[0]))
+    return max(len(tiff.pages), _stack_sides(tiff.series[0]))
 
 
 def ome_text(path: Path) -> str:
     """Return the OME-XML of a TIFF, '' where it has none or is damaged: reading its pages tells."""
     tifffile = needed("tifffile", "tifffile", "TIFF")
     try:
-        with quiet(), tifffile.TiffFile(path, **without_companions(tifffile)) as tiff:
+        with quiet(), tifffile.TiffFile(path, **_without_companions(tifffile)) as tiff:
             return str(tiff.ome_metadata or "")
     except (*DAMAGE, tifffile.TiffFileError):
         return ""
@@ -157,11 +157,11 @@ def ome_text(path: Path) -> str:
 
 def plain_page_count(path: Path) -> int:
     """Return the number of pages in a file, whatever its OME-XML says of those in others."""
-    with open_tiff(path, as_ome=False) as tiff:
+    with _open_tiff(path, as_ome=False) as tiff:
         return len(tiff.pages)
 
 
-def open_tiff(path: Path, as_ome: bool = True) -> Any:
+def _open_tiff(path: Path, as_ome: bool = True) -> Any:
     """Return the TIFF, opened by tifffile; a `ReadError` if its pages cannot all be found.
 
     Parameters
@@ -174,7 +174,7 @@ def open_tiff(path: Path, as_ome: bool = True) -> Any:
     with ExitStack() as on_error:
         with reading(path):
             options = {} if as_ome else {"is_ome": False}
-            tiff = on_error.enter_context(tifffile.TiffFile(path, **without_companions(tifffile), **options))
+            tiff = on_error.enter_context(tifffile.TiffFile(path, **_without_companions(tifffile), **options))
             count, stored = len(tiff.pages), 0
             tiff.pages[0], tiff.series[0]  # found when asked for
             if tiff.is_shaped:
@@ -185,7 +185,7 @@ def open_tiff(path: Path, as_ome: bool = True) -> Any:
     return tiff
 
 
-def without_companions(tifffile: Any) -> dict[str, bool]:
+def _without_companions(tifffile: Any) -> dict[str, bool]:
     """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
     kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
     # In versions of 2023 some are properties, which cannot be set.
@@ -195,49 +195,49 @@ def without_companions(tifffile: Any) -> dict[str, bool]:
 
 def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
     """Return what the header says of the first page, and how many pages there are."""
-    with open_tiff(path, as_ome) as tiff:
+    with _open_tiff(path, as_ome) as tiff:
         layout = page_layout(tiff.pages[0], path)
-        pages = pages_of(tiff)
+        pages = _pages_of(tiff)
         metadata = metadata_of_tiff(tiff, layout, pages > 1)
-        return Picture(path, *layout.shape, gray_dtype(layout), pages, "", metadata=metadata)
+        return Picture(path, *layout.shape, _gray_dtype(layout), pages, "", metadata=metadata)
 
 
 def tiff_slice(header: Picture) -> NDArray[Any]:
     """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
     path = header.path
-    with open_tiff(path, as_ome=False) as tiff:
+    with _open_tiff(path, as_ome=False) as tiff:
         with reading(path):
             page = own_page(tiff.pages[header.page])
-        return page_slice(tiff, page, page_layout(page, path), path, RLock())
+        return _page_slice(tiff, page, page_layout(page, path), path, RLock())
 
 
-def gray_dtype(layout: PageLayout) -> np.dtype[Any]:
+def _gray_dtype(layout: PageLayout) -> np.dtype[Any]:
     """Return the type of a page's gray values, in the machine's byte order."""
     return layout.dtype if layout.colors is None else layout.colors.dtype
 
 
-def stack_sides(series: Any) -> int:
+def _stack_sides(series: Any) -> int:
     """Number of pages of a series."""
     return math.prod(int(side) for axis, side in zip(series.axes, series.shape, strict=True) if axis not in "SYX")
 
 
-def page_stack(tiff: Any, path: Path) -> PageStack:
+def _page_stack(tiff: Any, path: Path) -> _PageStack:
     """Return the first series of pages, or all pages where each is a series of its own."""
     first, every = tiff.series[0], list(tiff.series)
     layout = page_layout(first.keyframe, path)
     metadata = metadata_of_tiff(tiff, layout, several=True)
     size = layout.shape
-    dtype = gray_dtype(layout).newbyteorder(tiff.byteorder)
-    count = stack_sides(first)
+    dtype = _gray_dtype(layout).newbyteorder(tiff.byteorder)
+    count = _stack_sides(first)
     if count == 1 and len(every) > 1:
         if len({(series.shape, str(series.dtype)) for series in every}) > 1:
             text = ", ".join(sorted({" x ".join(map(str, series.shape)) for series in every})[:3])
             raise ReadError(f"{path.name} has pages of different sizes or types ({text}); save pages of one size")
-        single = [page for series in every for page in pages_in(series, path)]
+        single = [page for series in every for page in _pages_in(series, path)]
         count = len(single)
         pages = Pages(count, 1, 1, 0)
-        return PageStack((count, *size), dtype, layout.depth, single, None, count, pages, (), metadata)
-    check_left_out(tiff, every, path)
+        return _PageStack((count, *size), dtype, layout.depth, single, None, count, pages, (), metadata)
+    _check_left_out(tiff, every, path)
     layout_of_pages = pages_of_axes(first.axes, first.shape, path)
     shape = (layout_of_pages.slices, *size)
     notes = (f"{len(every) - 1} further series of pages in the TIFF left out",) if len(every) > 1 else ()
@@ -245,26 +245,26 @@ def page_stack(tiff: Any, path: Path) -> PageStack:
     plain = (layout.samples, layout.photometric, layout.bits) == (1, BLACK_IS_ZERO, 8 * dtype.itemsize)
     if first.dataoffset is not None and plain:
         start = int(first.dataoffset)
-        return PageStack(shape, dtype, layout.depth, [], start, count, layout_of_pages, notes, metadata)
+        return _PageStack(shape, dtype, layout.depth, [], start, count, layout_of_pages, notes, metadata)
     if len(first.pages) < count:
         raise ReadError(f"{path.name} has {len(first.pages)} of {count} pages; copy it again")
-    pages_read = pages_in(first, path)[:count]
-    return PageStack(shape, dtype, layout.depth, pages_read, None, count, layout_of_pages, notes, metadata)
+    pages_read = _pages_in(first, path)[:count]
+    return _PageStack(shape, dtype, layout.depth, pages_read, None, count, layout_of_pages, notes, metadata)
 
 
-def pages_in(series: Any, path: Path) -> list[Any]:
+def _pages_in(series: Any, path: Path) -> list[Any]:
     """The pages of a series or a file, which tifffile reads when asked for them; None for one that is missing."""
     with reading(path):
         return list(series.pages)
 
 
-def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
+def _check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
     """Refuse damaged pages that tifffile left out of the first series, and odd ones between its slices."""
     own: list[int] = []
     if len(every) > 1:
-        own = [page.index for page in pages_in(every[0], path) if page is not None and isinstance(page.index, int)]
+        own = [page.index for page in _pages_in(every[0], path) if page is not None and isinstance(page.index, int)]
     for series in every[1:]:
-        for page in filter(None, pages_in(series, path)):
+        for page in filter(None, _pages_in(series, path)):
             page_layout(own_page(page), path)
             same_size = series.shape[-2:] == every[0].shape[-2:]
             if same_size and isinstance(page.index, int) and own and min(own) < page.index < max(own):
@@ -272,13 +272,15 @@ def check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
                     f"page {page.index + 1} of {path.name} is stored in another way than those around it; save it again"
                 )
     if len(tiff.pages) > sum(len(series.pages) for series in every):  # some are in no series, such as those of no rows
-        listed = {page.offset for series in every for page in filter(None, pages_in(series, path))}
-        for page in pages_in(tiff, path):
+        listed = {page.offset for series in every for page in filter(None, _pages_in(series, path))}
+        for page in _pages_in(tiff, path):
             if page.offset not in listed:
                 page_layout(own_page(page), path)
 
 
-def page_slice(tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]) -> NDArray[Any]:
+def _page_slice(
+    tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]
+) -> NDArray[Any]:
     """Gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
     if layout.samples > MOST_SAMPLES:
         raise ReadError(

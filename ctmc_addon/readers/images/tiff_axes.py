@@ -105,14 +105,14 @@ def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetada
         Whether it has several pages; of a single one ImageJ leaves the distance of slices out.
     """
     if tiff.is_ome:
-        return metadata_of_ome(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
+        return _metadata_of_ome(str(tiff.ome_metadata or "")[:LONGEST_TEXT])
     if tiff.is_imagej:
         about = tiff.imagej_metadata or {}
-        return TiffMetadata(*imagej_spacing(tiff, about, several), calibration_of(about, layout))
+        return TiffMetadata(*_imagej_spacing(tiff, about, several), calibration_of(about, layout))
     return TiffMetadata()
 
 
-def metadata_of_ome(text: str) -> TiffMetadata:
+def _metadata_of_ome(text: str) -> TiffMetadata:
     """Return what OME-XML says of its first `Pixels`; a note where it lies in another file."""
     elsewhere = re.search(r"<(?:\w+:)?BinaryOnly\s[^<>]*MetadataFile\s*=\s*[\"']([^\"']*)", text)
     if elsewhere:
@@ -129,7 +129,7 @@ def spacing_of_ome(pixels: Mapping[str, str]) -> tuple[tuple[float, float, float
     return spacing_in_mm([number_of(size) for size in sizes], units)
 
 
-def imagej_spacing(
+def _imagej_spacing(
     tiff: Any, about: Mapping[str, Any], several: bool
 ) -> tuple[tuple[float, float, float] | None, tuple[str, ...]]:
     """Return ImageJ's spacing of slices and the resolution of the first page, each axis in its own unit.

@@ -146,7 +146,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
         numbers += [key.compression, key.predictor, key.photometric, key.planarconfig, key.sampleformat]
         # libtiff reads zeros where such a tag is wrong, without a word.
         wrong = [tag.name for tag in key.tags if tag.code in LAYOUT_TAGS and int(tag.dtype) not in WHOLE_TYPES]
-        wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and not is_small_number(tag)]
+        wrong += [tag.name for tag in key.tags if tag.code in SINGLE_TAGS and not _is_small_number(tag)]
         whole = all(isinstance(number, int) for number in numbers)
         palette = key.tags.valueof(COLOR_MAP, ())
         segments = math.prod(page.chunked)
@@ -173,7 +173,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
     return PageLayout((rows, columns), samples, separate, bits, dtype, compression, predictor, photometric, colors)
 
 
-def is_small_number(tag: Any) -> bool:
+def _is_small_number(tag: Any) -> bool:
     """Return whether a tag of a page has one value that a whole number of 32 bits holds."""
     return bool(tag.count == 1 and 0 <= int(tag.value) < 1 << 32)
 

@@ -28,7 +28,7 @@ class Filled(NamedTuple):
     mask: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
 
 
-class Traced(NamedTuple):
+class _Traced(NamedTuple):
     """The pixels inside an odd number of contours, and those on one, within the box around them."""
 
     top: int  # first row
@@ -99,7 +99,7 @@ def filled_steps(edges: Edges, columns: int) -> Steps[Filled]:
     return (yield from traced_steps(edges, columns)).filled
 
 
-def traced_steps(edges: Edges, columns: int) -> Steps[Traced]:
+def traced_steps(edges: Edges, columns: int) -> Steps[_Traced]:
     """Do what `filled_steps` does, and keep the pixels on contours apart.
 
     Parameters
@@ -111,7 +111,7 @@ def traced_steps(edges: Edges, columns: int) -> Steps[Traced]:
     count = edges.crossings
     x = edges.start[:, 0]
     if not count.any() or x.max() < -ON_CONTOUR or x.min() > columns - 1 + ON_CONTOUR:
-        return Traced(0, 0, np.zeros((0, 0), np.bool_), np.zeros((0, 0), np.bool_))
+        return _Traced(0, 0, np.zeros((0, 0), np.bool_), np.zeros((0, 0), np.bool_))
     touching = count > 0
     top, bottom = int(edges.first[touching].min()), int(edges.last[touching].max())
     left = int(np.clip(np.floor(x.min()), 0, columns - 1))
@@ -126,7 +126,7 @@ def traced_steps(edges: Edges, columns: int) -> Steps[Traced]:
         cross(edges.part(slice(done, stop)), (top, left), odd, on)
         done = stop
         yield Step(done / len(count), "Filling contours")
-    return Traced(top, left, np.logical_xor.accumulate(odd, axis=1)[:, :-1], on[:, :-1])
+    return _Traced(top, left, np.logical_xor.accumulate(odd, axis=1)[:, :-1], on[:, :-1])
 
 
 def cross(edges: Edges, corner: tuple[int, int], odd: NDArray[np.bool_], on: NDArray[np.bool_]) -> None:

@@ -38,7 +38,7 @@ MOST_OTHERS = 2  # files among masks that are named; with more it is not a folde
 SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
 
 
-class MaskFolder(VolumeSource):
+class _MaskFolder(VolumeSource):
     """Masks on one grid, each read in its turn.
 
     Parameters
@@ -74,8 +74,8 @@ class MaskFolder(VolumeSource):
             if label_map is None:
                 label_map = LabelMap(reader.shape, names, {}, self.path.name, budget=request.budget)
                 affine, first_name, first_shape = raw.affine, name, reader.shape
-            elif reader.shape != first_shape or not same_place(raw.affine, affine, reader.shape):
-                raise other_grid(self.path, first_name, name)
+            elif reader.shape != first_shape or not _same_place(raw.affine, affine, reader.shape):
+                raise _other_grid(self.path, first_name, name)
             try:
                 rounded = yield from stages.run(f"Reading {name}", painted_steps(label_map, reader, label))
             except NotAMask as error:
@@ -103,7 +103,7 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
 
     def look(values: NDArray[Any]) -> bool:
         nonlocal done, waiting
-        for plane in whole_if_nearly(values, numbers):
+        for plane in _whole_if_nearly(values, numbers):
             before = next(iter(seen), 0.0)
             own = two_values(plane)
             seen.update(own)
@@ -126,7 +126,7 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
     return numbers.notes
 
 
-def whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
+def _whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
     """Return values of a mask as the whole numbers they stand for; themselves where one stands for none."""
     try:
         return numbers.of(values)
@@ -134,7 +134,7 @@ def whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]
         return values
 
 
-def same_place(
+def _same_place(
     affine: NDArray[np.float64] | None, other: NDArray[np.float64] | None, shape: tuple[int, int, int]
 ) -> bool:
     """Return whether two volumes (slices, rows, columns) have their corners at the same places."""
@@ -144,7 +144,7 @@ def same_place(
     return apart_mm <= SAME_GRID * float(spacing_of(other).min())
 
 
-def other_grid(folder: Path, first: str, name: str) -> ReadError:
+def _other_grid(folder: Path, first: str, name: str) -> ReadError:
     """Return the error for masks whose grids differ."""
     return ReadError(
         f"the masks '{first}' and '{name}' in the folder {folder.name} lie on different grids; choose one of them, or "
@@ -152,7 +152,7 @@ def other_grid(folder: Path, first: str, name: str) -> ReadError:
     )
 
 
-def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource]]) -> Steps[MaskFolder | None]:
+def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource]]) -> Steps[_MaskFolder | None]:
     """Return the masks that lie as files in a folder, one in each; None where they are something else.
 
     Bytes are taken for masks until they are read; wider numbers are looked at, which is short for anything else.
@@ -172,7 +172,7 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
         yield Step(number / len(files), "Reading headers")
         try:
             source = yield from open_steps(file)
-            reason = yield from no_mask_steps(source)
+            reason = yield from _no_mask_steps(source)
         except OutputError:
             raise
         except CtmcError:
@@ -193,7 +193,7 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
     return None if others else checked(folder, masks)
 
 
-def no_mask_steps(source: VolumeSource) -> Steps[str]:
+def _no_mask_steps(source: VolumeSource) -> Steps[str]:
     """Return what a file holds instead of a mask, '' where it may be one: bytes by type, other numbers by all."""
     line = source.series[0]
     if line.times > 1:
@@ -210,7 +210,7 @@ def no_mask_steps(source: VolumeSource) -> Steps[str]:
     def look(values: NDArray[Any]) -> bool:
         nonlocal reason
         try:
-            seen.update(two_values(whole_if_nearly(values, numbers)))
+            seen.update(two_values(_whole_if_nearly(values, numbers)))
         except NotAMask as error:
             reason = str(error)
         return bool(reason) or len(seen) > 2
@@ -221,7 +221,7 @@ def no_mask_steps(source: VolumeSource) -> Steps[str]:
     return reason
 
 
-def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:
+def in_folders_steps(source: DicomSource) -> Steps[_MaskFolder | None]:
     """The masks that lie as DICOM slices in folders of a folder, one in each; None where they are something else."""
     folders: dict[Path, FolderContent] = {}
     for uid, slices in source.content.series.items():
@@ -237,14 +237,14 @@ def in_folders_steps(source: DicomSource) -> Steps[MaskFolder | None]:
     for number, folder in enumerate(sorted(folders, key=natural_key)):
         yield Step(number / len(folders), "Looking at masks")
         mask = DicomSource(folder, folders[folder])
-        if not (yield from middle_is_mask_steps(mask)):
+        if not (yield from _middle_is_mask_steps(mask)):
             return None
         inner = folder.relative_to(source.path).as_posix()
         masks[folder.name if folder.name not in masks else inner] = mask
     return checked(source.path, masks)
 
 
-def middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
+def _middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
     """Return whether the slice in the middle of a folder has two values at most: no CT has."""
     slices = source.content.series[source.series[0].uid]
     if len(source.series) > 1 or len(slices) < 2:
@@ -258,10 +258,10 @@ def middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
     return True
 
 
-def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> MaskFolder:
+def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> _MaskFolder:
     """Return the folder of masks, or a `ReadError` where they are of different sizes."""
     first, *others = masks.items()
     for name, source in others:
         if source.series[0].shape != first[1].series[0].shape:
-            raise other_grid(folder, first[0], name)
-    return MaskFolder(folder, masks)
+            raise _other_grid(folder, first[0], name)
+    return _MaskFolder(folder, masks)

@@ -28,7 +28,7 @@ MOST_OFFSET = 1 << 24  # bytes before the values
 DATA_SUFFIXES = (".img", ".img.gz", ".IMG")
 
 
-class AnalyzeFile(VolumeSource):
+class _AnalyzeFile(VolumeSource):
     """The `.hdr` of a pair, its values in `data_path`."""
 
     format = "Analyze"
@@ -80,7 +80,7 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
     yield from imported_steps(MODULE, "nibabel", "Analyze")
     if second or magic in NIFTI_MAGIC:
         return NiftiFile(header_path, data_path)
-    return AnalyzeFile(header_path, data_path)
+    return _AnalyzeFile(header_path, data_path)
 
 
 def read_header(path: Path) -> tuple[Any, NDArray[np.float64]]:

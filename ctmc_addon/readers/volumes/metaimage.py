@@ -41,7 +41,7 @@ SPACING = ("ElementSpacing", "ElementSize")
 OFFSET = ("Offset", "Position", "Origin")
 
 
-class MetaImageFile(VolumeSource):
+class _MetaImageFile(VolumeSource):
     """One `.mha`, or one `.mhd` with the files that it names."""
 
     format = "MetaImage"
@@ -79,8 +79,8 @@ class MetaImageFile(VolumeSource):
     def _stored_steps(self, file: Path, shape: tuple[int, int, int]) -> Steps[SliceReader]:
         """Return the reader of the values of one file."""
         header_bytes = whole(self.fields.get("headersize", "0"), "HeaderSize", self.path.name)
-        packed = is_true(self.fields.get("compresseddata", "False"))
-        text = not is_true(self.fields.get("binarydata", "True"))
+        packed = _is_true(self.fields.get("compresseddata", "False"))
+        text = not _is_true(self.fields.get("binarydata", "True"))
         start = 0 if self.data_files else self.start
         with open_data_file(file, self.path) as stream:
             if text:
@@ -107,9 +107,9 @@ class MetaImageFile(VolumeSource):
         return PackedSlices(file, unpacked, 0, shape, self.dtype)
 
 
-def open_steps(path: Path) -> Steps[MetaImageFile]:
+def open_steps(path: Path) -> Steps[_MetaImageFile]:
     """Open the file."""
-    return MetaImageFile(path)
+    return _MetaImageFile(path)
     yield  # its header is short
 
 
@@ -135,7 +135,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
     raise ReadError(f"{name} is not a readable MetaImage: its header lacks ElementDataFile; export or copy it again")
 
 
-def told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
+def _told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
     """Return a note for each of `keys` that says something else than the first one, which is taken."""
     first, *others = [key for key in keys if key.lower() in fields] or [""]
     return [
@@ -162,7 +162,7 @@ def words_of(text: str) -> list[float | str]:
     return words
 
 
-def is_true(text: str) -> bool:
+def _is_true(text: str) -> bool:
     """Return whether a field holds the word true."""
     return text[:1] in ("T", "t", "1", "Y", "y")
 
@@ -203,7 +203,7 @@ def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
     code = TYPES.get(word.removeprefix("MET_"))
     if code is None:
         raise ReadError(f"{name} has values of type '{word[:60]}'; convert it to MET_SHORT or MET_FLOAT")
-    big = is_true(fields.get("binarydatabyteordermsb", fields.get("elementbyteordermsb", "False")))
+    big = _is_true(fields.get("binarydatabyteordermsb", fields.get("elementbyteordermsb", "False")))
     return np.dtype((">" if big else "<") + code)
 
 
@@ -215,7 +215,7 @@ def placed(
     matrix = numbers(fields, MATRIX, count * count, name)
     spacing = numbers(fields, SPACING, count, name)
     offset = numbers(fields, OFFSET, count, name)
-    notes = [note for keys in (MATRIX, SPACING, OFFSET) for note in told_twice(fields, keys)]
+    notes = [note for keys in (MATRIX, SPACING, OFFSET) for note in _told_twice(fields, keys)]
     slope = numbers(fields, ("ElementToIntensityFunctionSlope",), 1, name) or [1.0]
     intercept = numbers(fields, ("ElementToIntensityFunctionOffset",), 1, name) or [0.0]
     if (slope, intercept) != ([1.0], [0.0]):

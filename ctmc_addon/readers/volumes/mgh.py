@@ -26,7 +26,7 @@ MODULE = "nibabel.freesurfer.mghformat"
 HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # beside nibabel's own
 
 
-class MghFile(VolumeSource):
+class _MghFile(VolumeSource):
     """One `.mgh` or `.mgz`."""
 
     format = "MGH"
@@ -63,10 +63,10 @@ class MghFile(VolumeSource):
         yield  # the values are read where they are wanted
 
 
-def open_steps(path: Path) -> Steps[MghFile]:
+def open_steps(path: Path) -> Steps[_MghFile]:
     """Open the file; nibabel brings much with it, so that its first import is long."""
     yield from imported_steps(MODULE, "nibabel", "MGH")
-    return MghFile(path)
+    return _MghFile(path)
 
 
 def read_header(path: Path) -> tuple[Any, bool]:

@@ -216,7 +216,7 @@ def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray
         )
     (mm,), said = in_mm([unit_of(header)])
     affine[:3] *= mm
-    return affine, (*notes, *geometry_notes(header, pixdim, mm), *said)
+    return affine, (*notes, *_geometry_notes(header, pixdim, mm), *said)
 
 
 def unit_of(header: Any) -> str:
@@ -229,7 +229,7 @@ def unit_of(header: Any) -> str:
     return "" if unit == "unknown" else unit
 
 
-def geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tuple[str, ...]:
+def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tuple[str, ...]:
     """Return what the file says of its place in two ways that differ, or in none that can be.
 
     Parameters

@@ -52,7 +52,7 @@ LONGEST_WORD = 400  # letters of a number: a double written without exponent has
 WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
 
 
-class NrrdFile(VolumeSource):
+class _NrrdFile(VolumeSource):
     """One `.nrrd`, or one `.nhdr` with the data that it names."""
 
     format = "NRRD"
@@ -114,7 +114,7 @@ class NrrdFile(VolumeSource):
         start = 0 if self.data_files else self.data_start
         readers = []
         for number, file in enumerate(files):
-            opening = stored_steps(file, self.path, start, self.header, shape, self.dtype)
+            opening = _stored_steps(file, self.path, start, self.header, shape, self.dtype)
             readers.append((yield from equal_part(opening, number, len(files))))
         stored = readers[0] if len(readers) == 1 else JoinedSlices(readers)
         if self.times == 1:
@@ -124,16 +124,16 @@ class NrrdFile(VolumeSource):
         return TimeSlices(stored, time * slices, slices)
 
 
-def open_steps(path: Path) -> Steps[NrrdFile]:
+def open_steps(path: Path) -> Steps[_NrrdFile]:
     """Open the file."""
-    return NrrdFile(path)
+    return _NrrdFile(path)
     yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     """Header by pynrrd; `stream` is left at the first byte of attached data."""
     nrrd = needed("nrrd", "pynrrd", "NRRD")
-    lines, names = header_lines(stream, name)
+    lines, names = _header_lines(stream, name)
     try:
         with quiet():
             header = dict(nrrd.read_header(lines))
@@ -151,7 +151,7 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
     return header
 
 
-def header_lines(stream: IO[bytes], name: str) -> tuple[list[str], list[str]]:
+def _header_lines(stream: IO[bytes], name: str) -> tuple[list[str], list[str]]:
     """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know.
 
     They are decoded here: of bytes pynrrd drops every letter that is not ASCII.
@@ -294,7 +294,7 @@ def open_data_file(file: Path, header: Path) -> IO[bytes]:
     return file.open("rb")
 
 
-def stored_steps(
+def _stored_steps(
     file: Path,
     header_path: Path,
     start: int,

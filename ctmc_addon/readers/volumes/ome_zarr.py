@@ -34,7 +34,7 @@ MOST_NAMED = 5  # in one message
 NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # of a label's properties, which may have any
 
 
-class Multiscale(NamedTuple):
+class _Multiscale(NamedTuple):
     """The image of a group: its axes, and an array for each resolution."""
 
     axes: list[dict[str, Any]]
@@ -60,13 +60,13 @@ class Multiscale(NamedTuple):
         return (last - 3, last - 2, last - 1)
 
 
-class OmeZarr(VolumeSource):
+class _OmeZarr(VolumeSource):
     """One image or label group."""
 
     format = "OME-Zarr"
     has_geometry = True
 
-    def __init__(self, path: Path, image: Multiscale, label_groups: Sequence[str], channels: Sequence[str]) -> None:
+    def __init__(self, path: Path, image: _Multiscale, label_groups: Sequence[str], channels: Sequence[str]) -> None:
         self.image, self.channels = image, list(channels)
         full = image.levels[0]
         z, y, x = image.space
@@ -116,7 +116,7 @@ class OmeZarr(VolumeSource):
         if len(self.series) > 1 and not request.series:
             count = len(self.series)
             notes.append(f"{count} channels found: channel 1 was read; give its number as the series, 1 to {count}")
-        names, colors = label_facts(self.image.labels or {})
+        names, colors = _label_facts(self.image.labels or {})
         kind = None if self.image.labels is None else ValueKind.LABEL
         return RawValues(reader, affine, (*self.image.notes, *notes), kind, names, colors, directions=AXIAL)
         yield  # the values are read where they are wanted
@@ -128,7 +128,7 @@ class OmeZarr(VolumeSource):
     def _placed(self, level: int) -> tuple[NDArray[np.float64] | None, list[str]]:
         """Affine to RAS+ mm and what was assumed; None without a scale."""
         name = self.image.levels[level].name
-        lengths, shifts, is_scaled = scale_and_shift(self.image.transforms[level], len(self.image.axes), name)
+        lengths, shifts, is_scaled = _scale_and_shift(self.image.transforms[level], len(self.image.axes), name)
         if not is_scaled:
             return None, []
         space = self.image.space[::-1]
@@ -144,24 +144,24 @@ class OmeZarr(VolumeSource):
         return affine, [*notes, *said]
 
 
-def open_steps(path: Path) -> Steps[OmeZarr]:
+def open_steps(path: Path) -> Steps[_OmeZarr]:
     """Read the metadata of an image or of labels, and of all its resolutions."""
     if not path.is_dir():
         raise ReadError(f"{path.name} is a file, and an OME-Zarr is a folder; unpack it, and choose the folder")
     yield from imported_steps("zarr", "zarr", "OME-Zarr", REMEDY)
     folder = image_folder(path)
-    about = ome_of(folder)
-    image = multiscale(folder, about, path.name)
+    about = _ome_of(folder)
+    image = _multiscale(folder, about, path.name)
     channel_axis = image.axis("channel", "c")
     count = 1 if channel_axis is None else image.levels[0].shape[channel_axis]
     if count > MOST_CHANNELS:
         raise ReadError(f"{path.name} has {count} channels, and at most {MOST_CHANNELS} are read; save one of them")
-    labels = [f"labels/{word}" for word in listed(ome_of(folder / "labels"), "labels") if is_inner(word)]
+    labels = [f"labels/{word}" for word in listed(_ome_of(folder / "labels"), "labels") if _is_inner(word)]
     before = f"{folder.relative_to(path).as_posix()}/" if folder != path else ""
-    return OmeZarr(path, image, [before + word for word in labels], channel_names(about, count))
+    return _OmeZarr(path, image, [before + word for word in labels], _channel_names(about, count))
 
 
-def ome_of(folder: Path) -> dict[str, Any]:
+def _ome_of(folder: Path) -> dict[str, Any]:
     """Return what the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
     third = read_json(folder / "zarr.json", folder.name)
     attributes = third.get("attributes") if third else read_json(folder / ".zattrs", folder.name)
@@ -173,20 +173,20 @@ def ome_of(folder: Path) -> dict[str, Any]:
 
 def image_folder(path: Path) -> Path:
     """The folder itself, or that of the one image in it, as bioformats2raw writes it; a `ReadError` for all else."""
-    about = ome_of(path)
+    about = _ome_of(path)
     if listed(about, "multiscales"):
         return path
-    if is_array(path):
+    if _is_array(path):
         raise ReadError(
             f"{path.name} is one array of a Zarr store, without what OME-Zarr says of it; choose the folder that holds "
             f"it, {path.absolute().parent.name}, and the level"
         )
-    inner = [f"labels/{word}" for word in listed(ome_of(path / "labels"), "labels") if is_inner(word)]
-    inner += [str(word) for word in listed(about, "labels") if is_inner(word)]
-    inner += sorted(entry.name for entry in path.iterdir() if entry.is_dir() and listed(ome_of(entry), "multiscales"))
+    inner = [f"labels/{word}" for word in listed(_ome_of(path / "labels"), "labels") if _is_inner(word)]
+    inner += [str(word) for word in listed(about, "labels") if _is_inner(word)]
+    inner += sorted(entry.name for entry in path.iterdir() if entry.is_dir() and listed(_ome_of(entry), "multiscales"))
     if "plate" in about or "well" in about:
         what = "a plate of many images"
-        inner = [str(image["path"]) for image in images_of(about) if is_inner(image.get("path"))] or inner
+        inner = [str(image["path"]) for image in images_of(about) if _is_inner(image.get("path"))] or inner
     elif len(inner) == 1 and "labels" not in about:
         return path / inner[0]
     else:
@@ -202,12 +202,12 @@ def images_of(about: Mapping[str, Any]) -> list[dict[str, Any]]:
     return [image for image in listed(well, "images") if isinstance(image, dict)] if isinstance(well, dict) else []
 
 
-def is_array(folder: Path) -> bool:
+def _is_array(folder: Path) -> bool:
     """Return whether a folder is an array, and not a group of some."""
     return (folder / ".zarray").is_file() or read_json(folder / "zarr.json", folder.name).get("node_type") == "array"
 
 
-def is_inner(word: Any) -> bool:
+def _is_inner(word: Any) -> bool:
     """Return whether a path in metadata leads to a folder within their own."""
     if not isinstance(word, str) or "\0" in word or "\\" in word or ":" in word:
         return False
@@ -215,11 +215,11 @@ def is_inner(word: Any) -> bool:
     return bool(inner.parts) and not inner.is_absolute() and ".." not in inner.parts
 
 
-def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
+def _multiscale(folder: Path, about: Mapping[str, Any], name: str) -> _Multiscale:
     """Return the first image that the metadata of a group tell of."""
     found = about["multiscales"]
     first = found[0] if isinstance(found[0], dict) else {}
-    version = str(about.get("version", first.get("version", version_by_axes(first))))
+    version = str(about.get("version", first.get("version", _version_by_axes(first))))
     if not version.startswith(VERSIONS):
         raise ReadError(
             f"{name} is OME-Zarr {version[:20]}, and {' and '.join(VERSIONS)} are read; write it again as one of them, "
@@ -234,7 +234,7 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     levels, transforms = [], []
     for number, dataset in enumerate(datasets):
         inner = dataset.get("path") if isinstance(dataset, dict) else None
-        if inner is None or not is_inner(inner):
+        if inner is None or not _is_inner(inner):
             raise ReadError(
                 f"{name} has no array of its own for level {number}, but '{str(inner)[:60]}'; export it again"
             )
@@ -250,12 +250,12 @@ def multiscale(folder: Path, about: Mapping[str, Any], name: str) -> Multiscale:
     labels = about.get("image-label")
     labels = labels if isinstance(labels, dict) else {} if folder.parent.name == "labels" else None
     notes = (f"{len(found) - 1} further images of the group left out",) if len(found) > 1 else ()
-    image = Multiscale(axes, levels, transforms, labels, notes)
-    check_axes(image, name)
+    image = _Multiscale(axes, levels, transforms, labels, notes)
+    _check_axes(image, name)
     return image
 
 
-def version_by_axes(multiscales: Mapping[str, Any]) -> str:
+def _version_by_axes(multiscales: Mapping[str, Any]) -> str:
     """Return the version of metadata that name none: axes came with 0.3, as words, and are objects since 0.4."""
     if "axes" not in multiscales and listed(multiscales, "datasets"):
         return "0.2 or older"
@@ -263,7 +263,7 @@ def version_by_axes(multiscales: Mapping[str, Any]) -> str:
     return "0.3" if axes and all(isinstance(axis, str) for axis in axes) else VERSIONS[0]
 
 
-def check_axes(image: Multiscale, name: str) -> None:
+def _check_axes(image: _Multiscale, name: str) -> None:
     """Refuse what is not a volume at times and of channels."""
     space = set(image.space)
     known_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}
@@ -279,7 +279,7 @@ def check_axes(image: Multiscale, name: str) -> None:
                 )
 
 
-def scale_and_shift(
+def _scale_and_shift(
     transforms: Sequence[Any], axes: int, name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
     """Length of a sample and position of the first along each axis, (axes,), and whether a scale is there."""
@@ -311,7 +311,7 @@ def is_number(value: Any) -> bool:
     )
 
 
-def channel_names(about: Mapping[str, Any], count: int) -> list[str]:
+def _channel_names(about: Mapping[str, Any], count: int) -> list[str]:
     """Return the channels' labels of `omero`, empty where there are none."""
     omero = about.get("omero")
     channels = listed(omero, "channels") if isinstance(omero, dict) else []
@@ -320,7 +320,7 @@ def channel_names(about: Mapping[str, Any], count: int) -> list[str]:
     return names if len(names) == count else [""] * count
 
 
-def label_facts(about: Mapping[str, Any]) -> tuple[dict[int, str], dict[int, RGB]]:
+def _label_facts(about: Mapping[str, Any]) -> tuple[dict[int, str], dict[int, RGB]]:
     """Names and colors of labels in `image-label`; names are a comfort, so what is broken is passed over.
 
     Examples

@@ -24,7 +24,7 @@ LARGEST = 1e30  # of a value, far below the largest float32
 TYPES = {8: ">u1", 16: ">i2", 32: ">f4"}  # by the bits of a value
 
 
-class VffFile(VolumeSource):
+class _VffFile(VolumeSource):
     """One `.vff`."""
 
     format = "VFF"
@@ -41,7 +41,7 @@ class VffFile(VolumeSource):
         if bits not in TYPES:
             raise ReadError(f"{name} has values of {bits} bits, and 8, 16 and 32 are read; export it as 16 bits")
         self.dtype: np.dtype[Any] = np.dtype(TYPES[bits])
-        self.start = values_start(path, header_end, columns * rows * slices * self.dtype.itemsize)
+        self.start = _values_start(path, header_end, columns * rows * slices * self.dtype.itemsize)
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name)
         super().__init__(path, (series,), [path])
 
@@ -58,12 +58,12 @@ class VffFile(VolumeSource):
             notes = (*notes, f"the file's data_scale {slope:g} and data_offset {intercept:g} are applied")
         stored = RawSlices(self.path, self.start, self.size[::-1], self.dtype)
         values = yield from scaled_steps(stored, slope, intercept, request.whole, name, request.budget)
-        return RawValues(values, None, notes, spacing=spacing_of_fields(self.fields, name))
+        return RawValues(values, None, notes, spacing=_spacing_of_fields(self.fields, name))
 
 
-def open_steps(path: Path) -> Steps[VffFile]:
+def open_steps(path: Path) -> Steps[_VffFile]:
     """Open the file."""
-    return VffFile(path)
+    return _VffFile(path)
     yield  # its header is short
 
 
@@ -77,7 +77,7 @@ def read_header(path: Path) -> tuple[dict[str, str], int]:
     return {key.lower(): value.strip() for key, value in fields}, len(text) + 1
 
 
-def values_start(path: Path, header_end: int, needed: int) -> int:
+def _values_start(path: Path, header_end: int, needed: int) -> int:
     """Return the byte at which the values begin: the last ones of a file that ends with them, else behind the line.
 
     The line of the form feed ends at once, with a line feed, or with a carriage return too.
@@ -91,7 +91,7 @@ def values_start(path: Path, header_end: int, needed: int) -> int:
     return header_end + (2 if behind == b"\r\n" else behind.startswith(b"\n"))
 
 
-def spacing_of_fields(fields: Mapping[str, str], name: str) -> tuple[float, float, float] | None:
+def _spacing_of_fields(fields: Mapping[str, str], name: str) -> tuple[float, float, float] | None:
     """Return the voxel's sides in mm, None where the file does not say the size of its elements."""
     size = numbers(fields, ("elementsize",), 1, name)
     if size is None:

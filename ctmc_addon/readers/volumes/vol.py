@@ -32,7 +32,7 @@ PYHST_TYPES = ("int8", "uint8", "int16", "uint16", "int32", "uint32", "float32",
 PYHST_ORDERS = {"LOWBYTEFIRST": "<", "HIGHBYTEFIRST": ">"}
 
 
-class FlatValues(NamedTuple):
+class _FlatValues(NamedTuple):
     """What a text says of the values beside it.
 
     Parameters
@@ -57,14 +57,14 @@ class FlatValues(NamedTuple):
     notes: tuple[str, ...]
 
 
-class VolFile(VolumeSource):
+class _VolFile(VolumeSource):
     """A text and the `.vol` beside it."""
 
     format = "VOL"
     has_geometry = True
 
     def __init__(self, path: Path) -> None:
-        self.flat = flat = (volume_graphics if path.name.lower().endswith(VGI) else pyhst)(path)
+        self.flat = flat = (_volume_graphics if path.name.lower().endswith(VGI) else _pyhst)(path)
         open_data_file(flat.path, path).close()
         columns, rows, slices = flat.size
         series = Series(1, "", slices, (columns, rows), "", flat.dtype.newbyteorder("=").name)
@@ -79,9 +79,9 @@ class VolFile(VolumeSource):
         return RawValues(stored, None, flat.notes, spacing=flat.spacing)
 
 
-def open_steps(path: Path) -> Steps[VolFile]:
+def open_steps(path: Path) -> Steps[_VolFile]:
     """Open a text, or the text beside values."""
-    return VolFile(text_beside(path) or path)
+    return _VolFile(text_beside(path) or path)
     yield  # a text is short
 
 
@@ -102,7 +102,7 @@ def fields_of(text: str) -> dict[str, str]:
     return fields
 
 
-def volume_graphics(path: Path) -> FlatValues:
+def _volume_graphics(path: Path) -> _FlatValues:
     """Return what a `.vgi` says.
 
     Raises
@@ -136,7 +136,7 @@ def volume_graphics(path: Path) -> FlatValues:
     (mm,), notes = in_mm([geometry.get("unit", "")])
     if sides is not None and not geometry.get("unit"):
         notes = (*notes, NO_UNIT)
-    return FlatValues(
+    return _FlatValues(
         _values_path(path, file.get("name", "").strip("\"'")),
         volume_size([whole(word, "Size", path.name) for word in file.get("size", "").split()[:9]], path.name),
         np.dtype("<" + TYPES[kind, bits]),
@@ -156,7 +156,7 @@ def _values_path(path: Path, name: str) -> Path:
     return beside if beside.is_file() and not is_inside else path.parent / inner_path(name, path.name)
 
 
-def pyhst(path: Path) -> FlatValues:
+def _pyhst(path: Path) -> _FlatValues:
     """Return what a `.vol.info` says.
 
     Raises
@@ -180,7 +180,7 @@ def pyhst(path: Path) -> FlatValues:
             f"the file's voxelSize {side[0]:g} is taken as micrometers, as PyHST writes it; if it is another "
             "unit, give the spacing in mm"
         )
-    return FlatValues(
+    return _FlatValues(
         path.with_name(name[: -len(INFO)]),
         volume_size(sides, name),
         np.dtype(PYHST_ORDERS[order] + np.dtype(kind).str[1:]),

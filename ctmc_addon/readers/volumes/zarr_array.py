@@ -94,7 +94,7 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
     about = third or read_json(folder / ".zarray", name)
     if not about or third.get("node_type", "array") != "array":
         raise ReadError(f"{name} is missing: there is no array in {folder.name}; copy the whole store again")
-    ids = codec_ids([about.get(key) for key in ("codecs", "compressor", "filters")])
+    ids = _codec_ids([about.get(key) for key in ("codecs", "compressor", "filters")])
     unknown = next((word for word in ids if word.removeprefix("numcodecs.") not in CODECS), None)
     if unknown is not None:
         raise ReadError(
@@ -107,7 +107,7 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
             shape, chunks, shards = tuple(array.shape), tuple(array.chunks), array.shards
             dtype = np.dtype(array.dtype).newbyteorder("=")
     except DAMAGE as error:
-        if is_without_thread(error):
+        if _is_without_thread(error):
             raise MemoryError(NO_THREAD) from error
         raise ReadError(
             f"{name} has metadata that zarr does not read ({reason(error)}); export it again as int16 or float32"
@@ -138,20 +138,20 @@ def listed(about: Mapping[str, Any], key: str) -> list[Any]:
     return found if isinstance(found, list) else []
 
 
-def codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
+def _codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
     """Yield the names of all codecs, at any depth of their configurations."""
     if isinstance(codecs, dict):
         for key, found in codecs.items():
             if key in ("id", "name"):
                 yield str(found)
             elif isinstance(found, dict | list):
-                yield from codec_ids(found, depth + 1) if depth < MOST_AXES else ["nested too deep"]
+                yield from _codec_ids(found, depth + 1) if depth < MOST_AXES else ["nested too deep"]
     elif isinstance(codecs, list):
         for codec in codecs:
             yield from (
                 [codec]
                 if isinstance(codec, str)
-                else codec_ids(codec, depth + 1)
+                else _codec_ids(codec, depth + 1)
                 if depth < MOST_AXES
                 else ["nested too deep"]
             )
@@ -165,9 +165,9 @@ def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
     ReadError
         If none is there.
     """
-    if header.grid > MOST_COUNTED and any(chunk_files(header.folder)):
+    if header.grid > MOST_COUNTED and any(_chunk_files(header.folder)):
         return []
-    count = sum(1 for _ in chunk_files(header.folder))
+    count = sum(1 for _ in _chunk_files(header.folder))
     if not count:
         raise ReadError(f"{header.name} has none of its {header.grid} chunks; copy the whole store again")
     if count >= header.grid:
@@ -176,7 +176,7 @@ def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
     return [f"{missing}: they have its fill value {float(fill or 0):g}, as Zarr means it"]
 
 
-def chunk_files(folder: Path) -> Iterator[str]:
+def _chunk_files(folder: Path) -> Iterator[str]:
     """Yield the files below an array's folder that are not metadata."""
     for _, _, files in os.walk(folder):
         yield from (file for file in files if not file.startswith(".") and file != "zarr.json")
@@ -263,8 +263,8 @@ class ZarrSlices(SliceReader):
         _, y, x = (self.header.chunks[axis] for axis in self.axes)
         chunks = max(1, BLOCK // self.header.chunk_bytes)
         across = columns[-1] // x - columns[0] // x + 1
-        for row, own_rows in chunk_ranges(rows, y * max(1, chunks // across)):
-            for column, own_columns in chunk_ranges(columns, x * min(chunks, across)):
+        for row, own_rows in _chunk_ranges(rows, y * max(1, chunks // across)):
+            for column, own_columns in _chunk_ranges(columns, x * min(chunks, across)):
                 block = self._selected(slices, own_rows, own_columns)
                 out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
 
@@ -305,7 +305,7 @@ class ZarrSlices(SliceReader):
                 )
 
 
-def chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
+def _chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
     """Yield the numbers in each stretch of `side`, counted from 0, and the first one's place among all.
 
     Examples
@@ -323,11 +323,11 @@ def chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
 
 def damaged(name: str, error: Exception) -> Exception:
     """Return the error for chunks that zarr cannot read."""
-    if is_without_thread(error):
+    if _is_without_thread(error):
         return MemoryError(NO_THREAD)
     return ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again")
 
 
-def is_without_thread(error: Exception) -> bool:
+def _is_without_thread(error: Exception) -> bool:
     """Return whether zarr could not start a thread."""
     return isinstance(error, RuntimeError) and str(error) == NO_THREAD

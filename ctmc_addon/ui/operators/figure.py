@@ -49,7 +49,7 @@ from .paths import RELATIVE
 ESC = "A separate Blender renders it, so this window stays free; Esc stops it and leaves no file"
 
 
-class FigureOperator(jobs.LongOperator):
+class _FigureOperator(jobs.LongOperator):
     """Base of the four operators of figures: a file dialog, a page, a style, and work that locks the file.
 
     Inherited before `bpy.types.Operator`.
@@ -83,17 +83,17 @@ class FigureOperator(jobs.LongOperator):
         path, scene = Path(bpy.path.abspath(self.filepath)), context.scene
         if not path.name:
             raise OutputError("no file was chosen; give the figure a name")
-        suffix = suffix_of(scene.ctmc_figure) if self.kind == "turntable" else ".png"
+        suffix = _suffix_of(scene.ctmc_figure) if self.kind == "turntable" else ".png"
         target = path.with_name(with_suffix(path.name, suffix))
         work = self.work(context, scene.ctmc_figure, target, page_of(scene.ctmc_figure, self.kind))
-        return concluded_steps(work, scene.session_uid, target)
+        return _concluded_steps(work, scene.session_uid, target)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         """Return the steps of this kind of figure."""
         raise NotImplementedError
 
 
-def concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[jobs.Conclusion]:
+def _concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[jobs.Conclusion]:
     """Return the work, and the message of success."""
     yield from work
 
@@ -135,7 +135,7 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
-def chosen_of(obj: bpy.types.Object) -> float | None:
+def _chosen_of(obj: bpy.types.Object) -> float | None:
     """Return the opacity that a person has chosen for a surface; None where it is that of its name."""
     chosen, label = chosen_opacity(obj), settings_of(obj).label
     by_name = structure_color(label, None, obj.name).opacity
@@ -162,7 +162,7 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     panel = context.scene.ctmc_figure
     transparency = Transparency(**values_of(panel, Transparency))
     names = [obj.name for obj in objects] if len(objects) > 1 else []
-    chosen = [chosen_of(obj) for obj in objects]
+    chosen = [_chosen_of(obj) for obj in objects]
     shown = figure_surfaces(objects, context.scene, style_of(panel), names, chosen, transparency)
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
     slices = tuple(obj for obj in seen if is_slice(obj))
@@ -184,7 +184,7 @@ def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
+class CTMC_OT_figure(_FigureOperator, bpy.types.Operator):
     """Render the selected surfaces."""
 
     bl_idname = "ctmc.figure"
@@ -204,7 +204,7 @@ class CTMC_OT_figure(FigureOperator, bpy.types.Operator):
         )
 
 
-class CTMC_OT_figure_sheet(FigureOperator, bpy.types.Operator):
+class CTMC_OT_figure_sheet(_FigureOperator, bpy.types.Operator):
     """Reconstruct with several settings, and render them side by side."""
 
     bl_idname = "ctmc.figure_sheet"
@@ -243,7 +243,7 @@ def is_of_ct(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
+class CTMC_OT_figure_deviation(_FigureOperator, bpy.types.Operator):
     """Render the active surface in the colors of its distance to the surface of full resolution."""
 
     bl_idname = "ctmc.figure_deviation"
@@ -272,7 +272,7 @@ class CTMC_OT_figure_deviation(FigureOperator, bpy.types.Operator):
         return deviation_figure_steps(volume, surface, target, page, style, blend, limit, budget, True)
 
 
-class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
+class CTMC_OT_figure_turntable(_FigureOperator, bpy.types.Operator):
     """Render the selected surfaces turning."""
 
     bl_idname = "ctmc.figure_turntable"
@@ -292,7 +292,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
 
     def suggestion(self, context: bpy.types.Context) -> str:
         """Return a video's name, or a folder's."""
-        suffix = suffix_of(context.scene.ctmc_figure)
+        suffix = _suffix_of(context.scene.ctmc_figure)
         self.filter_glob = f"*{suffix}" if suffix else ""
         return f"{subject(context)}_{self.named}{suffix}"
 
@@ -306,7 +306,7 @@ class CTMC_OT_figure_turntable(FigureOperator, bpy.types.Operator):
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)
 
 
-def suffix_of(panel: Any) -> str:
+def _suffix_of(panel: Any) -> str:
     """Return the suffix of the format; empty for a folder of frames."""
     return "" if panel.film == FRAMES else str(panel.film)
 

@@ -30,7 +30,7 @@ from .surface import placing
 STAGES = {"Simplifying": 3, "Timing the rotation": 7}
 
 
-def is_mesh(operator: Any, context: bpy.types.Context) -> bool:
+def _is_mesh(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the active object is a mesh in object mode, with the reason if not."""
     obj = context.view_layer.objects.active
     if obj is None or obj.type != "MESH":
@@ -61,7 +61,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
     )
     locks = True  # its levels stand in the scene meanwhile
 
-    needs = (is_mesh, jobs.idle)
+    needs = (_is_mesh, jobs.idle)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return what to time: levels, then rounds."""
@@ -120,7 +120,7 @@ def test_steps(
         turned = yield from stages.run(timing, turntable.rotation_test_steps(simplified, engine, **options))
         rounds = [level.rounds for level in turned]
     else:
-        with others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
+        with _others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
             view.levels = levels
             steps = turntable.rotation_steps(levels, view, **options)
             timed = yield from stages.run(timing, steps)
@@ -141,24 +141,24 @@ def conclude(uid: int, table: RotationTable) -> str:
 
 
 @contextmanager
-def others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
+def _others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
     hidden = [obj.session_uid for obj in scene.objects if not obj.hide_viewport]
     selected = [obj.session_uid for obj in scene.objects if obj.select_get()]
     active = bpy.context.view_layer.objects.active
     selected.sort(key=lambda uid: active is not None and uid == active.session_uid)
-    set_hidden(hidden, True)
+    _set_hidden(hidden, True)
     preview.hide()
     try:
         yield
     finally:
-        set_hidden(hidden, False)
+        _set_hidden(hidden, False)
         # Blender deselects what it hides.
         objects = (session.object_of(uid) for uid in selected)
         placing.select(scene, [obj for obj in objects if obj is not None])
 
 
-def set_hidden(uids: Container[int], hide: bool) -> None:
+def _set_hidden(uids: Container[int], hide: bool) -> None:
     """Hide or show the objects with these session_uids, those that are still there."""
     for obj in bpy.data.objects:
         if obj.session_uid in uids:

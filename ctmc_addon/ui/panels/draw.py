@@ -34,7 +34,7 @@ class CTMC_PT_draw(StepPanel, bpy.types.Panel):
         draw_tools(layout, context)
         draw_structures(layout, context.scene.ctmc)
         draw_settings(layout, context, drawing)
-        draw_edits(layout, context, drawing)
+        _draw_edits(layout, context, drawing)
 
 
 def draw_tools(layout: Any, context: bpy.types.Context) -> None:
@@ -84,7 +84,7 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
     limits.prop(drawing, "high", text=translate("To") + unit, translate=False)
 
 
-def draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
+def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
     """Draw what is done to the whole structure: each button with its number."""
     column = layout.column(align=True)
     column.use_property_split = False

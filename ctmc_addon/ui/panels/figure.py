@@ -33,9 +33,9 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
         layout = self.layout.column()
         prepare(layout)
         layout.prop(panel, "kind")
-        draw_subject(layout, panel)
-        draw_page(layout, panel)
-        draw_look(layout, context, panel)
+        _draw_subject(layout, panel)
+        _draw_page(layout, panel)
+        _draw_look(layout, context, panel)
         job = jobs.running(*OPERATORS.values())
         if job is not None:
             draw_job(self.layout, job)
@@ -44,12 +44,12 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
         self.layout.operator("ctmc.setup_studio", icon="OUTLINER_OB_LIGHT")
 
 
-def draw_subject(layout: Any, panel: Any) -> None:
+def _draw_subject(layout: Any, panel: Any) -> None:
     """Draw the contents of this kind of figure, and its own settings."""
     column = layout.column(align=True)
     if panel.kind == "sheet":
         for name in ("strides", "alphas", "levels"):
-            draw_switched(column, panel, name)
+            _draw_switched(column, panel, name)
         layout.prop(panel, "sheet_deviation")
     elif panel.kind == "turntable":
         for name in ("film", "seconds", "fps", "revolutions"):
@@ -58,7 +58,7 @@ def draw_subject(layout: Any, panel: Any) -> None:
         layout.prop(panel, "limit_mm")
 
 
-def draw_switched(layout: Any, panel: Any, name: str) -> None:
+def _draw_switched(layout: Any, panel: Any, name: str) -> None:
     """A line of text behind its switch."""
     row = layout.row(heading=translate(panel.bl_rna.properties[name].name), heading_ctxt=OURS)
     row.prop(panel, f"use_{name}", text="")
@@ -67,7 +67,7 @@ def draw_switched(layout: Any, panel: Any, name: str) -> None:
     value.prop(panel, name, text="")
 
 
-def draw_page(layout: Any, panel: Any) -> None:
+def _draw_page(layout: Any, panel: Any) -> None:
     """Draw width, resolution and background."""
     kind = "figure" if panel.kind == "deviation" else panel.kind
     column = layout.column(align=True)
@@ -78,7 +78,7 @@ def draw_page(layout: Any, panel: Any) -> None:
     column.prop(panel, "dark")
 
 
-def draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
+def _draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     """Style, engine, camera, what is written."""
     column = layout.column()
     mapped = panel.kind == "deviation" or (panel.kind == "sheet" and panel.sheet_deviation)
@@ -95,7 +95,7 @@ def draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     column = layout.column(heading=translate("Show"), heading_ctxt=OURS)
     column.prop(panel, "scale_bar")
     column.prop(panel, "orientation")
-    draw_switched(layout, panel, "caption")
+    _draw_switched(layout, panel, "caption")
     layout.prop(panel, "write_blend")
 
 

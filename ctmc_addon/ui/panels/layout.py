@@ -33,7 +33,7 @@ class SidePanel:
     bl_translation_context = OURS
 
 
-class BegunPanel(SidePanel):
+class _BegunPanel(SidePanel):
     """A panel that is there once a scene knows a CT, or a surface is active."""
 
     @classmethod
@@ -42,13 +42,13 @@ class BegunPanel(SidePanel):
         return bool(context.scene.ctmc.volume_path) or surfaces.is_surface(context.view_layer.objects.active)
 
 
-class StepPanel(BegunPanel):
+class StepPanel(_BegunPanel):
     """A step of the work below the main panel, open until it is closed."""
 
     bl_parent_id = "CTMC_PT_main"
 
 
-class SubPanel(BegunPanel):
+class SubPanel(_BegunPanel):
     """A panel below the main one, closed until it is opened."""
 
     bl_parent_id = "CTMC_PT_main"
@@ -68,11 +68,11 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
     about = SETTINGS[name]
     label = translate(about.label)
     if optional(name):
-        value = draw_switch(layout, settings, switch(name), label + (" [HU]" if holds_hu(settings.id_data) else ""))
+        value = _draw_switch(layout, settings, switch(name), label + (" [HU]" if holds_hu(settings.id_data) else ""))
         value.active = getattr(settings, switch(name))
         value.prop(settings, name, text="")
     elif name == "keep_parts":
-        value = draw_switch(layout, settings, "keep_largest", label)
+        value = _draw_switch(layout, settings, "keep_largest", label)
         if settings.keep_largest:
             value.prop(settings, name, text="")
         else:
@@ -83,7 +83,7 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
         layout.prop(settings, name)
 
 
-def draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
+def _draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
     """Return a tick with its words on the left; room for the value it is about."""
     row = layout.split(factor=0.64)
     row.use_property_split = False
@@ -122,7 +122,7 @@ def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any
     return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
 
 
-def text_width(text: str) -> float:
+def _text_width(text: str) -> float:
     """Return how wide a text is in Blender's own font, pixels at its usual size."""
     import blf
 
@@ -135,7 +135,7 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
     column = layout.column(align=True)
     column.scale_y = 0.8
     room = max(NARROWEST, width_of(context) - MARGIN)
-    for number, line in enumerate(in_lines(text, room, text_width)):
+    for number, line in enumerate(in_lines(text, room, _text_width)):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 

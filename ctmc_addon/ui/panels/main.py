@@ -76,7 +76,7 @@ class CTMC_PT_voxels(StepPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         prepare(self.layout)
-        draw_voxels(self.layout, context, context.scene.ctmc)
+        _draw_voxels(self.layout, context, context.scene.ctmc)
 
 
 class CTMC_PT_simplify(StepPanel, bpy.types.Panel):
@@ -87,7 +87,7 @@ class CTMC_PT_simplify(StepPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         prepare(self.layout)
-        draw_simplify(self.layout, context, context.scene.ctmc)
+        _draw_simplify(self.layout, context, context.scene.ctmc)
 
 
 class CTMC_PT_make(StepPanel, bpy.types.Panel):
@@ -99,14 +99,14 @@ class CTMC_PT_make(StepPanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         prepare(self.layout, lock=False)
-        draw_reconstruct(self.layout, context, context.scene.ctmc)
+        _draw_reconstruct(self.layout, context, context.scene.ctmc)
 
 
 STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
 """What is always needed, in the order of the work."""
 
 
-def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Voxel sides in pixels and mm, alpha, and what they cost."""
     volume = volumes.current_full(context.scene)
     column = layout.column(align=True)
@@ -126,7 +126,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row.use_property_split = False
     row.operator("ctmc.choose_alpha", text="Choose Alpha", icon="AUTO")
     row.prop(settings, "min_angle_deg", text="Angle [°]")
-    draw_cost(layout, context)
+    _draw_cost(layout, context)
 
 
 def alpha_matters(settings: Any) -> bool:
@@ -138,7 +138,7 @@ def alpha_matters(settings: Any) -> bool:
     return matters
 
 
-def draw_cost(layout: Any, context: bpy.types.Context) -> None:
+def _draw_cost(layout: Any, context: bpy.types.Context) -> None:
     """Draw the cost estimate of the settings, always in four lines, so that nothing jumps while it is counted."""
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
@@ -149,20 +149,20 @@ def draw_cost(layout: Any, context: bpy.types.Context) -> None:
     draw_table(layout, list(zip(names, values, strict=True)))
 
 
-def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """The goal, its number, what is removed, and the method: the same lines for every goal."""
     goal = settings.goal
     layout.prop(settings, "goal")
     value = layout.row()
     value.active = goal != "none"
     value.prop(settings, {"target_faces": goal, "max_error_mm": goal}.get(goal, "ratio"))
-    draw_table(layout, [("", removed_text(context, settings))])
+    draw_table(layout, [("", _removed_text(context, settings))])
     method = layout.row()
     method.enabled = goal in ("reduction", "target_faces")
     method.prop(settings, "method", expand=False)
 
 
-def removed_text(context: bpy.types.Context, settings: Any) -> str:
+def _removed_text(context: bpy.types.Context, settings: Any) -> str:
     """Return what the goal removes, of how many triangles."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
@@ -173,7 +173,7 @@ def removed_text(context: bpy.types.Context, settings: Any) -> str:
     return ""
 
 
-def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw the button or its progress; simplify, preview, export, command; then messages."""
     job, scene = jobs.running(), context.scene
     row = layout.row(align=True)
@@ -196,10 +196,10 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     row = draw_pair(layout, context)
     row.operator("ctmc.export", text="Export", icon="EXPORT")
     row.operator("ctmc.copy_command", text="Command", icon="COPYDOWN")
-    draw_notes(layout, context, settings)
+    _draw_notes(layout, context, settings)
 
 
-def draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw errors, refusals and settings without effect, if any."""
     scene_session = session.of(context.scene)
     if scene_session.message:

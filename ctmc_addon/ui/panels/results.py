@@ -51,7 +51,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
         name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
         draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
-        draw_mending(layout, measurement)
+        _draw_mending(layout, measurement)
         column = layout.column(align=True)
         column.label(text=translate("Pick Component"), translate=False)
         row = column.row(align=True)
@@ -70,7 +70,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
             draw_text(layout, context, translate_sentence(note), "INFO")
 
 
-def draw_mending(layout: Any, measurement: Measurement | None) -> None:
+def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
     """Whether the surface is closed, of how many components it is, and a button for what can be done about it."""
     measures = None if measurement is None else measurement.measures
     for text, buttons in (

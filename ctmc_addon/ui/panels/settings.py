@@ -8,7 +8,7 @@ import bpy
 from .layout import SubPanel, draw_setting, prepare
 
 
-class SettingsPanel(SubPanel):
+class _SettingsPanel(SubPanel):
     """A panel that shows these settings; inherited before `bpy.types.Panel`."""
 
     names: tuple[str, ...] = ()
@@ -20,7 +20,7 @@ class SettingsPanel(SubPanel):
             draw_setting(self.layout, context.scene.ctmc, name)
 
 
-class CTMC_PT_parts(SettingsPanel, bpy.types.Panel):
+class CTMC_PT_parts(_SettingsPanel, bpy.types.Panel):
     """Settings for kept components, and for closing the surface."""
 
     bl_idname = "CTMC_PT_parts"
@@ -28,7 +28,7 @@ class CTMC_PT_parts(SettingsPanel, bpy.types.Panel):
     names = ("keep_parts", "min_part_mm3", "close_border")
 
 
-class CTMC_PT_normals(SettingsPanel, bpy.types.Panel):
+class CTMC_PT_normals(_SettingsPanel, bpy.types.Panel):
     """Panel for the normals that surfaces are shaded with."""
 
     bl_idname = "CTMC_PT_normals"
@@ -36,7 +36,7 @@ class CTMC_PT_normals(SettingsPanel, bpy.types.Panel):
     names = ("normals",)
 
 
-class CTMC_PT_advanced(SettingsPanel, bpy.types.Panel):
+class CTMC_PT_advanced(_SettingsPanel, bpy.types.Panel):
     """Settings for ambiguous voxels, and for what replaces NaN."""
 
     bl_idname = "CTMC_PT_advanced"

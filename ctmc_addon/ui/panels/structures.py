@@ -21,7 +21,7 @@ ROWS = (3, 6)  # lines of the list, at least and at most
 def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """The list, what can be done with it, and what the marked structure is."""
     if not len(settings.labels):
-        draw_none(layout, context, settings)
+        _draw_none(layout, context, settings)
         return
     rows = min(ROWS[1], max(ROWS[0], len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
@@ -30,14 +30,14 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
     row.operator("ctmc.remove_structure", text="", icon="REMOVE")
     for which, text in (("all", "All"), ("none", "None"), ("invert", "Invert")):
         row.operator("ctmc.tick_structures", text=text).which = which
-    draw_marked(layout, context, settings)
+    _draw_marked(layout, context, settings)
     if structures.missing(context.scene):
         draw_text(layout, context, translate("Some labels of the list are not in memory; press Load Again"), "INFO")
         if volumes.loaded(context.scene) is not None:
             layout.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 
 
-def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw what can be added while the list is empty."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind == ValueKind.LABEL:
@@ -47,14 +47,14 @@ def draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     draw_text(layout, context, translate("Load labels, or add a threshold"), "INFO")
 
 
-def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw source, opacity and volume of the selected structure."""
     if not 0 <= settings.label_index < len(settings.labels):
         return
     item = settings.labels[settings.label_index]
     column = layout.column(align=True)
     if item.kind == LABEL:
-        column.label(text=made_of_text(item), translate=False)
+        column.label(text=_made_of_text(item), translate=False)
     else:
         unit = "HU" if holds_hu(context.scene) else translate("Gray Value")
         draw_name(column, f"{translate('From')} [{unit}]", 0.45).prop(item, "threshold", text="")
@@ -66,7 +66,7 @@ def draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     layout.prop(item, "opacity", slider=True)
 
 
-def made_of_text(item: Any) -> str:
+def _made_of_text(item: Any) -> str:
     """Return what a label is: its number and its name."""
     number = translate("Label {number}").format(number=item.value)
     return f"{number}, {item.name}" if item.name else number

@@ -36,15 +36,15 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
         value.prop(settings, "use_threshold", text="")
         number = value.row(align=True)
         number.active = settings.use_threshold
-        number.prop(settings, "threshold", text=threshold_label(context.scene))
+        number.prop(settings, "threshold", text=_threshold_label(context.scene))
         row.operator("ctmc.auto_threshold")
         draw_setting(column, settings, "upper")
-        column.label(text=threshold_text(context.scene), translate=False)
+        column.label(text=_threshold_text(context.scene), translate=False)
         column.operator_menu_enum("ctmc.tissue", "tissue", icon="PRESET")
-    draw_smoothing(column, settings)
+    _draw_smoothing(column, settings)
 
 
-def draw_smoothing(layout: Any, settings: Any) -> None:
+def _draw_smoothing(layout: Any, settings: Any) -> None:
     """Draw how the values are smoothed, and what belongs to that."""
     draw_setting(layout, settings, "smoothing")
     row = layout.row()
@@ -60,7 +60,7 @@ def draw_smoothing(layout: Any, settings: Any) -> None:
         draw_setting(row, settings, "interfaces")
 
 
-def threshold_text(scene: bpy.types.Scene) -> str:
+def _threshold_text(scene: bpy.types.Scene) -> str:
     """Return which threshold is used: Otsu's, or that of a tissue."""
     volume, value = volumes.current(scene), threshold.used_threshold(scene)
     unit = " HU" if holds_hu(scene) else ""
@@ -78,7 +78,7 @@ def threshold_text(scene: bpy.types.Scene) -> str:
     return f"{tissue}: {limits.rstrip()}"
 
 
-def threshold_label(scene: bpy.types.Scene) -> str:
+def _threshold_label(scene: bpy.types.Scene) -> str:
     """Return the threshold with its unit."""
     volume = volumes.current(scene)
     if volume is None or volume.kind == ValueKind.LABEL:

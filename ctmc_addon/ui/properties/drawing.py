@@ -38,14 +38,14 @@ class CTMCPoint(PropertyGroup):
     at: FloatVectorProperty(size=3, options={"HIDDEN"})
 
 
-class CTMCPackedSlice(PropertyGroup):
+class _CTMCPackedSlice(PropertyGroup):
     """A slice of a structure: its number, and its bits as `core.segmentation.packed_slices` packs them."""
 
     number: IntProperty(options={"HIDDEN"})
     content: StringProperty(subtype="BYTE_STRING", options={"HIDDEN"})
 
 
-class CTMCDrawnClick(PropertyGroup):
+class _CTMCDrawnClick(PropertyGroup):
     """A click of Grow: its sample (slice, row, column), and whether the structure or its surroundings are there."""
 
     sample: IntVectorProperty(size=3, options={"HIDDEN"})
@@ -63,8 +63,8 @@ class CTMCDrawnStructure(PropertyGroup):
     name: StringProperty(options={"HIDDEN"})
     color: FloatVectorProperty(size=3, options={"HIDDEN"})
     shown: boolean("Show", "Show the structure on slices and as a preview", default=True, update=on_look)
-    slices: CollectionProperty(type=CTMCPackedSlice, options={"HIDDEN"})
-    clicks: CollectionProperty(type=CTMCDrawnClick, options={"HIDDEN"})
+    slices: CollectionProperty(type=_CTMCPackedSlice, options={"HIDDEN"})
+    clicks: CollectionProperty(type=_CTMCDrawnClick, options={"HIDDEN"})
 
 
 class CTMCDrawing(PropertyGroup):
@@ -159,7 +159,7 @@ class CTMCDrawing(PropertyGroup):
     )
 
 
-CLASSES = (CTMCPoint, CTMCPackedSlice, CTMCDrawnClick, CTMCDrawnStructure, CTMCDrawing)
+CLASSES = (CTMCPoint, _CTMCPackedSlice, _CTMCDrawnClick, CTMCDrawnStructure, CTMCDrawing)
 
 
 def points_of(places: Iterable[Sequence[float]]) -> list[dict[str, Any]]:

@@ -41,10 +41,10 @@ LOOKS: dict[str, dict[str, Any]] = {
 
 def all_properties() -> dict[str, Any]:
     """Return every property of `scene.ctmc_figure`."""
-    return generated_properties() | panel_properties()
+    return _generated_properties() | panel_properties()
 
 
-def generated_properties() -> dict[str, Any]:
+def _generated_properties() -> dict[str, Any]:
     """Return what is made from the fields of blender.figure.spec."""
     from ...blender.figure.spec import FIGURE_SETTINGS, PAGES
 

@@ -14,7 +14,7 @@ from bpy import props
 from ..translations import OURS
 
 
-def in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
+def _in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
     """Return a kind of property that takes its name and description first."""
 
     def make(name: str, description: str, **options: Any) -> Any:
@@ -23,12 +23,12 @@ def in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
     return make
 
 
-boolean = in_our_context(props.BoolProperty)
-booleans = in_our_context(props.BoolVectorProperty)
-collection = in_our_context(props.CollectionProperty)
-choice = in_our_context(props.EnumProperty)
-decimal = in_our_context(props.FloatProperty)
-decimals = in_our_context(props.FloatVectorProperty)
-integer = in_our_context(props.IntProperty)
-integers = in_our_context(props.IntVectorProperty)
-text = in_our_context(props.StringProperty)
+boolean = _in_our_context(props.BoolProperty)
+booleans = _in_our_context(props.BoolVectorProperty)
+collection = _in_our_context(props.CollectionProperty)
+choice = _in_our_context(props.EnumProperty)
+decimal = _in_our_context(props.FloatProperty)
+decimals = _in_our_context(props.FloatVectorProperty)
+integer = _in_our_context(props.IntProperty)
+integers = _in_our_context(props.IntVectorProperty)
+text = _in_our_context(props.StringProperty)

@@ -35,12 +35,12 @@ def fit_region(properties: Any) -> None:
         properties.region = labels_region(volume, labels, properties.region_unit)
 
 
-def get_unit(properties: Any) -> int:
+def _get_unit(properties: Any) -> int:
     """Return the region's unit as its choice shows it."""
     return SETTINGS["region_unit"].choices.index(properties.region_unit)
 
 
-def set_unit(properties: Any, number: int) -> None:
+def _set_unit(properties: Any, number: int) -> None:
     """Change the region's unit; the box stays where it is and its numbers are converted."""
     before, wanted = properties.region_unit, SETTINGS["region_unit"].choices[number]
     volume = current_volume(properties)
@@ -54,13 +54,13 @@ def set_unit(properties: Any, number: int) -> None:
 NO_GOAL = "none"
 
 
-def get_goal(properties: Any) -> int:
+def _get_goal(properties: Any) -> int:
     """0 without a goal, else the number of the goal that is used."""
     used = [name for name in GOALS if getattr(properties, switch(name))]
     return GOALS.index(used[0]) + 1 if used and properties.simplifier != "none" else 0
 
 
-def set_goal(properties: Any, number: int) -> None:
+def _set_goal(properties: Any, number: int) -> None:
     """Change the goal of simplification; where Decimate cannot reach it, choose the built-in method."""
     goal = GOALS[number - 1] if number else ""
     if goal and (properties.simplifier == "none" or goal == "max_error_mm"):
@@ -70,52 +70,52 @@ def set_goal(properties: Any, number: int) -> None:
             setattr(properties, switch(name), name == goal)
 
 
-def get_method(properties: Any) -> int:
+def _get_method(properties: Any) -> int:
     """0 for the built-in simplifier, 1 for Decimate."""
     return int(properties.simplifier == "decimate")
 
 
-def set_method(properties: Any, number: int) -> None:
+def _set_method(properties: Any, number: int) -> None:
     """Change the method of simplification."""
     properties.simplifier = "decimate" if number else "builtin"
 
 
-def get_ratio(properties: Any) -> float:
+def _get_ratio(properties: Any) -> float:
     """Return the share of the triangles that is kept."""
     return float(1.0 - properties.reduction)
 
 
-def set_ratio(properties: Any, ratio: float) -> None:
+def _set_ratio(properties: Any, ratio: float) -> None:
     """Change the share of the triangles that is kept."""
     properties.reduction = min(1.0 - ratio, highest(SETTINGS["reduction"]))
 
 
-def get_keep_largest(properties: Any) -> bool:
+def _get_keep_largest(properties: Any) -> bool:
     """Return whether only the largest components are kept."""
     return bool(properties.keep_parts > 0)
 
 
-def set_keep_largest(properties: Any, keeps: bool) -> None:
+def _set_keep_largest(properties: Any, keeps: bool) -> None:
     """Keep the largest component alone, or all of them."""
-    if keeps != get_keep_largest(properties):
+    if keeps != _get_keep_largest(properties):
         properties.keep_parts = int(keeps)
 
 
-def get_color(properties: Any) -> Any:
+def _get_color(properties: Any) -> Any:
     """Return the color of the active surface, that of bone without one."""
     from ..state import surfaces
 
     return surfaces.active_color(properties.id_data)
 
 
-def set_color(properties: Any, color: Any) -> None:
+def _set_color(properties: Any, color: Any) -> None:
     """Give the active surface another color."""
     from ..state import surfaces
 
     surfaces.recolor_active(properties.id_data, tuple(color))
 
 
-def get_opacity(properties: Any) -> float:
+def _get_opacity(properties: Any) -> float:
     """Return the opacity of the active surface, 1 without one."""
     from ..state import surfaces
 
@@ -129,12 +129,12 @@ def set_opacity(properties: Any, opacity: float) -> None:
     surfaces.fade_active(properties.id_data, opacity)
 
 
-def get_surface_from(properties: Any) -> int:
+def _get_surface_from(properties: Any) -> int:
     """Return 0 for a surface by threshold, 1 for one by label."""
     return int(properties.use_label)
 
 
-def set_surface_from(properties: Any, use_label: int) -> None:
+def _set_surface_from(properties: Any, use_label: int) -> None:
     """Store whether the surface is that of a label."""
     if bool(use_label) != properties.use_label:
         properties.use_label = bool(use_label)
@@ -150,8 +150,8 @@ def panel_properties() -> dict[str, Any]:
                 ("threshold", "Threshold", "At a gray value: values at or above it are inside"),
                 ("label", "Structures", "Several structures at once: labels, and thresholds added to the list"),
             ],
-            get=get_surface_from,
-            set=set_surface_from,
+            get=_get_surface_from,
+            set=_set_surface_from,
         ),
         "goal": choice(
             "Simplify To",
@@ -162,8 +162,8 @@ def panel_properties() -> dict[str, Any]:
                 ("target_faces", "Triangles", "A number of triangles"),
                 ("max_error_mm", "Maximum Error", "As few triangles as possible within a distance of the full surface"),
             ],
-            get=get_goal,
-            set=set_goal,
+            get=_get_goal,
+            set=_set_goal,
         ),
         "method": choice(
             "Method",
@@ -172,8 +172,8 @@ def panel_properties() -> dict[str, Any]:
                 ("builtin", "Built-In", "Quadric error simplification, once: exact, and the mesh is small"),
                 ("decimate", "Decimate", "Blender's modifier, which stays live; it has no maximum error"),
             ],
-            get=get_method,
-            set=set_method,
+            get=_get_method,
+            set=_set_method,
         ),
         "ratio": decimal(
             "Ratio",
@@ -182,18 +182,18 @@ def panel_properties() -> dict[str, Any]:
             min=0.0,
             max=1.0,
             precision=3,
-            get=get_ratio,
-            set=set_ratio,
+            get=_get_ratio,
+            set=_set_ratio,
         ),
         "keep_largest": boolean(
-            SETTINGS["keep_parts"].label, SETTINGS["keep_parts"].text, get=get_keep_largest, set=set_keep_largest
+            SETTINGS["keep_parts"].label, SETTINGS["keep_parts"].text, get=_get_keep_largest, set=_set_keep_largest
         ),
         "region_in": choice(
             "Unit",
             "Unit of the region's numbers; changing it does not move the box",
             items=[("voxel", "Voxels", "Voxel indices"), ("mm", "mm", "RAS+ millimeters")],
-            get=get_unit,
-            set=set_unit,
+            get=_get_unit,
+            set=_set_unit,
         ),
         "region_for": text("Region Of", "Fingerprint of the CT that the region was set for", options={"HIDDEN"}),
         "color": decimals(
@@ -203,8 +203,8 @@ def panel_properties() -> dict[str, Any]:
             size=3,
             min=0.0,
             max=1.0,
-            get=get_color,
-            set=set_color,
+            get=_get_color,
+            set=_set_color,
         ),
         "opacity": decimal(
             "Opacity",
@@ -213,7 +213,7 @@ def panel_properties() -> dict[str, Any]:
             min=0.0,
             max=1.0,
             precision=2,
-            get=get_opacity,
+            get=_get_opacity,
             set=set_opacity,
         ),
         "preview": boolean(

@@ -42,14 +42,14 @@ def take_over(target: Any, source: Any) -> None:
     """Copy all that is known of a CT, its structures too, from one place to another; nothing follows it."""
     for name in CTMCScan.__annotations__:
         if target.bl_rna.properties[name].type == "COLLECTION":
-            copy_lines(getattr(target, name), getattr(source, name))
+            _copy_lines(getattr(target, name), getattr(source, name))
         elif source.is_property_set(name):
             setattr(target, name, getattr(source, name))
         else:
             target.property_unset(name)
 
 
-def copy_lines(target: Any, source: Any) -> None:
+def _copy_lines(target: Any, source: Any) -> None:
     """Replace the lines of a list by copies of those of another."""
     target.clear()
     for line in source:

@@ -30,7 +30,7 @@ OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 """Settings that mean nothing for another CT, which presets leave alone."""
 
 
-class SettingsMethods(StructureMethods):
+class _SettingsMethods(StructureMethods):
     """Methods of `scene.ctmc`."""
 
     def to_settings(self) -> ReconstructionSettings:
@@ -67,7 +67,7 @@ class SettingsMethods(StructureMethods):
                 setattr(self, switch(name), value is not None)
 
 
-def on_change(name: str) -> Callable[[Any, Any], None]:
+def _on_change(name: str) -> Callable[[Any, Any], None]:
     """Use a setting from the moment it gets a value: switch it on, and its rivals off."""
 
     def update(properties: Any, _context: Any) -> None:
@@ -84,7 +84,7 @@ def on_change(name: str) -> Callable[[Any, Any], None]:
     return update
 
 
-def on_switch(name: str) -> Callable[[Any, Any], None]:
+def _on_switch(name: str) -> Callable[[Any, Any], None]:
     """Return an update function: switching one of several rivals on switches the others off."""
     rivals = [other for group in EXCLUSIVE if name in group for other in group if other != name]
 
@@ -107,15 +107,15 @@ def all_properties() -> dict[str, Any]:
     properties: dict[str, Any] = {}
     for name, about in SETTINGS.items():
         if optional(name):
-            properties[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=on_switch(name))
-        options: dict[str, Any] = {"update": on_change(name)}
+            properties[switch(name)] = boolean(f"Use {about.label}", tooltip(about), update=_on_switch(name))
+        options: dict[str, Any] = {"update": _on_change(name)}
         if about.unit == "mm" and about.size == 1:
             options["unit"] = "CAMERA"  # Blender shows it in mm, whatever the scene's unit scale
         properties[name] = property_of(about, about.start if optional(name) else getattr(DEFAULTS, name), **options)
-    return properties | volume_properties() | panel_properties()
+    return properties | _volume_properties() | panel_properties()
 
 
-def volume_properties() -> dict[str, Any]:
+def _volume_properties() -> dict[str, Any]:
     """Return what the file knows of its CT, and how it is to be read."""
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
@@ -125,7 +125,7 @@ def volume_properties() -> dict[str, Any]:
 
 CTMCSettings = type(
     "CTMCSettings",
-    (SettingsMethods, PropertyGroup),
+    (_SettingsMethods, PropertyGroup),
     {"__annotations__": all_properties(), "__doc__": "How the next surface is made.", "__module__": __name__},
 )
 

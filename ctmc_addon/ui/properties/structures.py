@@ -60,7 +60,7 @@ def tick(properties: Any, wanted: Callable[[Any], bool]) -> None:
     _ticking.clear()
 
 
-def on_tick(item: Any, _context: Any) -> None:
+def _on_tick(item: Any, _context: Any) -> None:
     """Make structures of the list once one is ticked; the first ticked label becomes the setting `label`."""
     if not _ticking:
         follow_ticks(item.id_data.ctmc)
@@ -99,7 +99,7 @@ def on_opacity(item: Any, context: Any) -> None:
 _on_opacity = on_look("label_opacity")
 
 
-def on_limits(item: Any, _context: Any) -> None:
+def _on_limits(item: Any, _context: Any) -> None:
     """Follow a threshold of the list."""
     if not _filling:
         notify(item.id_data.ctmc, "label")
@@ -114,11 +114,11 @@ class CTMCLabel(PropertyGroup):
         items=[(LABEL, "Label", "Voxels that have its number"), (THRESHOLD, "Threshold", "Values of the CT")],
     )
     value: integer("Value", "Value of the label in the volume")
-    threshold: decimal("Threshold", "Values at or above it are inside [HU or gray value]", update=on_limits)
-    use_upper: boolean("Upper Limit", "Whether there is an upper limit", update=on_limits)
-    upper: decimal("Upper Limit", "Values above it are outside [HU or gray value]", update=on_limits)
+    threshold: decimal("Threshold", "Values at or above it are inside [HU or gray value]", update=_on_limits)
+    use_upper: boolean("Upper Limit", "Whether there is an upper limit", update=_on_limits)
+    upper: decimal("Upper Limit", "Values above it are outside [HU or gray value]", update=_on_limits)
     source: text("Source", "Label source of the structure; empty for the CT's own labels", options={"HIDDEN"})
-    chosen: boolean("Reconstruct", "Make a surface of this structure", update=on_tick)
+    chosen: boolean("Reconstruct", "Make a surface of this structure", update=_on_tick)
     name: text(
         "Name", "Name of the structure and of its surface. Double-click to change it", update=on_look("label_name")
     )

@@ -66,24 +66,24 @@ def positions_of(view: Any) -> list[float]:
     return list(view.positions)
 
 
-def get_position(view: Any) -> float:
+def _get_position(view: Any) -> float:
     """Return where the slice of the present plane lies."""
     return positions_of(view)[list(PLANES).index(view.plane)]
 
 
-def set_position(view: Any, position: float) -> None:
+def _set_position(view: Any, position: float) -> None:
     """Move the slice of the present plane."""
     positions = positions_of(view)
     positions[list(PLANES).index(view.plane)] = position
     view.positions = positions
 
 
-def get_window(view: Any) -> float:
+def _get_window(view: Any) -> float:
     """Return the window for its slider."""
     return window_and_level(view)[0]
 
 
-def get_level(view: Any) -> float:
+def _get_level(view: Any) -> float:
     """Return the level for its slider."""
     return window_and_level(view)[1]
 
@@ -93,7 +93,7 @@ def set_window(view: Any, window: float) -> None:
     choose(view, window, window_and_level(view)[1])
 
 
-def set_level(view: Any, level: float) -> None:
+def _set_level(view: Any, level: float) -> None:
     """Change the level from its slider."""
     choose(view, window_and_level(view)[0], level)
 
@@ -123,8 +123,8 @@ class CTMCView(PropertyGroup):
         min=0.0,
         max=1.0,
         precision=3,
-        get=get_position,
-        set=set_position,
+        get=_get_position,
+        set=_set_position,
     )
     positions: FloatVectorProperty(size=3, default=(0.5, 0.5, 0.5), min=0.0, max=1.0, options={"HIDDEN"})
     window: decimal(
@@ -134,7 +134,7 @@ class CTMCView(PropertyGroup):
         soft_max=4000.0,
         precision=1,
         step=500,
-        get=get_window,
+        get=_get_window,
         set=set_window,
     )
     level: decimal(
@@ -144,8 +144,8 @@ class CTMCView(PropertyGroup):
         soft_max=3000.0,
         precision=1,
         step=500,
-        get=get_level,
-        set=set_level,
+        get=_get_level,
+        set=_set_level,
     )
     chosen_window: FloatVectorProperty(size=2, options={"HIDDEN"})
     chosen_for: StringProperty(options={"HIDDEN"})

@@ -26,7 +26,7 @@ SHORT = 4  # letters of a fingerprint
 _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
 
 
-def path_beside(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
+def _path_beside(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
     """Return where the drawing on a CT of a scene goes: after the .blend, and scene and CT where several have one.
 
     CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
@@ -46,7 +46,7 @@ def after_save(blend: str, *_: Any) -> None:
             if known is None or known.file is not None:
                 continue
             try:
-                write(path_beside(blend, scene, ct), scene, ct)
+                write(_path_beside(blend, scene, ct), scene, ct)
             except (CtmcError, OSError, MemoryError) as error:
                 session.of(scene).message = str(error)
 

@@ -53,7 +53,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
     item = scene.ctmc_draw.structures.add()
     item.key, item.fingerprint = f"drawn-{uuid.uuid4().hex}", scene.ctmc.volume_fingerprint
     item.name = next(one for one in names if one not in taken)
-    value = free_value(scene)
+    value = _free_value(scene)
     item.color = linear(structure_color(value, None, item.name).rgb)
     line = connect(scene, item)
     scene.ctmc.label_index = len(scene.ctmc.labels) - 1
@@ -61,7 +61,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
     return item
 
 
-def free_value(scene: bpy.types.Scene) -> int:
+def _free_value(scene: bpy.types.Scene) -> int:
     """Return a label that no line of the list has, and no surface of the CT, whose line may be gone."""
     made = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
     used = [one.settings.label or 0 for one in made if one.fingerprint == scene.ctmc.volume_fingerprint]
@@ -72,14 +72,14 @@ def connect(scene: bpy.types.Scene, item: Any) -> Any:
     """Give what was drawn its line in the list of structures, where it has none; return the line."""
     stored = scene.ctmc
     if not any(source.key == item.key for source in stored.label_sources):
-        value = free_value(scene)
+        value = _free_value(scene)
         source = stored.label_sources.add()
         source.key, source.offset = item.key, value - 1
         stored.add_labels([(value, item.name, tuple(item.color))], item.key)
     return line_of(scene, item)
 
 
-def connect_all(scene: bpy.types.Scene) -> None:
+def _connect_all(scene: bpy.types.Scene) -> None:
     """Connect all that was drawn on the scene's CT, which has just been loaded."""
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
         return
@@ -120,7 +120,7 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
         for at in reversed(range(len(lines))):
             if getattr(lines[at], name) in keys:
                 lines.remove(at)
-    choose(parked, left_to_choose(parked, of_labels=False))
+    choose(parked, _left_to_choose(parked, of_labels=False))
     return len(items)
 
 
@@ -149,11 +149,11 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
         stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
         forget(scene, source)
     ct = volumes.loaded(scene)
-    choose(stored, left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
+    choose(stored, _left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
     change_events.notify(stored, "label")
 
 
-def left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
+def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
     """Return what is chosen of a CT after lines of its list have gone; a volume `of_labels` has no threshold."""
     chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
     chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
@@ -204,7 +204,7 @@ def follow_file(*_: Any) -> None:
             elif masks.take(drawn, items[key]):
                 changed.add(key[0])
     for scene in scenes.values():
-        connect_all(scene)  # a structure whose removal was undone
+        _connect_all(scene)  # a structure whose removal was undone
     for uid in changed & scenes.keys():
         change_events.notify(scenes[uid].ctmc, change_events.DRAWN)
     if changed:
@@ -216,14 +216,14 @@ def after_load(*_: Any) -> None:
     for ct in volumes.all_known():
         ct.drawn.clear()
     for scene in bpy.data.scenes:
-        connect_all(scene)
+        _connect_all(scene)
 
 
 def follow(properties: Any, name: str) -> None:
     """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
     scene = properties.id_data
     if name == "volume":
-        connect_all(scene)
+        _connect_all(scene)
     elif name in ("label_name", "label_color"):
         for item in structures(scene):
             line = line_of(scene, item)

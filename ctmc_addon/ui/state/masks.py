@@ -54,7 +54,7 @@ def take(drawn: Drawn, item: Any) -> bool:
         unpack_into(mask, changed)
         drawn.mask, drawn.unpacked = mask, content
         drawn.labels = label_volume(mask, drawn.labels)
-        is_stored(drawn)
+        _is_stored(drawn)
     return bool(changed)
 
 
@@ -70,11 +70,11 @@ def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
             item.slices.add().number = number
         item.slices[places[number]].content = content
         drawn.unpacked[number] = content
-    is_stored(drawn)
+    _is_stored(drawn)
     change_events.notify(scene.ctmc, change_events.DRAWN)
 
 
-def is_stored(drawn: Drawn) -> None:
+def _is_stored(drawn: Drawn) -> None:
     """Mark a mask as equal to the slices of the file."""
     drawn.labels, drawn.revision, drawn.hash = dataclasses.replace(drawn.labels), next(_revisions), ""
 

@@ -74,7 +74,7 @@ def measurement_steps(
 
 def mesh_state(obj: bpy.types.Object) -> State:
     """Return what tells one state of an object's surface from another: positions, keys and the modifiers that show."""
-    return [*plain_state(obj, None)[:-1], modifiers_text(obj)]
+    return [*plain_state(obj, None)[:-1], _modifiers_text(obj)]
 
 
 def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
@@ -86,7 +86,7 @@ def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
     return [len(mesh.polygons), len(mesh.vertices), sums, values, ""]
 
 
-def modifiers_text(obj: bpy.types.Object) -> str:
+def _modifiers_text(obj: bpy.types.Object) -> str:
     """Return the settings of all modifiers that show in the viewport, in their order."""
     return json.dumps([settings_text(modifier) for modifier in obj.modifiers if modifier.show_viewport])[1:-1]
 
@@ -98,10 +98,10 @@ def settings_text(modifier: bpy.types.Modifier) -> str:
         for setting in modifier.bl_rna.properties
         if setting.type != "COLLECTION" and not setting.is_readonly and not setting.identifier.startswith(UNSEEN)
     ]
-    return f"{modifier.type} {[setting_text(modifier, name) for name in names]} {inputs_of_nodes(modifier)}"
+    return f"{modifier.type} {[_setting_text(modifier, name) for name in names]} {_inputs_of_nodes(modifier)}"
 
 
-def inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
+def _inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
     """Return what a Geometry Nodes modifier is given, as text; Blender 5.2 keeps a group for each input."""
     if modifier.type != "NODES":
         return []
@@ -111,7 +111,7 @@ def inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
     return [] if inputs is None else [str(group.to_dict()) for _, group in inputs.items()]
 
 
-def setting_text(modifier: bpy.types.Modifier, name: str) -> str:
+def _setting_text(modifier: bpy.types.Modifier, name: str) -> str:
     """Return a setting of a modifier; of another object, its name and where it stands."""
     value = getattr(modifier, name)
     if isinstance(value, bpy.types.Object):

@@ -63,7 +63,7 @@ def bring_back(scene: bpy.types.Scene, fingerprint: str) -> bool:
     return True
 
 
-def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str:
+def _active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str:
     """Return the CT that the object or the collection which became active is of; empty where it is of none.
 
     An object that is no longer selected is still Blender's active one, but has not become so.
@@ -72,7 +72,7 @@ def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str
     ----------
     context : bpy.types.Context
     what : tuple
-        What has changed, of `active_in`; the object goes first.
+        What has changed, of `_active_in`; the object goes first.
     """
     layer = context.view_layer
     obj, before = layer.objects.active, _seen.get(context.scene.session_uid)
@@ -85,7 +85,7 @@ def active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str
     return boxes.pop() if len(boxes) == 1 else ""
 
 
-def active_in(context: bpy.types.Context) -> tuple[Any, ...]:
+def _active_in(context: bpy.types.Context) -> tuple[Any, ...]:
     """Return what tells one active object and collection from another."""
     layer = context.view_layer
     obj = layer.objects.active
@@ -95,7 +95,7 @@ def active_in(context: bpy.types.Context) -> tuple[Any, ...]:
 
 def note(context: bpy.types.Context) -> None:
     """Take what is active now as seen: a CT that has just been loaded stays the panel's."""
-    _seen[context.scene.session_uid] = active_in(context)
+    _seen[context.scene.session_uid] = _active_in(context)
 
 
 def follow(*_: Any) -> None:
@@ -105,17 +105,17 @@ def follow(*_: Any) -> None:
     context = bpy.context
     if context.scene is None or context.view_layer is None or not len(context.scene.ctmc_scans):
         return
-    what = active_in(context)
+    what = _active_in(context)
     if _seen.get(context.scene.session_uid) == what or jobs.running() is not None:
         return
-    fingerprint = active_fingerprint(context, what)
+    fingerprint = _active_fingerprint(context, what)
     _seen[context.scene.session_uid] = what
     activate(context.scene, fingerprint)
 
 
 def notice(context: bpy.types.Context) -> None:
     """Follow soon where something else is active: a collection that is clicked tells nobody but who draws."""
-    has_changed = len(context.scene.ctmc_scans) and _seen.get(context.scene.session_uid) != active_in(context)
+    has_changed = len(context.scene.ctmc_scans) and _seen.get(context.scene.session_uid) != _active_in(context)
     if has_changed and not bpy.app.timers.is_registered(follow):
         bpy.app.timers.register(follow, first_interval=0.0)
 

@@ -58,7 +58,7 @@ def shown_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
     return [obj for obj in scene.objects if is_surface(obj) and not obj.hide_viewport]
 
 
-def surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
+def _surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the selected surfaces of the CT in memory, the active one first."""
     active = context.view_layer.objects.active
     selected = [obj for obj in context.selected_objects if is_of_ct(obj, context.scene)]
@@ -75,7 +75,7 @@ def surface_of_results(context: bpy.types.Context) -> bpy.types.Object | None:
     return last if last is not None and is_surface(last) and last.name in context.view_layer.objects else None
 
 
-def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
+def _of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
     """Return the scene's active object, if it was reconstructed by us and is not another file's."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     obj = layer.objects.active
@@ -84,26 +84,26 @@ def of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 def active_color(scene: bpy.types.Scene) -> Color:
     """Return the color of the surface that Results shows, that of bone without one."""
-    obj = of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return BONE if obj is None else material_color(obj)
 
 
 def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
     """Give the scene's active surface another color."""
-    obj = of_scene(scene)
+    obj = _of_scene(scene)
     if obj is not None:
         recolor(obj, color)
 
 
 def active_opacity(scene: bpy.types.Scene) -> float:
     """Return the opacity of the surface that Results shows, 1 without one."""
-    obj = of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return 1.0 if obj is None else material_opacity(obj)
 
 
 def fade_active(scene: bpy.types.Scene, opacity: float) -> None:
     """Give the scene's active surface another opacity."""
-    obj = of_scene(scene)
+    obj = _of_scene(scene)
     if obj is not None:
         set_opacity(obj, round(opacity, 3))
 
@@ -207,7 +207,7 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     MeshError
         If one of the objects cannot be changed.
     """
-    selected = surfaces_of_ct(context)
+    selected = _surfaces_of_ct(context)
     if len(runs) == 1:
         objects = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:

@@ -102,26 +102,26 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     scene.ctmc.volume_fingerprint = fingerprint
     _loaded.pop(fingerprint, None)
     _loaded[fingerprint] = loaded  # the last one loaded stands last
-    used, room = used_fingerprints(), available_bytes()
+    used, room = _used_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
         room = None if room is None else room - _loaded[earlier].nbytes
         if room is not None and room < 0:
             del _loaded[earlier]
 
 
-def used_fingerprints() -> set[str]:
+def _used_fingerprints() -> set[str]:
     """The fingerprints that the scenes of the file refer to."""
     return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
 
 
-def known_fingerprints() -> set[str]:
+def _known_fingerprints() -> set[str]:
     """The fingerprints of all CTs of the file's scenes, also of those that are not the panel's."""
-    return used_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
+    return _used_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
 
 
 def discard_unused(*_: Any) -> None:
     """Release the volumes that no scene of a newly opened file refers to."""
-    for fingerprint in set(_loaded) - known_fingerprints():
+    for fingerprint in set(_loaded) - _known_fingerprints():
         del _loaded[fingerprint]
 
 
@@ -253,16 +253,16 @@ def before_save(target: str, *_: Any) -> None:
     """Make paths relative to the place that the .blend is saved to; those of another system stay as they are."""
     paths = [bpy.path.abspath(path) for path, _ in noted()]
     _absolute[:] = [path if Path(path).is_absolute() else "" for path in paths]
-    relate_paths(target)
+    _relate_paths(target)
 
 
 def after_save(*_: Any) -> None:
     """Make paths relative to the open file again, which is not the saved one if that was a copy."""
-    relate_paths(bpy.data.filepath)
+    _relate_paths(bpy.data.filepath)
     _absolute.clear()
 
 
-def relate_paths(blend: str) -> None:
+def _relate_paths(blend: str) -> None:
     """Note the paths relative to a .blend, or whole where it has no place yet."""
     for (_, note), path in zip(noted(), _absolute, strict=False):
         if path:

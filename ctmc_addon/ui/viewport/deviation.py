@@ -17,19 +17,19 @@ ATTRIBUTE, USUAL = "VERTEX", "MATERIAL"
 _before: dict[int, tuple[str, str]] = {}  # how each viewport was shaded, by its address
 
 
-def shadings() -> list[Any]:
+def _shadings() -> list[Any]:
     """Return how the 3D viewports of all windows are shaded."""
     return [area.spaces.active.shading for area in session.viewports()]
 
 
 def is_shown() -> bool:
     """Return whether a viewport shows the colors of attributes."""
-    return any(shading.type == "SOLID" and shading.color_type == ATTRIBUTE for shading in shadings())
+    return any(shading.type == "SOLID" and shading.color_type == ATTRIBUTE for shading in _shadings())
 
 
 def show() -> None:
     """Show the colors of attributes in every viewport."""
-    for shading in shadings():
+    for shading in _shadings():
         if (shading.type, shading.color_type) != ("SOLID", ATTRIBUTE):
             _before[shading.as_pointer()] = (shading.type, shading.color_type)
             shading.type, shading.color_type = "SOLID", ATTRIBUTE
@@ -37,7 +37,7 @@ def show() -> None:
 
 def hide() -> None:
     """Shade the viewports as they were before."""
-    for shading in shadings():
+    for shading in _shadings():
         if shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
             kind, color = _before.pop(shading.as_pointer(), ("SOLID", USUAL))
             shading.color_type, shading.type = color, kind

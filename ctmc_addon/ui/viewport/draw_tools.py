@@ -34,7 +34,7 @@ _held: list[SliceHit] = []  # where the circle stays while its radius changes
 _status: list[str] = []  # names of the workspaces whose status bar has a text of ours
 
 
-def keys_of(operator: str, modifier: str, switch: str, state: bool = False) -> tuple[Any, ...]:
+def _keys_of(operator: str, modifier: str, switch: str, state: bool = False) -> tuple[Any, ...]:
     """Return the keys of a tool: the mouse calls its operator, with a modifier whose switch is the other way."""
     mouse, modified = {"type": "LEFTMOUSE", "value": "PRESS"}, {"type": "LEFTMOUSE", "value": "PRESS", modifier: True}
     kind = operator.replace("ctmc.", "CTMC_OT_")
@@ -58,7 +58,7 @@ class Tool:
     bl_cursor = "CROSSHAIR"
 
 
-class BrushTool(Tool):
+class _BrushTool(Tool):
     """What brush and eraser share."""
 
     @staticmethod
@@ -72,19 +72,19 @@ class BrushTool(Tool):
         """Draw the circle of the brush where the mouse is on a slice."""
         if not hasattr(context.scene, "ctmc_draw"):  # the extension was disabled with the tool in the hand
             return
-        hit = _held[0] if _held else hit_at(context, xy)
+        hit = _held[0] if _held else _hit_at(context, xy)
         if hit is not None:
-            draw_path(circle_of(context, hit))
+            draw_path(_circle_of(context, hit))
 
 
-class GrowTool(Tool, bpy.types.WorkSpaceTool):
+class _GrowTool(Tool, bpy.types.WorkSpaceTool):
     """Grow a structure from a click."""
 
     bl_idname = "ctmc.grow"
     bl_label = "Grow"
     bl_description = "Grow a structure from a click on a slice; Alt click for its surroundings"
     bl_icon = "brush.gpencil_draw.fill"
-    bl_keymap = keys_of("ctmc.draw_grow", "alt", "surroundings")
+    bl_keymap = _keys_of("ctmc.draw_grow", "alt", "surroundings")
 
     @staticmethod
     def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
@@ -92,41 +92,41 @@ class GrowTool(Tool, bpy.types.WorkSpaceTool):
         layout.prop(context.scene.ctmc_draw, "use_range")
 
 
-class BrushOfSlices(BrushTool, bpy.types.WorkSpaceTool):
+class BrushOfSlices(_BrushTool, bpy.types.WorkSpaceTool):
     """Draw a structure on slices."""
 
     bl_idname = "ctmc.brush"
     bl_label = "Brush"
     bl_description = "Draw a structure on a slice; Ctrl erases, F changes the radius"
     bl_icon = "ops.gpencil.draw"
-    bl_keymap = (*keys_of("ctmc.draw_stroke", "ctrl", "erase"), RADIUS)
+    bl_keymap = (*_keys_of("ctmc.draw_stroke", "ctrl", "erase"), RADIUS)
 
 
-class EraserOfSlices(BrushTool, bpy.types.WorkSpaceTool):
+class _EraserOfSlices(_BrushTool, bpy.types.WorkSpaceTool):
     """Erase from a structure on slices."""
 
     bl_idname = "ctmc.eraser"
     bl_label = "Eraser"
     bl_description = "Erase from a structure on a slice; Ctrl draws, F changes the radius"
     bl_icon = "ops.gpencil.draw.eraser"
-    bl_keymap = (*keys_of("ctmc.draw_stroke", "ctrl", "erase", True), RADIUS)
+    bl_keymap = (*_keys_of("ctmc.draw_stroke", "ctrl", "erase", True), RADIUS)
 
 
-class ScissorsTool(Tool, bpy.types.WorkSpaceTool):
+class _ScissorsTool(Tool, bpy.types.WorkSpaceTool):
     """Cut a structure by a lasso."""
 
     bl_idname = "ctmc.scissors"
     bl_label = "Scissors"
     bl_description = "Remove from a structure what a lasso encloses in the view; Ctrl removes everything else"
     bl_icon = "ops.sculpt.lasso_trim"
-    bl_keymap = keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
+    bl_keymap = _keys_of("ctmc.draw_lasso", "ctrl", "keep_inside")
 
     @staticmethod
     def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
         layout.prop(context.scene.ctmc_draw, "depth_mm")
 
 
-TOOLS = (GrowTool, BrushOfSlices, EraserOfSlices, ScissorsTool)
+TOOLS = (_GrowTool, BrushOfSlices, _EraserOfSlices, _ScissorsTool)
 
 
 def hold(hit: SliceHit | None) -> None:
@@ -134,7 +134,7 @@ def hold(hit: SliceHit | None) -> None:
     _held[:] = [] if hit is None else [hit]
 
 
-def hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
+def _hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
     """Return what the brush meets at a place of the window, in the region that is drawn."""
     from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
@@ -146,7 +146,7 @@ def hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
     return brush_along(context.scene, context.space_data, view, ray)
 
 
-def circle_of(context: Any, hit: SliceHit) -> list[tuple[float, float]]:
+def _circle_of(context: Any, hit: SliceHit) -> list[tuple[float, float]]:
     """Return the brush's circle on a slice, pixels of the window."""
     from bpy_extras.view3d_utils import location_3d_to_region_2d
     from mathutils import Vector
@@ -185,12 +185,12 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
             under = brush_under if tool in BRUSHES else slice_under
             hit = under(context.scene, context.area, event)
             text = translate(HELP.get(tool, ""))
-            say(context, text if hit is None else f"{place_text(volume, hit.point_mm)}   |   {text}")
+            say(context, text if hit is None else f"{_place_text(volume, hit.point_mm)}   |   {text}")
             context.region.tag_redraw()
         return {"CANCELLED", "PASS_THROUGH"}
 
 
-def place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
+def _place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
     """Return where a point is, and the value of the CT there."""
     place, value = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm), value_at(volume, point_mm)
     if value is None:

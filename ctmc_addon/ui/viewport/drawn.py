@@ -37,7 +37,7 @@ _pictures: dict[Any, tuple[Any, OverlayPicture | None]] = {}
 _surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
 
 
-def seen_color(item: Any) -> tuple[float, ...]:
+def _seen_color(item: Any) -> tuple[float, ...]:
     """Return a structure's color as it appears: what is stored are amounts of light."""
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color)
 
@@ -52,8 +52,8 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
         is_active = active is not None and active.key == item.key
         state = (corners_mm.tobytes(), drawn.revision, tuple(item.color), is_active, scale)
         if place not in _pictures or _pictures[place][0] != state:
-            mask, corners = cropped(mask_in(scene, drawn.mask, corners_mm, section), corners_mm)
-            color = seen_color(item)
+            mask, corners = cropped(_mask_in(scene, drawn.mask, corners_mm, section), corners_mm)
+            color = _seen_color(item)
             _pictures[place] = (
                 state,
                 OverlayPicture(veiled(mask, color, is_active), corners * scale) if mask.size else None,
@@ -63,7 +63,7 @@ def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any 
             yield picture
 
 
-def mask_in(scene: bpy.types.Scene, mask: Flags, corners_mm: Any, section: Any) -> Any:
+def _mask_in(scene: bpy.types.Scene, mask: Flags, corners_mm: Any, section: Any) -> Any:
     """Return a mask in a slice of the grid, or on any plane, (rows, columns) bool."""
     labels = masks.label_volume(mask, volumes.require_loaded(scene).volume)
     if section is not None:
@@ -92,7 +92,7 @@ def draw() -> None:
             for picture in pictures_of(scene, obj.session_uid, corners_of(obj, scale)):
                 picture.draw(context.region_data, above=1)
     if scene.ctmc.preview:
-        draw_surfaces(context)
+        _draw_surfaces(context)
 
 
 def discard(scene: bpy.types.Scene) -> None:
@@ -111,11 +111,11 @@ def discard(scene: bpy.types.Scene) -> None:
             del _surfaces[of, key]
 
 
-def draw_surfaces(context: Any) -> None:
+def _draw_surfaces(context: Any) -> None:
     """Draw the coarse surfaces, up to the slice where there is one to draw on."""
     scene, region = context.scene, context.region_data
     if any(is_behind(scene, item) for item in drawings.structures(scene)):
-        wake()
+        _wake()
     plane = end_of(context)
     for item in drawings.structures(scene):
         _, surface = _surfaces.get((scene.session_uid, item.key), (0, None))
@@ -144,10 +144,10 @@ def labels_of(scene: bpy.types.Scene) -> set[int]:
 def end_of(context: Any) -> tuple[float, float, float, float]:
     """Return the plane at which surfaces end in a view: that of its slice, to draw on it, and in Quad View."""
     draws = tool_of(context) not in ("", CUTTING)
-    return plane_of(context) if draws or context.region_data.use_clip_planes else WHOLE
+    return _plane_of(context) if draws or context.region_data.use_clip_planes else WHOLE
 
 
-def plane_of(context: Any) -> tuple[float, float, float, float]:
+def _plane_of(context: Any) -> tuple[float, float, float, float]:
     """Return the plane of the slice that faces the viewer most, positive on the viewer's side; Blender units."""
     region = context.region_data
     eye = np.array(region.view_matrix.inverted())
@@ -176,7 +176,7 @@ def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
     return made != masks.of(scene, item).revision
 
 
-def wake() -> None:
+def _wake() -> None:
     """Make surfaces once the event is over, and no stroke is being drawn."""
     if not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=SOON)

@@ -103,11 +103,11 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
         return None
     low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *limits_of(scene))
     strip = strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
-    names = placed_names(strip, bands_of(ct.volume, strip), lambda text: width_of(text, strip.scale))
+    names = placed_names(strip, _bands_of(ct.volume, strip), lambda text: width_of(text, strip.scale))
     return replace(strip, names=max((name.row for name in names), default=0))
 
 
-def bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
+def _bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
     """Return the tissues on the axis: lowest and highest value, and what they may be called."""
     bands = tissue_bands(strip.low, strip.high) if volume.kind == ValueKind.HU else []
     named = [(band, translate(band.name)) for band in bands]
@@ -170,7 +170,7 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
     bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
     ticks = round_ticks(strip.low, strip.high, max(2, int((last - first) / (PIXELS_OF_A_TICK * strip.scale))))
     is_hu = ct.volume.kind == ValueKind.HU
-    bands = bands_of(ct.volume, strip)
+    bands = _bands_of(ct.volume, strip)
     pointed, held = (None, None) if opened is None else (opened.pointed, opened.held)
     text = None
     if pointed is not None:
@@ -183,7 +183,7 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
         bands,
         limits_of(scene),
         None if held is None else int(held),
-        title_of(scene, is_hu),
+        _title_of(scene, is_hu),
         translate("Drag a line. Upper limit at the right end: none. Esc closes"),
         text,
     )
@@ -194,7 +194,7 @@ def with_unit(value: float, is_hu: bool) -> str:
     return f"{value:.6g} HU" if is_hu else f"{value:.6g}"
 
 
-def title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
+def _title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
     """Return the limits in words."""
     threshold, upper = limits_of(scene)
     words = {"Threshold": threshold, "Upper Limit": upper}

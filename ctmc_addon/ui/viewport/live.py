@@ -68,7 +68,7 @@ def mark(properties: Any, name: str) -> None:
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)
         return
-    start(scene, stale=name not in LEAVE_IT and not (name == change_events.DRAWN and shows_drawn(scene)))
+    start(scene, stale=name not in LEAVE_IT and not (name == change_events.DRAWN and _shows_drawn(scene)))
     if name == "alpha":
         live.alpha_moved = True
         alpha.move(scene, as_written(properties.alpha))
@@ -76,7 +76,7 @@ def mark(properties: Any, name: str) -> None:
         preview.hide()
 
 
-def shows_drawn(scene: bpy.types.Scene) -> bool:
+def _shows_drawn(scene: bpy.types.Scene) -> bool:
     """Return whether the preview is of a structure that was drawn, which shows a preview of its own."""
     settings = preview.settings_of(scene)
     return settings is not None and drawn.shows(scene, settings.label)
@@ -177,7 +177,7 @@ def clear(*_: Any) -> None:
     preview.state.requested = False
 
 
-def before_undo(*_: Any) -> None:
+def _before_undo(*_: Any) -> None:
     """Stop counting before undo brings back another state of the file."""
     live.stop_work()
 
@@ -199,8 +199,8 @@ def after_load(*_: Any) -> None:
 HANDLERS = {
     "load_pre": clear,
     "load_post": after_load,
-    "undo_pre": before_undo,
-    "redo_pre": before_undo,
+    "undo_pre": _before_undo,
+    "redo_pre": _before_undo,
     "undo_post": after_undo,
     "redo_post": after_undo,
 }

@@ -47,7 +47,7 @@ _handlers: list[Any] = []
 _last: dict[str, Any] = {}  # "key", "volume" and "picture" of the slice drawn last
 
 
-def scene_volume(context: bpy.types.Context) -> Volume | None:
+def _scene_volume(context: bpy.types.Context) -> Volume | None:
     """Return the volume to draw in this viewport, or None."""
     space = context.space_data
     if space is None or space.type != "VIEW_3D" or not space.overlay.show_overlays:
@@ -65,30 +65,30 @@ def wanted_labels(settings: Any) -> tuple[int, ...]:
 
 def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
     """Return the colors of the labels of the list, as they appear: what is stored are amounts of light."""
-    return {item.value: as_it_appears(item.color) for item in settings.labels if item.kind == LABEL}
+    return {item.value: _as_it_appears(item.color) for item in settings.labels if item.kind == LABEL}
 
 
-def as_it_appears(color: Any) -> tuple[float, ...]:
+def _as_it_appears(color: Any) -> tuple[float, ...]:
     """Return a color as the screen shows it, of amounts of light."""
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in color)
 
 
-def ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]], ...]:
+def _ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]], ...]:
     """Return the thresholds of the list that are ticked: lowest and highest value, and the color as it appears."""
     if not settings.use_label:
         return ()
     return tuple(
-        (item.threshold, item.upper if item.use_upper else math.inf, as_it_appears(item.color))
+        (item.threshold, item.upper if item.use_upper else math.inf, _as_it_appears(item.color))
         for item in settings.labels
         if item.chosen and item.kind == THRESHOLD
     )
 
 
-def slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
+def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     """Return the current slice, made again only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
-    labels, bands = wanted_labels(settings), ticked_bands(settings)
+    labels, bands = wanted_labels(settings), _ticked_bands(settings)
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
     draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
@@ -96,7 +96,7 @@ def slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
     scale = machine().scale
-    of_labels = shown_labels(scene, volume) if settings.use_label else None
+    of_labels = _shown_labels(scene, volume) if settings.use_label else None
     colors = label_colors(settings) if of_labels is not None else {}
     key = (shown_slice, window, level, above, upper, labels, bands, scale, tuple(colors.items()), of_labels)
     if _last.get("volume") is not volume or _last.get("key") != key:
@@ -125,24 +125,24 @@ def shows_slice(scene: bpy.types.Scene, volume: Volume) -> bool:
     return not is_cut_in(scene, corners * machine().scale)
 
 
-def shown_labels(scene: bpy.types.Scene, volume: Volume) -> Volume | None:
+def _shown_labels(scene: bpy.types.Scene, volume: Volume) -> Volume | None:
     """Return the labels on the samples of the volume that is shown; None where there are none on these."""
     labels = volume if volumes.is_coarse(scene) else structures.label_volume(scene)
     return labels if labels is not None and labels.kind == ValueKind.LABEL and len(scene.ctmc.labels) else None
 
 
-def draw_in_space() -> None:
+def _draw_in_space() -> None:
     """Draw the slice and the box of the region, which objects may hide."""
     context = bpy.context
     if volumes.current(context.scene) is not _last.get("volume"):
         _last.clear()
-    volume = scene_volume(context)
+    volume = _scene_volume(context)
     if volume is None:
         return
     scale, settings = machine().scale, context.scene.ctmc
     size = (context.region.width, context.region.height)
     if shows_slice(context.scene, volume):
-        slice_picture(context.scene, volume).draw(context.region_data)
+        _slice_picture(context.scene, volume).draw(context.region_data)
     draw_lines(volume_box(volume) * scale, EDGES, VOLUME_COLOR, size, 1.0)
     if settings.use_region:
         full = volumes.current_full(context.scene) or volume
@@ -150,12 +150,12 @@ def draw_in_space() -> None:
         draw_lines(corners * scale, EDGES, REGION_COLOR, size, 2.0)
 
 
-def draw_on_top() -> None:
+def _draw_on_top() -> None:
     """Draw legend and letters over everything."""
     context = bpy.context
     if context.space_data.overlay.show_overlays:
         deviation.draw(context)
-    volume = scene_volume(context)
+    volume = _scene_volume(context)
     if volume is None or not context.scene.ctmc_view.show_letters:
         return
     corners = volume_box(volume) * machine().scale
@@ -169,8 +169,8 @@ def register() -> None:
     if bpy.app.background:
         return
     add = bpy.types.SpaceView3D.draw_handler_add
-    _handlers.append(add(draw_in_space, (), "WINDOW", "POST_VIEW"))
-    _handlers.append(add(draw_on_top, (), "WINDOW", "POST_PIXEL"))
+    _handlers.append(add(_draw_in_space, (), "WINDOW", "POST_VIEW"))
+    _handlers.append(add(_draw_on_top, (), "WINDOW", "POST_PIXEL"))
 
 
 def unregister() -> None:

@@ -87,7 +87,7 @@ def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Ste
 def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
     """Put a surface on the graphics card when Blender draws next."""
     settings = scene.ctmc
-    state.scene, state.shown, state.key = scene.session_uid, None, preview_key(scene)
+    state.scene, state.shown, state.key = scene.session_uid, None, _preview_key(scene)
     if surface is not None:
         state.shown = PreviewSurface(surface.surface, settings.alpha, machine().scale)
     recolor(scene)
@@ -131,7 +131,7 @@ def is_made(context: bpy.types.Context) -> bool:
     )
 
 
-def preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
+def _preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
     """Return where the preview of a scene lies; None where there is none."""
     ct, settings = volumes.loaded(scene), settings_of(scene)
     try:

@@ -29,7 +29,7 @@ from ..state import volumes
 COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
 
 
-class RegionFace:
+class _RegionFace:
     """One side of the box, as Blender's arrow handle asks for it and moves it.
 
     An arrow stands at its base plus an offset along its direction; the base is where the side would be at 0.
@@ -63,11 +63,11 @@ class RegionFace:
         return Matrix.Translation(Vector(self.base)) @ turned
 
 
-def current_face(face: int) -> RegionFace | None:
+def current_face(face: int) -> _RegionFace | None:
     """Return the side as it is at this moment; Blender keeps handles longer than any scene or volume."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
-    return None if volume is None else RegionFace(scene, volume, face)
+    return None if volume is None else _RegionFace(scene, volume, face)
 
 
 def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:

@@ -18,18 +18,18 @@ WIDTH = 2.0
 
 
 @dataclass
-class Pending:
+class _Pending:
     """The points that were clicked so far, and the one under the mouse; world space."""
 
     world_points: list[Any] = field(default_factory=list)
     next_point: Any = None
 
 
-pending = Pending()
+pending = _Pending()
 _handlers: list[Any] = []
 
 
-def draw_wire() -> None:
+def _draw_wire() -> None:
     """Draw the wire that is being made."""
     world_points = [*pending.world_points, *([] if pending.next_point is None else [pending.next_point])]
     if len(world_points) < 2:
@@ -40,7 +40,7 @@ def draw_wire() -> None:
     draw_lines(np.array([point[:] for point in world_points]), pairs, COLOR, size, WIDTH)
 
 
-def draw_values() -> None:
+def _draw_values() -> None:
     """Draw the line and the value of each ruler that is seen, over everything."""
     context = bpy.context
     if context.space_data is None or not context.space_data.overlay.show_overlays:
@@ -62,8 +62,8 @@ def register() -> None:
     if bpy.app.background:
         return
     add = bpy.types.SpaceView3D.draw_handler_add
-    _handlers.append(add(draw_wire, (), "WINDOW", "POST_VIEW"))
-    _handlers.append(add(draw_values, (), "WINDOW", "POST_PIXEL"))
+    _handlers.append(add(_draw_wire, (), "WINDOW", "POST_VIEW"))
+    _handlers.append(add(_draw_values, (), "WINDOW", "POST_PIXEL"))
 
 
 def unregister() -> None:

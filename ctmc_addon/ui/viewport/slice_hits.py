@@ -49,7 +49,7 @@ def slices_in(scene: bpy.types.Scene, space: Any) -> Iterator[NDArray[np.float64
             yield corners_of(obj, machine().scale)
 
 
-def slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corners: Any = None) -> SliceHit | None:
+def _slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corners: Any = None) -> SliceHit | None:
     """Return where a ray meets the nearest slice that a viewport shows, or that with these corners; None beside it."""
     (origin, direction), scale = ray, machine().scale
     planes = slices_in(scene, space) if corners is None else (corners,)
@@ -63,7 +63,7 @@ def slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corner
     return SliceHit((x, y, z), corners_mm)
 
 
-def surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | None:
+def _surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | None:
     """Return where a ray meets a surface of the panel's CT; None where it meets nothing, or another object first."""
     found = hit(scene, bpy.context.view_layer.depsgraph, *ray)
     if found is None or not surfaces.is_of_ct(found[0], scene):
@@ -77,10 +77,10 @@ def surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | No
 
 def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, Any]) -> SliceHit | None:
     """Return what the brush meets first along a ray: a slice, or a surface where it draws on those too."""
-    slice_hit = slice_along(scene, space, ray)
+    slice_hit = _slice_along(scene, space, ray)
     if not scene.ctmc_draw.on_surfaces or view.use_clip_planes:  # Quad View hides surfaces before a slice
         return slice_hit
-    hits = [one for one in (slice_hit, surface_along(scene, ray)) if one is not None]
+    hits = [one for one in (slice_hit, _surface_along(scene, ray)) if one is not None]
     eye = np.array(ray[0]) / machine().scale
     return min(hits, key=lambda one: distance_between(eye, one.point_mm), default=None)
 
@@ -88,7 +88,7 @@ def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, A
 def slice_under(scene: bpy.types.Scene, area: Any, event: Any) -> SliceHit | None:
     """Return where the mouse is on the nearest slice; None beside it."""
     ray = ray_under(area, event)
-    return None if ray is None else slice_along(scene, area.spaces.active, ray)
+    return None if ray is None else _slice_along(scene, area.spaces.active, ray)
 
 
 def brush_under(scene: bpy.types.Scene, area: Any, event: Any, held: SliceHit | None = None) -> SliceHit | None:
@@ -104,4 +104,4 @@ def brush_under(scene: bpy.types.Scene, area: Any, event: Any, held: SliceHit | 
         return None
     if held is None:
         return brush_along(scene, area.spaces.active, region.data, ray)
-    return surface_along(scene, ray) if held.on_surface else slice_along(scene, None, ray, held.corners_mm)
+    return _surface_along(scene, ray) if held.on_surface else _slice_along(scene, None, ray, held.corners_mm)

@@ -29,20 +29,20 @@ def show_from_sides(scene: bpy.types.Scene) -> None:
     """Let each view of a quad view that clips show the slice that it sees first, and not what lies before it."""
     for area in session.viewports():
         for view in area.spaces.active.region_quadviews:
-            seen = first_seen(scene, view) if view.lock_rotation and view.use_clip_planes else None
+            seen = _first_seen(scene, view) if view.lock_rotation and view.use_clip_planes else None
             if seen is not None:
                 show_from(view, seen.matrix_world.translation)
 
 
-def first_seen(scene: bpy.types.Scene, view: bpy.types.RegionView3D) -> bpy.types.Object | None:
+def _first_seen(scene: bpy.types.Scene, view: bpy.types.RegionView3D) -> bpy.types.Object | None:
     """Return the slice of the panel's CT that faces a view and is nearest to its eye; None where there is none."""
     back = view.view_rotation @ Vector((0.0, 0.0, 1.0))
     planes = slices_of(scene, scene.ctmc.volume_fingerprint)
-    facing = [obj for obj in planes if obj.visible_get() and is_along(obj, back)]
+    facing = [obj for obj in planes if obj.visible_get() and _is_along(obj, back)]
     return max(facing, key=lambda obj: back.dot(obj.matrix_world.translation), default=None)
 
 
-def is_along(obj: bpy.types.Object, back: Vector) -> bool:
+def _is_along(obj: bpy.types.Object, back: Vector) -> bool:
     """Return whether a slice is seen from straight above."""
     normal = obj.matrix_world.to_3x3() @ obj.data.polygons[0].normal
     return bool(abs(normal.normalized().dot(back)) > STRAIGHT)
@@ -63,7 +63,7 @@ def show_pictures() -> None:
             shading.color_type = PICTURE
 
 
-def after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
+def _after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
     """Take the pictures of slices that a change of the scene has moved."""
     moved = (update.id for update in depsgraph.updates if update.is_updated_transform)
     if any(isinstance(block, bpy.types.Object) and is_slice(block) for block in moved):
@@ -84,7 +84,7 @@ def before_save(*_: Any) -> None:
 
 
 HANDLERS = {
-    "depsgraph_update_post": after_update,
+    "depsgraph_update_post": _after_update,
     "undo_post": after_undo,
     "redo_post": after_undo,
     "save_pre": before_save,

@@ -211,7 +211,7 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     """A bar of the colors in a box of the page, its title above and its distances below."""
     left, bottom, right, _ = box
     font = board.font_mm
-    inset = board.width_of(last_label(scale)) / 2
+    inset = board.width_of(_last_label(scale)) / 2
     left, right = left + inset, right - inset
     base = bottom + CAP * font + GAP_MM
     steps = 64
@@ -228,11 +228,11 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     for share in (0.0, 0.5, 1.0):
         x = left + share * (right - left)
         board.rectangle((x - 0.06, base - 0.5, x + 0.06, base))
-        label = last_label(scale) if share == 1.0 else f"{share * scale.limit_mm / scale.unit.size:g}"
+        label = _last_label(scale) if share == 1.0 else f"{share * scale.limit_mm / scale.unit.size:g}"
         board.text(label, x, bottom, "CENTER")
     board.text(f"distance, {scale.unit.name}", (left + right) / 2, base + font + 0.8, "CENTER")
 
 
-def last_label(scale: ColorScale) -> str:
+def _last_label(scale: ColorScale) -> str:
     """Return the text at the end of the color bar: its largest distance."""
     return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm / scale.unit.size:g}"

@@ -63,12 +63,12 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     board.blocks.append(pivot)
     limits = [[depth + share * reach * board.unit for share in ends] for ends in (SHADES, FADE)]
     arms, ink, paper = (
-        depth_ink(board.pen, FAR, limits[0]),
-        depth_ink(board.pen, None, limits[1]),
-        page_ink(None if clear else board.paper, limits[1]),
+        _depth_ink(board.pen, FAR, limits[0]),
+        _depth_ink(board.pen, None, limits[1]),
+        _page_ink(None if clear else board.paper, limits[1]),
     )
     board.blocks += [arms, ink, paper]
-    cross = board.put("CTMC Axes", axis_lines(ARM * reach), 0.0, 0.0, arms)
+    cross = board.put("CTMC Axes", _axis_lines(ARM * reach), 0.0, 0.0, arms)
     cross.parent, cross.location = pivot, (0.0, 0.0, 0.0)
     towards = camera.matrix_world.to_3x3().col[2]
     for name, direction in LETTERS:
@@ -87,26 +87,26 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     return pivot
 
 
-def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
+def _depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
     """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
     material = surface_material("CTMC Ink by Depth", near)
-    share = depth_share(material, limits)
-    last = clear_socket(material) if far is None else emission(material, far)
+    share = _depth_share(material, limits)
+    last = _clear_socket(material) if far is None else emission(material, far)
     show_flat(material, mixed(material.node_tree, share, emission(material, near), last))
     return material
 
 
-def page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
+def _page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
     """Return a material like the page, None for an empty one, that hides what is behind; clear where letters fade."""
     material = flat_material("CTMC Page", paper or WHITE)
     tree = material.node_tree
     page = emission(material, paper) if paper else tree.nodes.new("ShaderNodeHoldout").outputs[0]
-    share = depth_share(material, limits)
-    show_flat(material, mixed(tree, share, page, clear_socket(material)))
+    share = _depth_share(material, limits)
+    show_flat(material, mixed(tree, share, page, _clear_socket(material)))
     return material
 
 
-def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
+def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
     """Return the socket of 0 at the first distance before the camera to 1 at the second."""
     tree = material.node_tree
     camera, share = tree.nodes.new("ShaderNodeCameraData"), tree.nodes.new("ShaderNodeMapRange")
@@ -115,12 +115,12 @@ def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
     return share.outputs["Result"]
 
 
-def clear_socket(material: bpy.types.Material) -> Any:
+def _clear_socket(material: bpy.types.Material) -> Any:
     """Return the socket of a shader that is fully transparent."""
     return material.node_tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
 
 
-def axis_lines(reach_mm: float) -> Any:
+def _axis_lines(reach_mm: float) -> Any:
     """Three crossing lines of a visible width."""
     lines = bpy.data.curves.new("CTMC Axes", "CURVE")
     lines.dimensions, lines.bevel_depth, lines.bevel_resolution = "3D", 0.7 * LINE_MM, 2

@@ -68,10 +68,10 @@ def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]
         wished = np.array([callout.at[1] if callout.at else bottom for callout in column])
         heights = spread(wished, line, bottom + line / 2, top - line / 2)
         for callout, height in zip(column, heights.tolist(), strict=True):
-            draw_callout(board, callout, layout.margin if side < 0 else board.size_mm[0] - layout.margin, height, side)
+            _draw_callout(board, callout, layout.margin if side < 0 else board.size_mm[0] - layout.margin, height, side)
 
 
-def draw_callout(board: Board, callout: Callout, outer: float, height: float, side: int) -> None:
+def _draw_callout(board: Board, callout: Callout, outer: float, height: float, side: int) -> None:
     """Write one name at a height, from the outer edge of its column, a square of its color and its line inwards."""
     square, cap = CAP * board.font_mm, CAP * board.font_mm
     base = height - cap / 2

@@ -145,7 +145,7 @@ def compose_steps(
         for cell in cells:
             figure.copies.append([])
             for surface in cell.surfaces:
-                figure.copies[-1].append(add_copy(figure, surface.obj, scene))
+                figure.copies[-1].append(_add_copy(figure, surface.obj, scene))
                 yield SETTING_UP
             yield from open_shared_walls_steps(cell, figure.copies[-1])
             for copy in figure.copies[-1]:
@@ -163,15 +163,15 @@ def compose_steps(
             for surface, copy in zip(cell.surfaces, copies, strict=True):
                 yield SETTING_UP
                 figure.blocks += assign_materials(copy, surface, style, page, figure.unit, pictures, layers)
-        if has_outlines(style):
-            yield from add_outlines_steps(figure, cells)
+        if _has_outlines(style):
+            yield from _add_outlines_steps(figure, cells)
     except BaseException:
         figure.remove()
         raise
     return figure
 
 
-def add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> bpy.types.Object:
+def _add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> bpy.types.Object:
     """Return a plain copy of an evaluated object in the figure's scene."""
     mesh, evaluated = evaluated_copy(obj, scene)
     figure.blocks.append(mesh)
@@ -185,12 +185,12 @@ def add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene 
     return copy
 
 
-def has_outlines(style: FigureStyle) -> bool:
+def _has_outlines(style: FigureStyle) -> bool:
     """Return whether surfaces get outlines; Workbench knows no material that is clear from behind."""
     return style.style == "illustration" and style.distances is None and style.engine != "workbench"
 
 
-def add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
+def _add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
     """Give every solid surface its outline."""
     ink = outline_material()
     figure.blocks.append(ink)
@@ -264,10 +264,10 @@ def arrange(
     eye.matrix_world = matrix_of_axes(axes, axes @ np.array([*at, high[2] + room]))
     camera.type = "ORTHO"
     camera.ortho_scale = unit * max(figure.size) / page.pixels_per_mm
-    suns, world = lights_of(style, alone=len(cells) == 1)
+    suns, world = _lights_of(style, alone=len(cells) == 1)
     sun = next(iter(suns.values()))
     towards = sun_axes(sun, style.azimuth, style.elevation)[:, 2]
-    step_back = shadow_free_step(axes, towards, (size_mm[0] * unit, size_mm[1] * unit), extent[2], sun.angle)
+    step_back = _shadow_free_step(axes, towards, (size_mm[0] * unit, size_mm[1] * unit), extent[2], sun.angle)
     camera.clip_start, camera.clip_end = unit, room + (len(cells) - 1) * step_back + 2.0 * extent[2] + unit
     scene.collection.objects.link(eye)
     scene.camera = eye
@@ -286,10 +286,10 @@ def arrange(
     scene.render.film_transparent = page.transparent
     scene.render.image_settings.color_mode = "RGBA" if page.transparent else "RGB"
     board.unit, board.size_mm, board.depth = unit, size_mm, 4.0 * unit
-    annotate(figure, layout, cells, style, board)
+    _annotate(figure, layout, cells, style, board)
 
 
-def lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float]:
+def _lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float]:
     """Return the suns of a style, the one with a shadow first, and the strength of the light from all sides.
 
     A rim light stands behind the surfaces, so behind one that is not alone stand others, which would shade it.
@@ -300,7 +300,7 @@ def lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float
     return suns, FROM_ALL_SIDES
 
 
-def shadow_free_step(
+def _shadow_free_step(
     axes: NDArray[np.float64], sun: NDArray[np.float64], size: tuple[float, float], depth: float, angle: float
 ) -> float:
     """Return how far behind each other objects must stand on a page of this size so that none shades another.
@@ -333,7 +333,9 @@ def shadow_free_step(
     return float(depth + min(ways))
 
 
-def annotate(figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], style: FigureStyle, board: Board) -> None:
+def _annotate(
+    figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], style: FigureStyle, board: Board
+) -> None:
     """Captions, scale bar, legend or color bar, and the patient's axes."""
     down = LEADING * board.font_mm
     for which, text in enumerate(layout.texts):
@@ -362,7 +364,7 @@ def annotate(figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], st
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
     elif layout.named_beside:
-        draw_callouts(board, layout, callouts_of(figure, cells[0], style, board))
+        draw_callouts(board, layout, _callouts_of(figure, cells[0], style, board))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
         above = layout.legend_above_mm
@@ -374,7 +376,7 @@ def annotate(figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], st
         orientation_marker(board, board.size_mm[0] - layout.margin - off, y + off, rotation, flat, clear)
 
 
-def callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Board) -> list[Callout]:
+def _callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Board) -> list[Callout]:
     """Return the names of the first cell's surfaces, and where on the page each is seen past those that are solid."""
     into_camera = np.array(figure.scene.camera.matrix_world.inverted())
     copies = figure.copies[0]

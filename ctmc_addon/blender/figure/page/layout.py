@@ -83,11 +83,11 @@ def make_layout(
     SettingsError
         If the page is too small for its cells.
     """
-    columns = min(style.columns or columns_for(len(cells)), len(cells))
+    columns = min(style.columns or _columns_for(len(cells)), len(cells))
     rows = math.ceil(len(cells) / columns)
     inner = page.printed_width_mm - 2 * MARGIN_MM
     names = [surface.name for surface in cells[0].surfaces if surface.name]
-    aside = 0.0 if turning or len(cells) > 1 else names_beside_mm(names, style, board, inner)
+    aside = 0.0 if turning or len(cells) > 1 else _names_beside_mm(names, style, board, inner)
     width = (inner - (columns - 1) * GAP_MM) / columns - 2 * aside
     font, cap = page.font_mm, CAP * page.font_mm
     texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
@@ -100,11 +100,11 @@ def make_layout(
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
     )  # the scale bar and the axes
     widths = [board.width_of(name) for name in names]
-    legend_columns, legend_above = columns_of_legend(widths, inner - beside, cap), 0.0
+    legend_columns, legend_above = _columns_of_legend(widths, inner - beside, cap), 0.0
     footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
-    across = columns_of_legend(widths, inner, cap)
+    across = _columns_of_legend(widths, inner, cap)
     above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
-    stacked = above + legend_mm(math.ceil(len(names) / across), font)
+    stacked = above + _legend_mm(math.ceil(len(names) / across), font)
     if names and style.distances is None and stacked < footer:  # a long legend takes the page's width
         legend_columns, legend_above, footer = across, above, stacked
     below = (
@@ -163,7 +163,7 @@ def make_layout(
     )
 
 
-def names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
+def _names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
     """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
     if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0
@@ -171,7 +171,7 @@ def names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inne
     return wide if inner_mm - 2 * wide >= LEAST_SHARE * inner_mm else 0.0
 
 
-def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:
+def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:
     """Columns of a legend with names of these widths: one for a few, else as many as there is room for.
 
     Examples
@@ -190,7 +190,7 @@ def columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float
     return max((columns for columns in range(2, len(widths_mm)) if taken(columns) <= room_mm), default=1)
 
 
-def legend_mm(rows: int, font: float) -> float:
+def _legend_mm(rows: int, font: float) -> float:
     """Return the height of a legend with some rows, mm."""
     return (rows - 1) * LEADING * font + font
 
@@ -213,13 +213,13 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
     if style.distances is not None:
         heights.append(3.0 * LEADING * font)
     elif legend_rows:
-        heights.append(legend_mm(legend_rows, font))
+        heights.append(_legend_mm(legend_rows, font))
     if style.orientation:
         heights.append(2 * reach_mm + font)
     return max(heights)
 
 
-def columns_for(count: int) -> int:
+def _columns_for(count: int) -> int:
     """Cells side by side: all of up to three, else as many as make the sheet about square.
 
     Examples

@@ -61,11 +61,11 @@ class Compared:
         word, volume = "error", ""
         if self.volume:
             word, mesh = "from the bare surface:", self.result.mesh
-            volume = f"{unbroken(volume_text(mesh.volume))}, " if mesh.closed else ""
+            volume = f"{_unbroken(volume_text(mesh.volume))}, " if mesh.closed else ""
         error = f"{word} 0 mm"
         if self.max_mm > 0:
             mean, largest = length_text(self.mean_mm, 3), length_text(self.max_mm, 3)
-            error = f"{word} {unbroken(mean)}, {unbroken(f'at most {largest}')}"
+            error = f"{word} {_unbroken(mean)}, {_unbroken(f'at most {largest}')}"
         title = self.title
         for unit in (" × ", " px", " mm", " = ", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
@@ -76,7 +76,7 @@ class Compared:
         )
 
 
-def unbroken(text: str) -> str:
+def _unbroken(text: str) -> str:
     """Return a text that stays on one line."""
     return text.replace(" ", NO_BREAK)
 
@@ -110,7 +110,7 @@ def sheet_steps(
     CtmcError
         If there is no surface at some settings, alpha does nothing, or a file cannot be written.
     """
-    require_measurable(settings, limit_mm)
+    _require_measurable(settings, limit_mm)
     budget = budget or Budget()
     if comparison.alphas and not comparison.smoothings and not settings.alpha_matters:
         raise SettingsError(
@@ -119,19 +119,19 @@ def sheet_steps(
         )
     stages = Stages(STAGES)
     bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
-    full = reference_steps(volume, bare, bool(comparison.alphas), budget)
+    full = _reference_steps(volume, bare, bool(comparison.alphas), budget)
     reference = yield from stages.run("Reconstructing in full resolution", full)
-    comparing = cells_steps(volume, comparison.variants(settings, volume.spacing), reference, deviation, budget)
+    comparing = _cells_steps(volume, comparison.variants(settings, volume.spacing), reference, deviation, budget)
     compared, maps = yield from stages.run("Comparing", comparing)
     compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
     distances = color_scale(maps, limit_mm) if deviation else None
     style = replace(style, columns=style.columns or comparison.columns, distances=distances)
     results = [(cell.result, cell.lines) for cell in compared]
-    size = yield from stages.run("Rendering", rendered_steps(results, maps, path, page, style, blend, own_process))
+    size = yield from stages.run("Rendering", _rendered_steps(results, maps, path, page, style, blend, own_process))
     return size, compared
 
 
-def cells_steps(
+def _cells_steps(
     volume: Volume,
     variants: Sequence[tuple[str, ReconstructionSettings]],
     reference: ReferenceSurface,
@@ -178,10 +178,10 @@ def deviation_figure_steps(
     own_process: bool = False,
 ) -> Steps[tuple[int, int]]:
     """Render a figure of one surface colored by its distance to the surface of full resolution."""
-    require_measurable(result.settings, limit_mm)
+    _require_measurable(result.settings, limit_mm)
     budget = budget or Budget()
     stages = Stages({"Reconstructing in full resolution": 20, **MEASURING, "Rendering": 50})
-    full = reference_steps(volume, result.settings, False, budget)
+    full = _reference_steps(volume, result.settings, False, budget)
     reference = yield from stages.run("Reconstructing in full resolution", full)
     measuring = surface_distance_steps(result.mesh, reference, budget.threads)
     distance = yield from stages.run("Measuring the error", measuring)
@@ -191,17 +191,17 @@ def deviation_figure_steps(
         style.caption
         if style.caption is not None
         else (
-            f"Distance to the surface of full resolution: mean {unbroken(length_text(distance.mean, 3))}, "
-            f"at most {unbroken(length_text(distance.largest, 3))}; "
+            f"Distance to the surface of full resolution: mean {_unbroken(length_text(distance.mean, 3))}, "
+            f"at most {_unbroken(length_text(distance.largest, 3))}; "
             f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
         )
     )
     style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)
-    rendering = rendered_steps([(result, ())], [distance_map], path, page, style, blend, own_process)
+    rendering = _rendered_steps([(result, ())], [distance_map], path, page, style, blend, own_process)
     return (yield from stages.run("Rendering", rendering))
 
 
-def require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
+def _require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
     """Raise `SettingsError` for a simplifier that works in Blender, or a color bar that ends nowhere."""
     if settings.simplifies and settings.simplifier == "decimate":
         raise SettingsError("distances need the built-in simplifier; choose it (leave out --simplifier decimate)")
@@ -209,7 +209,7 @@ def require_measurable(settings: ReconstructionSettings, limit_mm: float | None)
         raise SettingsError(f"the color bar must end between 0 and 1000 mm, not at {limit_mm:g}")
 
 
-def reference_steps(
+def _reference_steps(
     volume: Volume, settings: ReconstructionSettings, straight: bool, budget: Budget
 ) -> Steps[ReferenceSurface]:
     """Return the surface of full resolution, at alpha 1 if it is to be `straight`."""
@@ -225,7 +225,7 @@ def reference_steps(
     return ReferenceSurface(result.mesh)
 
 
-def rendered_steps(
+def _rendered_steps(
     results: Sequence[tuple[Reconstruction, tuple[str, ...]]],
     maps: Sequence[DistanceMap],
     path: str | os.PathLike[str],

@@ -71,13 +71,13 @@ def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterato
         except OSError as error:
             raise refused(beside, error) from error
         if not own_process:
-            yield ThisProcess(figure.scene, folder)
+            yield _ThisProcess(figure.scene, folder)
             return
         copy = folder / SCENE
         copy.touch()
         write_scene(figure, copy)
         figure.remove()
-        process = RenderProcess(folder)
+        process = _RenderProcess(folder)
         try:
             yield process
         finally:
@@ -86,7 +86,7 @@ def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterato
         shutil.rmtree(folder, ignore_errors=True)
 
 
-class ThisProcess:
+class _ThisProcess:
     """Renders here: quick to start, deaf until each task is done."""
 
     def __init__(self, scene: bpy.types.Scene, folder: Path) -> None:
@@ -99,7 +99,7 @@ class ThisProcess:
         task.make(self.scene)
 
 
-class RenderProcess:
+class _RenderProcess:
     """A Blender of its own that has opened the scene in `folder`; `close` must be called at the end."""
 
     def __init__(self, folder: Path) -> None:
@@ -124,7 +124,7 @@ class RenderProcess:
             ) from error
         self.reader = threading.Thread(target=self._read, daemon=True)
         self.reader.start()
-        self._send(greeting(folder / SCENE))
+        self._send(_greeting(folder / SCENE))
 
     def make_steps(self, task: Task, step: Step) -> Steps[None]:
         """Do a task; yields the step while that goes on.
@@ -196,7 +196,7 @@ def command() -> list[str]:
     return [str(interpreter() or sys.executable), "-I", "-S", "-c", BOOT]
 
 
-def greeting(blend: Path) -> dict[str, Any]:
+def _greeting(blend: Path) -> dict[str, Any]:
     """Return the first request: what to run, with which .blend, and where modules are found."""
     request = first_request(WORKER, str(blend.resolve()))
     if not bpy.app.binary_path:

@@ -49,7 +49,7 @@ def serve(blend: str) -> None:
         why = str(error).strip().removeprefix("Error: ")
         say(out, line({"sentence": f"the scene to render cannot be read back ({why}); choose another folder"}))
         listening.join()  # It may be removing the folder, and ends this process.
-    bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": share_of(str(text))})))
+    bpy.app.handlers.render_stats.append(lambda text, *_: say(out, line({"share": _share_of(str(text))})))
     while True:
         say(out, line(answer(tasks.get())))
 
@@ -79,7 +79,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
     return {"done": True}
 
 
-def share_of(text: str) -> float | None:
+def _share_of(text: str) -> float | None:
     """Return how much of a picture is rendered; None where Blender does not tell.
 
     Examples

@@ -46,7 +46,7 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.sampling_pattern = PATTERN
     if style.samples is not None or style.style != "illustration" or style.distances is not None:
-        cycles.samples = style.samples or samples_of_edges(dpi)
+        cycles.samples = style.samples or _samples_of_edges(dpi)
     elif can_denoise():
         small = scene.render.resolution_x * scene.render.resolution_y <= SMALL_PIXELS
         cycles.samples = DENOISED_SMALL if small else DENOISED
@@ -60,7 +60,7 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
         cycles.time_limit = LONGEST_S
 
 
-def samples_of_edges(dpi: float) -> int:
+def _samples_of_edges(dpi: float) -> int:
     """Return how many samples of a pixel make edges smooth."""
     return COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES
 
@@ -70,7 +70,7 @@ def without_noise(scene: bpy.types.Scene, dpi: float) -> Iterator[None]:
     """Have Cycles take the samples of edges alone, for a part of the page where no light falls on anything."""
     cycles = scene.cycles
     before = cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising
-    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = samples_of_edges(dpi), False, False
+    cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = _samples_of_edges(dpi), False, False
     try:
         yield
     finally:

@@ -80,7 +80,7 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
         # Samples of a triangle are at most 0.7 cells apart, so that each cell inside of it has one.
         pieces = 2 ** np.ceil(np.log2(np.maximum(longest / (0.7 * cell), 1.0))).astype(np.int64)
         for count in np.unique(pieces).tolist():
-            shares = barycentric(count)  # (S, 3)
+            shares = _barycentric(count)  # (S, 3)
             those = corners[pieces == count]
             step = max(1, MOST_SAMPLES // len(shares))
             for first in range(0, len(those), step):
@@ -90,7 +90,7 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
     return DepthMaps(depths.reshape(-1, rows, columns), (float(low[0]), float(low[1])), cell)
 
 
-def barycentric(pieces: int) -> NDArray[np.float64]:
+def _barycentric(pieces: int) -> NDArray[np.float64]:
     """Return the corners of a triangle whose sides are cut into some pieces, (S, 3) shares of its corners.
 
     Examples

@@ -89,7 +89,7 @@ class LabelSamples:
         return self.number.nbytes + self.bricks.nbytes
 
 
-def refined_slice(field: Field, slice_: int) -> int:
+def _refined_slice(field: Field, slice_: int) -> int:
     """Return where a slice of a field's values lies on the common grid."""
     return field.origin[2] * field.slice_steps + slice_ - field.first_slice
 
@@ -100,7 +100,7 @@ def label_samples_steps(field: Field) -> Steps[LabelSamples]:
     (x0, x1), (y0, y1), (z0, z1) = field.window_in_values
     values = yield from field.values.slices_steps(range(field.values.shape[0]))
     origin_x, origin_y, _ = field.origin
-    low = (origin_x + x0, origin_y + y0, refined_slice(field, z0))
+    low = (origin_x + x0, origin_y + y0, _refined_slice(field, z0))
     # Slices that close the border are far below 0: what lies outside the window is not.
     added = field.first_slice
     lowest = values[max(z0, added) : min(z1, len(values) - added), y0:y1, x0:x1].min()

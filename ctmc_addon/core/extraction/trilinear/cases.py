@@ -69,7 +69,7 @@ def contours(case: int, connected: int) -> tuple[Loop, ...]:
     return tuple(closed_loops(following))
 
 
-def connected_corners(case: int, connected: int) -> list[tuple[int, int]]:
+def _connected_corners(case: int, connected: int) -> list[tuple[int, int]]:
     """The two corners that are connected across each ambiguous face, inside or outside."""
     pairs = []
     for number in ambiguous_faces(case):
@@ -82,7 +82,7 @@ def regions(case: int, connected: int) -> list[int]:
     """Region of the voxel's boundary that each corner lies in: the region's lowest corner."""
     region = list(range(8))
     alike = [ends for ends in EDGES if not (case >> ends[0] ^ case >> ends[1]) & 1]
-    for a, b in alike + connected_corners(case, connected):
+    for a, b in alike + _connected_corners(case, connected):
         low, high = sorted((region[a], region[b]))
         region = [low if each == high else each for each in region]
     return region
@@ -93,7 +93,7 @@ def tunnels(case: int, connected: int) -> Iterator[tuple[int, tuple[Loop, Loop]]
 
     What connects two z edges is a condition quadratic in z: met within a tunnel, it is met in neither end face.
     """
-    in_ends = [{a & 3, b & 3} for a, b in connected_corners(case, connected)]
+    in_ends = [{a & 3, b & 3} for a, b in _connected_corners(case, connected)]
     region = regions(case, connected)
     between = {}  # inside and outside region to loop, both ways
     for loop in contours(case, connected):

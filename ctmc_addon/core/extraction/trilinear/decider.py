@@ -54,7 +54,7 @@ LOW_FACE_CORNERS = (0, 1, 3, 2)  # the corners around the low face along z; the 
 
 
 @dataclass(frozen=True, eq=False)
-class TrilinearTables(TriangleTables):
+class _TrilinearTables(TriangleTables):
     """Triangles of every surface a voxel may have: its configurations, by number, the 256 classic cases first.
 
     Parameters
@@ -80,7 +80,7 @@ class TrilinearTables(TriangleTables):
 
 
 @cache
-def trilinear_tables() -> TrilinearTables:
+def trilinear_tables() -> _TrilinearTables:
     """The configurations, made on first use."""
     pieces: list[Piece] = [(case_triangles(case), ()) for case in range(256)]
     configuration_of = np.repeat(np.arange(256, dtype=np.int16), 64 * 9).reshape(-1, 9)
@@ -106,7 +106,7 @@ def trilinear_tables() -> TrilinearTables:
         for axis in range(3):
             if low >> axis & 1:
                 interior_offset[:, :, axis] += interior_weights[:, :, edge]
-    return TrilinearTables(
+    return _TrilinearTables(
         triangle_count=count,
         first_triangle=np.cumsum(count, dtype=np.intp) - count,
         triangle_edges=np.array([triangle for triangles, _ in pieces for triangle in triangles], np.intp),

@@ -71,7 +71,7 @@ class QualitySums:
         self._tangent = min(self._tangent, float(tangents.min()))
         for at, degrees in enumerate(LIMITS_DEG):
             self._below[at] += int(np.count_nonzero(tangents < tangent(degrees)))
-        bits = radius_ratios(doubled, squares).astype(np.float32).view(np.int32)
+        bits = _radius_ratios(doubled, squares).astype(np.float32).view(np.int32)
         number = np.clip((bits - ONE_BITS) >> DROPPED_BITS, 0, BINS - 1)
         self._bins += np.bincount(number, minlength=BINS)
 
@@ -124,7 +124,7 @@ def smallest_tangents(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     return np.asarray(2.0 * doubled / np.where(twice > 0, twice, 1.0))
 
 
-def radius_ratios(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
+def _radius_ratios(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     """Return circumradius over twice the inradius, (...,): a b c (a + b + c) / (16 area^2); infinity without area.
 
     Examples

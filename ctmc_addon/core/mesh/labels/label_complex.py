@@ -22,7 +22,7 @@ from ..triangle_mesh import Surface, TriangleMesh, blend
 from .pinched_vertices import split_pinched
 
 
-class Interface(NamedTuple):
+class _Interface(NamedTuple):
     """Where two labels meet.
 
     Parameters
@@ -48,7 +48,7 @@ class Neighbor(NamedTuple):
     area_mm2: float
 
 
-def neighbors_of(label: int, interfaces: Iterable[Interface]) -> tuple[Neighbor, ...]:
+def neighbors_of(label: int, interfaces: Iterable[_Interface]) -> tuple[Neighbor, ...]:
     """Return the labels that a label borders on, in the order of their numbers; what has no label is left out.
 
     Examples
@@ -94,7 +94,7 @@ class ComplexMesh:
         return tuple(ordered[np.flatnonzero(np.diff(ordered, prepend=ordered.dtype.type(0)))].tolist())
 
     @property
-    def interfaces(self) -> tuple[Interface, ...]:
+    def interfaces(self) -> tuple[_Interface, ...]:
         """Every pair of labels that have triangles between them, rising, behind before front."""
         labels = np.array(sorted({0, *self.labels}))
         number = np.searchsorted(labels, self.sides)
@@ -103,7 +103,7 @@ class ComplexMesh:
         x, y, z = finish(face_vectors_steps(self.vertices, self.faces)).T
         areas = np.bincount(keys, np.sqrt(x**2 + y**2 + z**2), len(labels) ** 2) / 2
         return tuple(
-            Interface(
+            _Interface(
                 int(labels[key // len(labels)]), int(labels[key % len(labels)]), int(counts[key]), float(areas[key])
             )
             for key in np.flatnonzero(counts).tolist()

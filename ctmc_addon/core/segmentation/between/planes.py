@@ -39,7 +39,7 @@ class Outline(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class BetweenPlanes:
+class _BetweenPlanes:
     """The body between two planes.
 
     Samples inside both planes are inside, those outside both are outside: distances decide only the others.
@@ -73,7 +73,7 @@ class BetweenPlanes:
         return body
 
 
-def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, float]) -> Steps[BetweenPlanes]:
+def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, float]) -> Steps[_BetweenPlanes]:
     """Measure what lies between two planes.
 
     Parameters
@@ -97,7 +97,7 @@ def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, 
     differing = below.mask ^ above.mask
     below_mm = yield from _signed_mm_steps(below, differing, sides_mm)
     above_mm = yield from _signed_mm_steps(above, differing, sides_mm)
-    return BetweenPlanes(below.mask & above.mask, differing, below_mm, above_mm, -ON_SURFACE * min(sides_mm))
+    return _BetweenPlanes(below.mask & above.mask, differing, below_mm, above_mm, -ON_SURFACE * min(sides_mm))
 
 
 def _signed_mm_steps(outline: Outline, wanted: Flags, sides_mm: tuple[float, float]) -> Steps[Doubles]:

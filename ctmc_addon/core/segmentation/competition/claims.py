@@ -131,7 +131,7 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
         far = FAR if not known.size else FAR_BONE if _is_bone(known, ground.bone) else FAR_CORRECTION
-        cut = sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
+        cut = _sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
         own.reached[...] |= times < min(longest, BEYOND * cut)
     left = np.int32(cut) - times.astype(np.int32)
     claimed = nearer & (left > 0)
@@ -186,7 +186,7 @@ def _ball(heights: Ints, block: Sample, sides_mm: Sides) -> tuple[Window, Flags]
     return window, inside & (np.abs(part - heights[block]) <= cost_of(ALIKE_MM))
 
 
-def sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, longest: int, far: float) -> int:
+def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, longest: int, far: float) -> int:
     """Return the time to cut off at: where values differ most across the border of what is inside, on average.
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts

@@ -55,7 +55,7 @@ class Shares:
         offset = np.clip(self.policy.proportional * lag + self.sum, -most, most)
         mean = (offset[:, None] * self.member).sum(axis=0) / self.member.sum(axis=0)
         self.closed = (self.member[shares >= self.least] == 0).all(axis=0)
-        self.weight = power_of_two(-mean).astype(np.float32)
+        self.weight = _power_of_two(-mean).astype(np.float32)
 
 
 def octaves(ratios: Doubles) -> Doubles:
@@ -70,7 +70,7 @@ def octaves(ratios: Doubles) -> Doubles:
     return exponent - 1 + (2.0 * mantissa - 1.0)
 
 
-def power_of_two(octave: Doubles) -> Doubles:
+def _power_of_two(octave: Doubles) -> Doubles:
     """Return the ratios of which these are the `octaves`.
 
     Examples

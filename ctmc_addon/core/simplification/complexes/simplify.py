@@ -134,7 +134,7 @@ def simplify_complex_steps(
     full = len(mesh.faces)
     target = goal.target(full)
     require_finite(TriangleMesh(mesh.vertices, mesh.faces))
-    before = faces_of_labels(mesh)
+    before = _faces_of_labels(mesh)
     if target >= full:
         return ComplexSimplification(mesh, before, before, CollapsedComponents(), {})
     parts = _parts(mesh)
@@ -156,7 +156,7 @@ def simplify_complex_steps(
     tested = None if max_error is not None and len(parts) > 1 else crossing
     whole = TriangleMesh(simplified.vertices, simplified.faces)
     yield Step(1.0, Simplification(whole, collapsed, cut, tested).message(target))
-    return ComplexSimplification(simplified, before, faces_of_labels(simplified), collapsed, of_labels, cut, tested)
+    return ComplexSimplification(simplified, before, _faces_of_labels(simplified), collapsed, of_labels, cut, tested)
 
 
 def _parts_steps(
@@ -188,7 +188,7 @@ def _parts_steps(
     return _joined([each[0] for each in in_order]), [each[1:] for each in in_order]
 
 
-def faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
+def _faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
     """How many triangles border each label, without 0."""
     labels, interface = interfaces_of(mesh.sides)
     counts = np.bincount(interface, minlength=labels.shape[1])

@@ -237,7 +237,7 @@ def _scan_steps(volume: Volume, box: Box, only: int | None, threads: int | None)
         if only is None:
             labels, extents = slab_extents(slab)
         else:
-            extents = mask_extent(slab == only)
+            extents = _mask_extent(slab == only)
             labels = [only] * len(extents)
         extents[:, [3, 6]] += low
         return labels, extents
@@ -292,7 +292,7 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
     return [int(label) for label in value[first].tolist()], np.stack([np.add.reduceat(length, first), *lows, *highs], 1)
 
 
-def mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
+def _mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     """Return what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) where none is.
 
     Examples

@@ -24,7 +24,7 @@ NEAR = 0.05
 """Of a sample: as far as the corners of labels may lie from samples of the CT, which is what files round."""
 
 
-class Renumbered(SliceReader):
+class _Renumbered(SliceReader):
     """Labels of another reader, each with a number added; 0 stays 0."""
 
     def __init__(self, reader: SliceReader, offset: int) -> None:
@@ -182,7 +182,7 @@ def combined_labels(sources: Sequence[tuple[Volume, int]]) -> Volume:
     colors: dict[int, tuple[int, int, int]] = {}
     for volume, offset in sources:
         own = [volume.reader, *volume.layers]
-        readers += [Renumbered(reader, offset) for reader in own] if offset else own
+        readers += [_Renumbered(reader, offset) for reader in own] if offset else own
         names |= {label + offset: name for label, name in volume.label_names.items()}
         colors |= {label + offset: color for label, color in volume.label_colors.items()}
     notes = tuple(dict.fromkeys(note for volume, _ in sources for note in volume.notes))

@@ -67,7 +67,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     """
     labels = labels.as_labels
     axes, shift = samples_on_grid(labels, ct)
-    extent = yield from label_extent_steps(labels, label, box or whole_box(labels))
+    extent = yield from label_extent_steps(labels, label, box or _whole_box(labels))
     if extent is None:
         return None
     on_ct = moved_box(extent.box, axes, shift)
@@ -108,10 +108,10 @@ def range_values_steps(
         values = ct.samples(slab, rows, columns)
         return values[(values >= low) & (values <= (math.inf if high is None else high))]
 
-    return (yield from _summed_steps(chosen, box or whole_box(ct), "Looking at the values inside"))
+    return (yield from _summed_steps(chosen, box or _whole_box(ct), "Looking at the values inside"))
 
 
-def whole_box(volume: Volume) -> Box:
+def _whole_box(volume: Volume) -> Box:
     """Return the box of all samples."""
     x, y, z = volume.size
     return (0, x), (0, y), (0, z)

@@ -26,25 +26,25 @@ def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR)
     [[1, 1, 1, 1], [0, 0, 0, 1], [0, 0, 0, 1], [0, 0, 0, 1]]
     """
     is_air = ~(values > air)  # NaN too
-    sides = [seeds_at(values.shape, axis, end) for axis in (0, 1) for end in (0, -1) if axis != ends]
-    outside = joined_air(is_air, np.logical_or.reduce(sides))
+    sides = [_seeds_at(values.shape, axis, end) for axis in (0, 1) for end in (0, -1) if axis != ends]
+    outside = _joined_air(is_air, np.logical_or.reduce(sides))
     if ends is not None:  # what goes on from end to end lies beside the body, between it and the table
-        first, last = (joined_air(is_air, seeds_at(values.shape, ends, end)) for end in (0, -1))
+        first, last = (_joined_air(is_air, _seeds_at(values.shape, ends, end)) for end in (0, -1))
         outside |= first & last
     return outside
 
 
-def seeds_at(shape: tuple[int, ...], axis: int, end: int) -> NDArray[np.bool_]:
+def _seeds_at(shape: tuple[int, ...], axis: int, end: int) -> NDArray[np.bool_]:
     """The first (0) or last (-1) samples along an axis."""
     seeds = np.zeros(shape, bool)
     seeds[(slice(None),) * axis + (end,)] = True
     return seeds
 
 
-def joined_air(is_air: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
+def _joined_air(is_air: NDArray[np.bool_], seeds: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """The air that is joined to seeds, by whole runs along rows and columns in turn."""
     reached = is_air & seeds
-    along = (run_numbers(is_air), run_numbers(is_air.T).T)
+    along = (_run_numbers(is_air), _run_numbers(is_air.T).T)
     before = -1
     while before != (before := np.count_nonzero(reached)):  # a body has few bays that take more than a few turns
         for numbers in along:
@@ -69,7 +69,7 @@ def ends_of_body(corners_mm: NDArray[np.float64]) -> int | None:
     return int(along.argmax()) if along.max() > 0.7 else None
 
 
-def run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
+def _run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
     """A number for every run along the rows of a mask, from 1.
 
     Examples

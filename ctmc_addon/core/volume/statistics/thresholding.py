@@ -47,7 +47,7 @@ def used_threshold_steps(volume: Volume, settings: ReconstructionSettings) -> St
     box = region_box(volume, settings)
     of_box = _otsu.setdefault(volume, {})
     if box not in of_box:
-        of_box[box] = otsu_of_histogram((yield from box_histogram_steps(volume, box)))
+        of_box[box] = _otsu_of_histogram((yield from box_histogram_steps(volume, box)))
     return of_box[box]
 
 
@@ -91,13 +91,13 @@ def otsu(values: NDArray[Any]) -> float:
     >>> otsu(np.array([[[0, 0, 255], [0, 255, 255]]], np.uint8))
     127.5
     """
-    return otsu_of_histogram(histogram(values))
+    return _otsu_of_histogram(histogram(values))
 
 
-def otsu_of_histogram(histogram: Histogram) -> float:
+def _otsu_of_histogram(histogram: Histogram) -> float:
     """Return Otsu's threshold of a histogram."""
     counts, start, width = histogram
-    counts = without_padding(counts)
+    counts = _without_padding(counts)
     filled = np.flatnonzero(counts)
     if len(filled) < 2:
         value = start + width * (0.5 if len(counts) == 1 else float(filled[0]))  # the middle of a single bin
@@ -118,7 +118,7 @@ def otsu_of_histogram(histogram: Histogram) -> float:
     return float(start + width * (1 + (first + last) / 2))
 
 
-def without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
+def _without_padding(counts: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the counts without an isolated first or last bin, which means 'outside the scan'."""
     for end in (0, -1):
         filled = np.flatnonzero(counts)

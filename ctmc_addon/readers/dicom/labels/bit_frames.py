@@ -26,13 +26,13 @@ def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
     """Yield the stored frames (rows, columns) in the file's order; None where pydicom has to decode them."""
     pixels = image.pixels
     if pixels.syntax == DEFLATED_FRAMES:
-        return read_frames(image, deflated_frames)
+        return _read_frames(image, _deflated_frames)
     if pixels.syntax == RLE and pixels.options["bits_allocated"] == 1:
-        return read_frames(image, rle_frames)
-    return None if pixels.compressed else read_frames(image, native_frames)
+        return _read_frames(image, _rle_frames)
+    return None if pixels.compressed else _read_frames(image, _native_frames)
 
 
-def read_frames(
+def _read_frames(
     image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
 ) -> Iterator[NDArray[Any]]:
     """Yield the frames of a file that is open."""
@@ -41,7 +41,7 @@ def read_frames(
         yield from read(elements.file, image)
 
 
-def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
+def _native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
     """Yield uncompressed frames; those of one bit follow each other without a gap, the lowest bit first."""
     bits, size = image.pixels.options["bits_allocated"], image.rows * image.columns
     left = b""  # the byte in which the frame before ended
@@ -53,31 +53,31 @@ def native_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
         yield values_of(piece, bits, start % 8, image)
 
 
-def deflated_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
+def _deflated_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
     """Yield frames that are deflated each by itself."""
     bits = image.pixels.options["bits_allocated"]
     needed_bytes = (image.rows * image.columns * bits + 7) // 8
-    for packed in encapsulated(file, image):
+    for packed in _encapsulated(file, image):
         yield values_of(inflated(packed, needed_bytes), bits, 0, image)
 
 
-def rle_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
+def _rle_frames(file: IO[bytes], image: ImageFile) -> Iterator[NDArray[Any]]:
     """Yield masks of one bit in RLE: a byte for each pixel, as in the standard, or for 8, as some write it."""
     size = image.rows * image.columns
-    for packed in encapsulated(file, image):
-        piece = unpacked_rle(packed, size)
-        if len(piece) < size and len(piece) not in packed_sizes(size):
+    for packed in _encapsulated(file, image):
+        piece = _unpacked_rle(packed, size)
+        if len(piece) < size and len(piece) not in _packed_sizes(size):
             raise Damaged(f"{len(piece)} bytes of a frame of {image.columns} x {image.rows} pixels")
         yield values_of(piece, 8 if len(piece) >= size else 1, 0, image)
 
 
-def packed_sizes(size: int) -> tuple[int, int]:
+def _packed_sizes(size: int) -> tuple[int, int]:
     """Return the bytes of a frame of `size` pixels of one bit, without and with the byte that makes them even."""
     count = (size + 7) // 8
     return count, count + count % 2
 
 
-def unpacked_rle(packed: bytes, most: int) -> bytes:
+def _unpacked_rle(packed: bytes, most: int) -> bytes:
     r"""Return the bytes of a frame that is one segment of runs; no more than `most` of them.
 
     Examples
@@ -102,7 +102,7 @@ def unpacked_rle(packed: bytes, most: int) -> bytes:
     return bytes(out[:most])
 
 
-def encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
+def _encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
     """Yield the compressed frames, each as it stands in the file."""
     count = image.pixels.options["number_of_frames"]
     frames = needed("pydicom.encaps", "pydicom", "DICOM").generate_frames(file, number_of_frames=count)

@@ -90,18 +90,18 @@ def assigned_planes(structures: Sequence[Sequence[Plane]], grid: SliceGrid) -> l
     assignments = []
     for planes in structures:
         heights = np.array([plane.height for plane in planes])
-        joined = are_joined(np.diff(grid.scanned_numbers(heights)))
-        sources = sources_of(heights, joined, grid.heights, grid.slice_mm)
+        joined = _are_joined(np.diff(grid.scanned_numbers(heights)))
+        sources = _sources_of(heights, joined, grid.heights, grid.slice_mm)
         taken = {source.slice_ for source in sources}
         inner = [np.flatnonzero((grid.heights > low) & (grid.heights < high)) for low, high in pairs(heights)]
         gaps = [not taken.issuperset(between.tolist()) for between in inner]
         mm = np.diff(heights)
         filled = sorted({source.below for source in sources if source.below != source.above})
-        assignments.append(PlaneAssignment(sources, lower_median(mm[filled]), mm[gaps].tolist()))
+        assignments.append(PlaneAssignment(sources, _lower_median(mm[filled]), mm[gaps].tolist()))
     return assignments
 
 
-def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return whether the body goes on between each plane and the next: it does not where a step is far wider.
 
     A skipped contour or two are not a gap, nor are contours that are drawn more rarely at an end of the structure.
@@ -119,11 +119,11 @@ def are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
     [True, True, False, True, True, True]
     """
     beside = np.concatenate([[0.0], steps, [0.0]])
-    usual = np.maximum(np.maximum(beside[:-2], beside[2:]), max(lower_median(steps), 1.0))
+    usual = np.maximum(np.maximum(beside[:-2], beside[2:]), max(_lower_median(steps), 1.0))
     return np.asarray(steps <= WIDEST * usual + ROUNDING)
 
 
-def sources_of(
+def _sources_of(
     planes: NDArray[np.float64], joined: NDArray[np.bool_], slices: NDArray[np.float64], slice_mm: float
 ) -> list[Source]:
     """Return the slices that take planes, with their planes.
@@ -179,7 +179,7 @@ def pairs(heights: NDArray[np.float64]) -> Iterable[tuple[float, float]]:
     return zip(heights[:-1].tolist(), heights[1:].tolist(), strict=True)
 
 
-def lower_median(values: NDArray[np.float64]) -> float:
+def _lower_median(values: NDArray[np.float64]) -> float:
     """Return the median, the lower of the middle two; 0 of no values.
 
     Examples

@@ -27,7 +27,7 @@ from .segmentation_header import SegmentationHeader, header_steps
 from .slice_grid import SliceGrid, grid_of_frames
 
 
-class SegmentationSource(VolumeSource):
+class _SegmentationSource(VolumeSource):
     """One DICOM segmentation, on the grid of its CT if that lies near."""
 
     format = "DICOM SEG"
@@ -68,7 +68,7 @@ class SegmentationSource(VolumeSource):
         """Put every frame in its position; segments that overlap lie in different layers."""
         header = self.header
         grid, offsets, notes = self._grid(request.strict)
-        check_single(offsets, header.frames.segments, self.path.name)
+        _check_single(offsets, header.frames.segments, self.path.name)
         plain = plain_frames(header.image)
         if plain is None:
             check_codec(header.image)
@@ -94,13 +94,13 @@ class SegmentationSource(VolumeSource):
         return RawValues(first, grid.affine, tuple(notes), ValueKind.LABEL, names, colors, layers=tuple(further))
 
 
-def open_steps(path: Path) -> Steps[SegmentationSource]:
+def open_steps(path: Path) -> Steps[_SegmentationSource]:
     """Read the file's header, and those of the images near it."""
     stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
     yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
     header = yield from stages.run("Reading headers", header_steps(path))
     slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
-    return SegmentationSource(path, header, slices)
+    return _SegmentationSource(path, header, slices)
 
 
 def paint(
@@ -129,7 +129,7 @@ def paint(
         label_map.paint(slice_, inside, segment, top, left)
 
 
-def check_single(offsets: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:
+def _check_single(offsets: NDArray[np.int64], segments: NDArray[np.int64], name: str) -> None:
     """Refuse several frames of one segment at one position, because a volume has one time point."""
     keys = np.column_stack([offsets, segments])
     several = len(keys) - len(np.unique(keys, axis=0))

@@ -86,7 +86,7 @@ def header_steps(path: Path) -> Steps[SegmentationHeader]:
         padding = first_unsigned(found, 0x00280120, 0) if kind == "LABELMAP" else 0
         series = found.get(0x00081115, [])
         reference = reference_of(found, series, 0x0008114A)
-        frames = frames_of_header(found, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
+        frames = _frames_of_header(found, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
     unknown = sorted(set(frames.segments.tolist()) - set(names)) if kind != "LABELMAP" else []
     if unknown:
         raise ReadError(f"{path.name} has frames of segment {unknown[0]}, which it does not describe; export it again")
@@ -157,7 +157,7 @@ def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tup
     return names, colors
 
 
-def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frames:
+def _frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frames:
     """Return position and segment of every frame, its own or shared by all."""
     groups = found.get(0x52009230, [])
     if len(groups) != count:
@@ -187,7 +187,7 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
         segments.append(0 if is_map else segment[0])
     if not all(part for way in ways for part in way):
         raise ReadError(f"the frames of {name} have no orientation or no PixelSpacing; export it again")
-    orientation, spacing = one_way({(numbers(turn, 6), numbers(sides, 2)) for turn, sides in ways}, name)
+    orientation, spacing = _one_way({(numbers(turn, 6), numbers(sides, 2)) for turn, sides in ways}, name)
     unique = {text: numbers(text, 3) for text in set(position_texts)}
     first = groups[0]
     gap = of(first, 0x00289110, 0x00180088) or of(first, 0x00289110, 0x00180050)
@@ -200,7 +200,7 @@ def frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frame
     )
 
 
-def one_way(
+def _one_way(
     ways: set[tuple[tuple[float, ...], tuple[float, ...]]], name: str
 ) -> tuple[tuple[float, ...], tuple[float, ...]]:
     """Return the orientation and spacing of all frames; raise a `ReadError` if there are several."""

@@ -63,7 +63,7 @@ class Region(NamedTuple):
     contours: list[tuple[str, ValueLocation]]  # type, and location of the positions
 
 
-class StructureHeader(NamedTuple):
+class _StructureHeader(NamedTuple):
     """The description of the regions in a structure set."""
 
     series: str
@@ -71,13 +71,13 @@ class StructureHeader(NamedTuple):
     reference: Reference
 
 
-class StructureSource(VolumeSource):
+class _StructureSource(VolumeSource):
     """One DICOM structure set, on the grid of its CT."""
 
     format = "DICOM RTSTRUCT"
     has_geometry = True
 
-    def __init__(self, path: Path, header: StructureHeader, slices: list[Slice]) -> None:
+    def __init__(self, path: Path, header: _StructureHeader, slices: list[Slice]) -> None:
         self.header, self.slices = header, slices
         count, rows, columns = grid_of(slices, path, False)[0].shape
         dtype = "uint8" if len(header.regions) < 256 else "uint16"
@@ -87,23 +87,23 @@ class StructureSource(VolumeSource):
         """Fill every region; those that overlap lie in different layers."""
         stages = Stages({"Reading contours": 1, "Filling contours": 2})
         grid, notes = grid_of(self.slices, self.path, request.strict)
-        structures, left_out = yield from stages.run("Reading contours", planes_steps(self.path, self.header, grid))
+        structures, left_out = yield from stages.run("Reading contours", _planes_steps(self.path, self.header, grid))
         numbered = list(enumerate(self.header.regions, 1))
         names = {label: region.name for label, region in numbered}
         colors = {label: region.color for label, region in numbered if region.color}
         label_map = LabelMap(grid.shape, names, colors, self.path.name, budget=request.budget)
         assignments = assigned_planes(structures, grid)
         for (_, region), planes, assignment in zip(numbered, structures, assignments, strict=True):
-            count_unused(region.name, planes, assignment, grid, left_out)
+            _count_unused(region.name, planes, assignment, grid, left_out)
         if not any(assignment.sources for assignment in assignments):
-            reasons = "; ".join(left_out_notes(left_out))
+            reasons = "; ".join(_left_out_notes(left_out))
             raise ReadError(
                 f"{self.path.name} has no contours to fill on its CT ({reasons}); choose another structure set"
             )
         notes += yield from stages.run(
             "Filling contours", fill_steps(label_map, structures, assignments, grid, self.path.name)
         )
-        notes += left_out_notes(left_out)
+        notes += _left_out_notes(left_out)
         notes += label_map.overlap_note("regions")
         notes += label_map.empty_note("regions")
         names, colors = label_map.names, label_map.colors
@@ -111,7 +111,7 @@ class StructureSource(VolumeSource):
         return RawValues(first, grid.affine, tuple(notes), ValueKind.LABEL, names, colors, layers=tuple(further))
 
 
-def open_steps(path: Path) -> Steps[StructureSource]:
+def open_steps(path: Path) -> Steps[_StructureSource]:
     """Read the file's header, and those of the images near it; raise a `ReadError` if its CT is missing."""
     stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
     yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
@@ -122,10 +122,10 @@ def open_steps(path: Path) -> Steps[StructureSource]:
             f"{path.name} holds contours, and the CT series that they were drawn on is not in its folder, a "
             "folder in it or a neighboring folder; put the two in one folder"
         )
-    return StructureSource(path, header, slices)
+    return _StructureSource(path, header, slices)
 
 
-def header_steps(path: Path) -> Steps[StructureHeader]:
+def header_steps(path: Path) -> Steps[_StructureHeader]:
     """Read the description of the regions, and locate their contours."""
     with opened(path) as (elements, _):
         found = yield from elements.dataset_steps(WANTED)
@@ -147,7 +147,7 @@ def header_steps(path: Path) -> Steps[StructureHeader]:
         raise ReadError(f"{path.name} has no contours; choose another structure set")
     if sum(location.length for region in regions for _, location in region.contours) > MOST_BYTES:
         raise ReadError(f"{path.name} has more than {MOST_BYTES} bytes of contours; export fewer regions")
-    return StructureHeader(uid(found.get(0x0020000E, b"")), regions, reference)
+    return _StructureHeader(uid(found.get(0x0020000E, b"")), regions, reference)
 
 
 def images_of(found: Found) -> list[Found]:
@@ -171,7 +171,7 @@ def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
     ]
 
 
-def planes_steps(path: Path, header: StructureHeader, grid: SliceGrid) -> Steps[tuple[list[list[Plane]], LeftOut]]:
+def _planes_steps(path: Path, header: _StructureHeader, grid: SliceGrid) -> Steps[tuple[list[list[Plane]], LeftOut]]:
     """Return the planes of every region, and counts of omitted contours by reason."""
     structures, left_out = [], LeftOut()
     total = sum(len(region.contours) for region in header.regions)
@@ -184,7 +184,7 @@ def planes_steps(path: Path, header: StructureHeader, grid: SliceGrid) -> Steps[
                 if done % CONTOURS_PER_STEP == 0:
                     yield Step(done / total, "Reading contours")
                 if kind not in CLOSED:
-                    left_out[type_text(kind, path.name), region.name] += 1
+                    left_out[_type_text(kind, path.name), region.name] += 1
                     continue
                 points = positions_of(elements, location)
                 if len(points) < 3:
@@ -202,7 +202,7 @@ def planes_steps(path: Path, header: StructureHeader, grid: SliceGrid) -> Steps[
     return structures, left_out
 
 
-def type_text(kind: str, name: str) -> str:
+def _type_text(kind: str, name: str) -> str:
     """Return why contours of a type are left out; `name` is the file's."""
     if kind in OPEN:
         return f"contours of type {kind}, which enclose nothing"
@@ -211,7 +211,7 @@ def type_text(kind: str, name: str) -> str:
     return f"contours in {name} of type '{clean_name(kind, '')}', which DICOM does not define"
 
 
-def count_unused(
+def _count_unused(
     region: str, planes: list[Plane], assignment: PlaneAssignment, grid: SliceGrid, left_out: LeftOut
 ) -> None:
     """Count the contours of planes that no slice takes."""
@@ -222,7 +222,7 @@ def count_unused(
         left_out[why, region] += len(planes[number].contours)
 
 
-def left_out_notes(left_out: LeftOut) -> list[str]:
+def _left_out_notes(left_out: LeftOut) -> list[str]:
     """Return a note for each reason, with the regions that have such contours."""
     notes = []
     for reason in sorted({reason for reason, _ in left_out}):

@@ -70,7 +70,7 @@ def names_and_colors(segments: Sequence[Segment], labels: Sequence[int]) -> tupl
     return names, colors
 
 
-class Layered(NamedTuple):
+class _Layered(NamedTuple):
     """Labels in layers, as few as keep every segment whole."""
 
     layers: list[NDArray[Any]]
@@ -79,7 +79,7 @@ class Layered(NamedTuple):
     notes: tuple[str, ...]
 
 
-def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[Layered]:
+def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], name: str) -> Steps[_Layered]:
     """Return the segments of a file's layers as labels, in layers (slices, rows, columns) of which none overlap.
 
     Parameters
@@ -116,4 +116,4 @@ def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], na
     notes = label_map.overlap_note("segments") + label_map.empty_note("segments")
     if shared:
         notes.append("segments of different layers share a value: they are numbered anew, in their order")
-    return Layered(label_map.layers(), names, colors, tuple(notes))
+    return _Layered(label_map.layers(), names, colors, tuple(notes))

@@ -42,7 +42,7 @@ def table_for(path: Path, name: str) -> LabelTable:
     files = [file for file in path.parent.iterdir() if file.suffix.lower() in SUFFIXES] if path.is_file() else []
     own = [file for file in files if stem(path) in (file.stem, stem(file))]
     for candidates in (own, sorted(files, key=natural_key)[:MOST_FILES]):
-        tables = {file: table for file in candidates if (table := read_table(file)) is not None}
+        tables = {file: table for file in candidates if (table := _read_table(file)) is not None}
         if len(tables) == 1:
             file, table = tables.popitem()
             add_inputs([file])
@@ -52,7 +52,7 @@ def table_for(path: Path, name: str) -> LabelTable:
     return LabelTable({}, {})
 
 
-def read_table(path: Path) -> LabelTable | None:
+def _read_table(path: Path) -> LabelTable | None:
     """Return the labels of a text file; None where a line of it is something else."""
     try:
         with path.open("rb") as file:

@@ -13,7 +13,7 @@ VERTEBRAE = ["S1", *(f"L{n}" for n in range(5, 0, -1)), *(f"T{n}" for n in range
 VERTEBRAE += [f"C{n}" for n in range(7, 0, -1)]
 
 
-def names_in_order() -> Iterator[str]:
+def _names_in_order() -> Iterator[str]:
     """Yield the names of the labels 1 to 117."""
 
     def pairs(first: str, second: str, *names: str) -> Iterator[str]:
@@ -44,7 +44,7 @@ def names_in_order() -> Iterator[str]:
     yield from ("sternum", "costal_cartilages")
 
 
-NAMES = dict(enumerate(names_in_order(), 1))
+NAMES = dict(enumerate(_names_in_order(), 1))
 
 
 def is_total_segmentator(name: str) -> bool:

@@ -18,7 +18,7 @@ PASS = {"PASS_THROUGH"}
 DONE = {"FINISHED"}
 
 
-def has_gray_values(operator: Any, context: bpy.types.Context) -> bool:
+def _has_gray_values(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the CT has gray values, with the reason if not."""
     volume = volumes.current(context.scene)
     if volume is not None and volume.kind == ValueKind.LABEL:
@@ -43,7 +43,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         "upper limit. Press again, or Esc, to close it"
     )
 
-    needs = (volumes.has_volume, has_gray_values)
+    needs = (volumes.has_volume, _has_gray_values)
 
     def execute(self, _context: bpy.types.Context) -> set[str]:
         self.report({"ERROR"}, translate("The histogram needs a window; set the threshold as a number"))

@@ -101,7 +101,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 reading = replace(reading, series=asked.series, time=None)
             if asked.time:
                 reading = replace(reading, time=asked.time)
-            if reading == known_reading(scene):
+            if reading == _known_reading(scene):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
@@ -171,7 +171,7 @@ def last_folder(scene: bpy.types.Scene) -> Path | None:
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
 
 
-def known_reading(scene: bpy.types.Scene) -> ReadingOptions:
+def _known_reading(scene: bpy.types.Scene) -> ReadingOptions:
     """Return how the CT of the scene was read."""
     loaded = volumes.loaded(scene)
     return options_of_scene(scene.ctmc) if loaded is None else loaded.reading
@@ -210,9 +210,9 @@ def conclude(
                 for value, _ in loaded.statistics.labels
             ]
         )
-        follow_kind(stored, loaded, goes_by_number)
+        _follow_kind(stored, loaded, goes_by_number)
         if not goes_by_number:
-            tick_by_name(stored, session.of(scene).ticked_names)
+            _tick_by_name(stored, session.of(scene).ticked_names)
     taken = drawings.take_along(scene, before) if before and is_another_ct else 0
     scene_session = session.of(scene)
     scene_session.message = scene_session.load_message = ""
@@ -231,7 +231,7 @@ def conclude(
     cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
     if cube is not None:
         put_out_of_view(cube, scene)
-    show_in_scene(scene, loaded, is_another_ct and not is_another_time)
+    _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     if bpy.context.scene == scene:
         scans.note(bpy.context)
     columns, rows, slices = loaded.full.size
@@ -246,7 +246,7 @@ def conclude(
     return text
 
 
-def follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> None:
+def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> None:
     """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU.
 
     The number of the label that was chosen before holds where it `goes_by_number`: a preset's, or that of another time.
@@ -260,14 +260,14 @@ def follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> No
         stored.use_threshold = stored.is_property_set("threshold")
 
 
-def tick_by_name(stored: Any, names: frozenset[str]) -> None:
+def _tick_by_name(stored: Any, names: frozenset[str]) -> None:
     """Tick the labels of a label volume whose names were ticked in the list before; without any it stays as it is."""
     if stored.use_label and any(called(item) in names for item in stored.labels):
         tick(stored, lambda item: called(item) in names)
         follow_ticks(stored)
 
 
-def show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:
+def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct: bool) -> None:
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path

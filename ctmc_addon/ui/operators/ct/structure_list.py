@@ -19,7 +19,7 @@ from ...translations import translate
 from ..scene.slice_object import in_object_mode
 
 
-def has_structures(operator: Any, context: bpy.types.Context) -> bool:
+def _has_structures(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the list has a line, with the reason if not."""
     if not len(context.scene.ctmc.labels):
         operator.poll_message_set("The list has no structure; load labels or add a threshold")
@@ -44,7 +44,7 @@ class CTMC_OT_tick_structures(Needs, bpy.types.Operator):
         ],
     )
 
-    needs = (has_structures,)
+    needs = (_has_structures,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         stored = context.scene.ctmc
@@ -73,7 +73,7 @@ class CTMC_OT_add_threshold(Needs, bpy.types.Operator):
         scene, stored = context.scene, context.scene.ctmc
         ct = volumes.require_loaded(scene)
         try:
-            value, upper = limits_of_panel(scene)
+            value, upper = _limits_of_panel(scene)
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
         name = tissue_name(ct.volume.kind, value, upper)
@@ -84,7 +84,7 @@ class CTMC_OT_add_threshold(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
 
-def limits_of_panel(scene: bpy.types.Scene) -> tuple[float, float | None]:
+def _limits_of_panel(scene: bpy.types.Scene) -> tuple[float, float | None]:
     """Return the threshold and upper limit of the panel; Otsu's threshold where it has none."""
     stored, ct = scene.ctmc, volumes.require_loaded(scene)
     is_set = stored.use_threshold or (stored.use_label and stored.is_property_set("threshold"))
@@ -100,7 +100,7 @@ class CTMC_OT_remove_structure(Needs, bpy.types.Operator):
     bl_description = "Remove the selected structure and its drawing from the list. Its surface and files stay"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    needs = (in_object_mode, has_structures)
+    needs = (in_object_mode, _has_structures)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         stored = context.scene.ctmc
@@ -118,7 +118,7 @@ class CTMC_OT_structure_eye(Needs, bpy.types.Operator):
 
     index: IntProperty(name="Structure", options={"SKIP_SAVE", "HIDDEN"})
 
-    needs = (has_structures,)
+    needs = (_has_structures,)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         item = context.scene.ctmc.labels[self.index]

@@ -43,7 +43,7 @@ Work = Callable[[Flags, Volume, Window], Steps[Flags]]
 """Makes another mask of a window of a mask."""
 
 
-class Edit(jobs.LongOperator):
+class _Edit(jobs.LongOperator):
     """An operator that makes another mask of the active structure; it gives `work`."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
@@ -83,7 +83,7 @@ def edit_steps(work: Steps[Flags], window: Window, target: DrawTarget) -> Steps[
     return conclude
 
 
-class CTMC_OT_draw_margin(Edit, bpy.types.Operator):
+class CTMC_OT_draw_margin(_Edit, bpy.types.Operator):
     """Grow or shrink by millimeters."""
 
     bl_idname = "ctmc.draw_margin"
@@ -103,7 +103,7 @@ class CTMC_OT_draw_margin(Edit, bpy.types.Operator):
         return steps
 
 
-class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
+class CTMC_OT_draw_islands(_Edit, bpy.types.Operator):
     """Keep the largest island, or drop the small ones."""
 
     bl_idname = "ctmc.draw_islands"
@@ -122,7 +122,7 @@ class CTMC_OT_draw_islands(Edit, bpy.types.Operator):
         return steps
 
 
-class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
+class CTMC_OT_draw_holes(_Edit, bpy.types.Operator):
     """Fill what is enclosed."""
 
     bl_idname = "ctmc.draw_holes"
@@ -136,7 +136,7 @@ class CTMC_OT_draw_holes(Edit, bpy.types.Operator):
         return steps
 
 
-class CTMC_OT_draw_between(Edit, bpy.types.Operator):
+class CTMC_OT_draw_between(_Edit, bpy.types.Operator):
     """Fill the slices between drawn ones."""
 
     bl_idname = "ctmc.draw_between"
@@ -152,7 +152,7 @@ class CTMC_OT_draw_between(Edit, bpy.types.Operator):
         return steps
 
 
-class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
+class CTMC_OT_draw_combine(_Edit, bpy.types.Operator):
     """Add, take away, or keep what overlaps with another structure."""
 
     bl_idname = "ctmc.draw_combine"
@@ -167,12 +167,12 @@ class CTMC_OT_draw_combine(Edit, bpy.types.Operator):
         line = next((line for line in others if name and line.name == name and line.kind == LABEL), None)
         if item is None or line is None:
             raise SettingsError("choose another structure to combine with, drawn or a label")
-        first, second = masks.of(scene, item).mask.copy(), mask_of(scene, line)
+        first, second = masks.of(scene, item).mask.copy(), _mask_of(scene, line)
         z, y, x = (slice(0, count) for count in volume.shape)
-        return edit_steps(combined_steps(first, second, how), (z, y, x), target_of(scene, item))
+        return edit_steps(_combined_steps(first, second, how), (z, y, x), target_of(scene, item))
 
 
-def mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
+def _mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
     """Return the voxels of a label of the list, wherever it comes from; a `LabelError` where they are not in memory."""
     mask = np.zeros(volume_of(scene).shape, bool)
     for layer in structures.require_volume_of(scene, ReconstructionSettings(label=line.value)).each_layer:
@@ -180,7 +180,7 @@ def mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
     return mask
 
 
-def combined_steps(first: Flags, second: Flags, how: str) -> Steps[Flags]:
+def _combined_steps(first: Flags, second: Flags, how: str) -> Steps[Flags]:
     """Return two masks combined."""
     yield from ()
     return combined(first, second, how)

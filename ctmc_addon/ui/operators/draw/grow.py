@@ -74,26 +74,26 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
         if drawing.method == "connected":
             before = None if item is None else masks.of(scene, item).mask
             limits = (drawing.low, drawing.high)
-            work = connected_click_steps(
+            work = _connected_click_steps(
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
-            return conclusion_steps(work, target_of(scene, item), None)
+            return _conclusion_steps(work, target_of(scene, item), None)
         known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
         clicks = (*known, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
-        work = compete_click_steps(volume, clicks, how, grown)
-        return conclusion_steps(work, target_of(scene, item), clicks[-1])
+        work = _compete_click_steps(volume, clicks, how, grown)
+        return _conclusion_steps(work, target_of(scene, item), clicks[-1])
 
 
-class Grown:
+class _Grown:
     """Samples that a click adds to a structure and removes from it, and the state that the next click starts from."""
 
     def __init__(self, window: Window, added: Flags, taken: Flags, kept: tuple[Any, Change] | None) -> None:
         self.window, self.added, self.taken, self.kept = window, added, taken, kept
 
 
-def conclusion_steps(work: Steps[Grown], target: DrawTarget, click: Click | None) -> Steps[jobs.Conclusion]:
+def _conclusion_steps(work: Steps[_Grown], target: DrawTarget, click: Click | None) -> Steps[jobs.Conclusion]:
     """Do the work of a click, then change the structure at once."""
     grown = yield from work
 
@@ -111,9 +111,9 @@ def conclusion_steps(work: Steps[Grown], target: DrawTarget, click: Click | None
     return conclude
 
 
-def compete_click_steps(
+def _compete_click_steps(
     volume: Volume, clicks: tuple[Click, ...], how: tuple[Any, ...], grown: tuple[Any, Change] | None
-) -> Steps[Grown]:
+) -> Steps[_Grown]:
     """Let all clicks compete, and return what the last of them has changed."""
     limits, hu_per_mm, reach_mm = how
     allowed = None if limits is None else (yield from range_mask_steps(volume, *limits))
@@ -130,10 +130,10 @@ def compete_click_steps(
     elif any(click.structure for click in clicks[:-1]):
         before = (yield from compete_steps(volume, clicks[:-1], allowed, hu_per_mm, reach_mm)) == 1
     kept = ((clicks, how), change_of(np.zeros(volume.shape, bool), after))
-    return Grown(whole(volume.shape), after & ~before, before & ~after, kept)
+    return _Grown(whole(volume.shape), after & ~before, before & ~after, kept)
 
 
-def connected_click_steps(
+def _connected_click_steps(
     volume: Volume,
     sample: Sample,
     before: Flags | None,
@@ -141,17 +141,17 @@ def connected_click_steps(
     reach_mm: float,
     opening_mm: float,
     takes: bool,
-) -> Steps[Grown]:
+) -> Steps[_Grown]:
     """Return the samples connected to a click: in a range to add them, in the structure to remove them."""
     window = whole(volume.shape)
     if takes:
         if before is None or not before[sample]:
             raise SettingsError("the structure does not reach this point; Alt click where it has leaked")
         found = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
-        return Grown(window, np.zeros_like(found), found, None)
+        return _Grown(window, np.zeros_like(found), found, None)
     allowed = yield from range_mask_steps(volume, *limits)
     found = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
-    return Grown(window, found, np.zeros_like(found), None)
+    return _Grown(window, found, np.zeros_like(found), None)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_grow,))

@@ -28,7 +28,7 @@ from .slice_object import in_object_mode
 FRONT = Vector((0.0, 1.0, 0.0))  # of the patient, RAS
 
 
-def has_box(operator: Any, context: bpy.types.Context) -> bool:
+def _has_box(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the active object is cut by a box or is one, with the reason if not."""
     if cut_box_of(context.view_layer.objects.active) is None:
         operator.poll_message_set("First make the box active, or a surface that it cuts")
@@ -36,7 +36,7 @@ def has_box(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-def first_corners(context: bpy.types.Context, surfaces: list[bpy.types.Object]) -> Any:
+def _first_corners(context: bpy.types.Context, surfaces: list[bpy.types.Object]) -> Any:
     """Return where a new box begins: the panel's region, else the half of the surfaces nearest to the viewer."""
     volume, settings = volumes.current_full(context.scene) or volumes.current(context.scene), context.scene.ctmc
     if volume is not None and settings.use_region:
@@ -72,7 +72,7 @@ class CTMC_OT_cut_away(bpy.types.Operator):
         if not is_cut_box(box):
             provenance = read_provenance(surfaces[0])
             fingerprint = provenance.fingerprint if provenance is not None else ""
-            box = add_cut_box(context.scene, first_corners(context, surfaces), fingerprint)
+            box = add_cut_box(context.scene, _first_corners(context, surfaces), fingerprint)
         cut_away(surfaces, box)
         # G, R and S are then the box's.
         bpy.ops.object.select_all(action="DESELECT")
@@ -95,7 +95,7 @@ class CTMC_OT_flip_cut_away(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return has_box(cls, context)
+        return _has_box(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         flip_cut_away(cut_box_of(context.view_layer.objects.active))
@@ -112,7 +112,7 @@ class CTMC_OT_remove_cut_away(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return in_object_mode(cls, context) and has_box(cls, context)
+        return in_object_mode(cls, context) and _has_box(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         remove_cut_away(cut_box_of(context.view_layer.objects.active))

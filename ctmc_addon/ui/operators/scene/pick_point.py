@@ -21,7 +21,7 @@ from ...viewport import slice_objects
 from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 
-def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
+def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
     """Return where a ray meets the slice that is drawn, world space; None where it passes."""
     view = scene.ctmc_view
     if not view.show_slice:
@@ -31,7 +31,7 @@ def drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, directi
     return None if way is None else origin + direction * way
 
 
-def found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
+def _found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
     """The object under the mouse, None for the slice that is drawn, and the place in RAS+ mm; None for nothing."""
     ray = ray_under(area, event)
     if ray is None:
@@ -39,13 +39,13 @@ def found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area
     origin, _ = ray
     hits = [hit(context.scene, context.evaluated_depsgraph_get(), *ray)]
     if area.spaces.active.overlay.show_overlays:
-        place = drawn_slice_hit(context.scene, volume, *ray)
+        place = _drawn_slice_hit(context.scene, volume, *ray)
         hits.append(None if place is None else (None, place))
     nearest = min(filter(None, hits), key=lambda found: (found[1] - origin).length, default=None)
     return None if nearest is None else (nearest[0], patient_mm(*nearest, machine().scale))
 
 
-def point_text(volume: Volume, point_mm: Sequence[float]) -> str:
+def _point_text(volume: Volume, point_mm: Sequence[float]) -> str:
     """Return where a point is, and the value of the CT there."""
     place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
     value = value_at(volume, point_mm)
@@ -70,7 +70,7 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.pick(context, None, tuple(self.point_mm))
-        self.report({"INFO"}, point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
+        self.report({"INFO"}, _point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
         return {"FINISHED"}
 
     def pick(self, context: bpy.types.Context, clicked: bpy.types.Object | None, point_mm: Sequence[float]) -> None:
@@ -100,8 +100,8 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         is_click = event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK")
         if event.type != "MOUSEMOVE" and not is_click:
             return {"PASS_THROUGH"}
-        found = found_under(context, ct.volume, area, event)
-        self.say(context, "" if found is None else point_text(ct.volume, found[1]))
+        found = _found_under(context, ct.volume, area, event)
+        self.say(context, "" if found is None else _point_text(ct.volume, found[1]))
         if found is None or not is_click:
             return {"PASS_THROUGH"}
         self.pick(context, *found)

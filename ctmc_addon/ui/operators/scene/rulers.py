@@ -18,7 +18,7 @@ from ...viewport import rulers
 from ...viewport.mouse import Clicks, ray_under, viewport_at, window_under
 
 
-class RulerClicks(Clicks):
+class _RulerClicks(Clicks):
     """Clicks on surfaces become an object that says its value; inherited before `bpy.types.Operator`."""
 
     kind = ""
@@ -89,7 +89,7 @@ class RulerClicks(Clicks):
         session.redraw_viewports()
 
 
-class CTMC_OT_measure_distance(RulerClicks, bpy.types.Operator):
+class CTMC_OT_measure_distance(_RulerClicks, bpy.types.Operator):
     """Measure the distance of two points on surfaces or slices."""
 
     bl_idname = "ctmc.measure_distance"
@@ -104,7 +104,7 @@ class CTMC_OT_measure_distance(RulerClicks, bpy.types.Operator):
     points_mm: FloatVectorProperty(name="Points", size=6, options={"HIDDEN", "SKIP_SAVE"})
 
 
-class CTMC_OT_measure_angle(RulerClicks, bpy.types.Operator):
+class CTMC_OT_measure_angle(_RulerClicks, bpy.types.Operator):
     """Measure the angle at the second of three points on surfaces or slices."""
 
     bl_idname = "ctmc.measure_angle"

@@ -74,7 +74,7 @@ def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
 def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> int:
     """Show slices as objects, the new ones selected; return how many are new."""
     scene = context.scene
-    known = {plane: known_slice(scene, section) for plane, section in sections.items()}
+    known = {plane: _known_slice(scene, section) for plane, section in sections.items()}
     for obj in known.values():
         if obj is not None:
             obj.hide_set(False)
@@ -82,20 +82,20 @@ def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> i
     if missing:
         bpy.ops.object.select_all(action="DESELECT")
     for plane in missing:
-        obj = new_slice(scene, plane, sections[plane])
+        obj = _new_slice(scene, plane, sections[plane])
         obj.select_set(True)
         context.view_layer.objects.active = obj
     slice_objects.show_pictures()
     return len(missing)
 
 
-def known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
+def _known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
     """Return the slice object at a slice of the scene's CT, or None."""
     ct = volumes.require_loaded(scene)
     return at_corners(scene, ct.statistics.fingerprint, slice_corners(ct.volume, section), machine().scale)
 
 
-def new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.types.Object:
+def _new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.types.Object:
     """Add a slice of the scene's CT, with window and level as the sidebar has them."""
     ct = volumes.require_loaded(scene)
     window, level = window_and_level(scene.ctmc_view)
@@ -128,7 +128,7 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
         if not is_slice(context.object):
             view = context.scene.ctmc_view
             section = slice_at(volumes.require_loaded(context.scene).volume, view.plane, view.position)
-            plane = known_slice(context.scene, section) or new_slice(context.scene, view.plane, section)
+            plane = _known_slice(context.scene, section) or _new_slice(context.scene, view.plane, section)
         else:
             plane = context.object
         try:

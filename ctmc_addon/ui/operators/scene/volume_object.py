@@ -21,7 +21,7 @@ from ...state import session, volumes
 from ...translations import translate
 
 
-def can_write(operator: Any, _context: bpy.types.Context) -> bool:
+def _can_write(operator: Any, _context: bpy.types.Context) -> bool:
     """Return whether there is a place for the .vdb, and a module that writes it, with the reason if not."""
     if vdb_writer() is None:
         operator.poll_message_set("This Blender has no OpenVDB module; the Blender of blender.org has one")
@@ -43,7 +43,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    needs = (jobs.idle, volumes.has_volume, can_write)
+    needs = (jobs.idle, volumes.has_volume, _can_write)
 
     appearance: EnumProperty(
         name="Appearance",
@@ -61,7 +61,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
 
     def steps(self, part: Volume, stride: tuple[int, int, int], uid: int, fingerprint: str) -> Steps[jobs.Conclusion]:
         """Write the file, then add the object."""
-        path, scale, appearance = free_path(part.name), machine().scale, APPEARANCES[self.appearance]
+        path, scale, appearance = _free_path(part.name), machine().scale, APPEARANCES[self.appearance]
         volume = yield from part.in_memory_steps(stride)
         yield from vdb_steps(volume, path, scale)
 
@@ -75,7 +75,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
         return conclude
 
 
-def free_path(name: str) -> Path:
+def _free_path(name: str) -> Path:
     """Return a .vdb beside the .blend that is not there yet."""
     folder = Path(bpy.data.filepath).parent
     stem = file_name(name)

@@ -32,10 +32,10 @@ class CTMC_OT_choose_alpha(jobs.LongOperator, bpy.types.Operator):
             raise MeshError(
                 f"{obj.name} is simplified already and its full surface is not in memory; reconstruct it again"
             )
-        return choosing_steps(full, scene.ctmc.to_settings().min_angle_deg, scene.session_uid)
+        return _choosing_steps(full, scene.ctmc.to_settings().min_angle_deg, scene.session_uid)
 
 
-def choosing_steps(full: Reconstruction, min_angle_deg: float, uid: int) -> Steps[jobs.Conclusion]:
+def _choosing_steps(full: Reconstruction, min_angle_deg: float, uid: int) -> Steps[jobs.Conclusion]:
     """Choose, then move the panel's slider, which the selected surfaces follow."""
     surface = full.surface
     assert surface is not None

@@ -18,7 +18,7 @@ from ...state import measurements, session, surfaces
 from .simplify import from_full_steps
 
 
-class ComponentsOperator(jobs.LongOperator):
+class _ComponentsOperator(jobs.LongOperator):
     """Base of the three operators, before `bpy.types.Operator`."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
@@ -31,7 +31,7 @@ class ComponentsOperator(jobs.LongOperator):
         """Return the active surface, with these settings."""
         changes = self.changes_of(context.view_layer.objects.active)
         work = from_full_steps(context, changes, extracts=self.extracts)
-        return with_panel_steps(work, context.scene.session_uid, changes)
+        return _with_panel_steps(work, context.scene.session_uid, changes)
 
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
         """Return the settings to change, of the surface of an object."""
@@ -39,7 +39,7 @@ class ComponentsOperator(jobs.LongOperator):
         return self.changes
 
 
-def with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
+def _with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
     """Return the work, and at its end the same settings in the panel."""
     conclude = yield from work
 
@@ -66,7 +66,7 @@ def is_open(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
+class CTMC_OT_remove_small(_ComponentsOperator, bpy.types.Operator):
     """Remove the small components of the active surface."""
 
     bl_idname = "ctmc.remove_small"
@@ -83,7 +83,7 @@ class CTMC_OT_remove_small(ComponentsOperator, bpy.types.Operator):
         return {"min_part_mm3": measurement.measures.small}
 
 
-class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):
+class CTMC_OT_keep_largest(_ComponentsOperator, bpy.types.Operator):
     """Keep the largest component of the active surface."""
 
     bl_idname = "ctmc.keep_largest"
@@ -93,7 +93,7 @@ class CTMC_OT_keep_largest(ComponentsOperator, bpy.types.Operator):
     changes = {"keep_parts": 1}  # noqa: RUF012
 
 
-class CTMC_OT_close_border(ComponentsOperator, bpy.types.Operator):
+class CTMC_OT_close_border(_ComponentsOperator, bpy.types.Operator):
     """Close the active surface where the volume cuts it."""
 
     bl_idname = "ctmc.close_border"

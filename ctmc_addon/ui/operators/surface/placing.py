@@ -110,10 +110,10 @@ def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
         return meshes
     finally:
         if not complete:
-            remove_unused(meshes)
+            _remove_unused(meshes)
 
 
-def remove_unused(meshes: Iterable[NewMesh]) -> None:
+def _remove_unused(meshes: Iterable[NewMesh]) -> None:
     """Remove the meshes that no object has taken."""
     uids = {new.mesh for new in meshes}
     for mesh in [mesh for mesh in bpy.data.meshes if mesh.session_uid in uids and mesh.users == 0]:
@@ -158,7 +158,7 @@ def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[New
             measurements.keep(obj, surface.measurement, state)
             objects.append(obj)
     finally:
-        remove_unused(meshes)
+        _remove_unused(meshes)
     select(scene, objects)
     return objects
 

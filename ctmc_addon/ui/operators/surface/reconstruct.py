@@ -40,16 +40,16 @@ from .placing import NewMesh, ObjectRequest, TimedSurface
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
 
-def is_possible(operator: Any, context: bpy.types.Context) -> bool:
+def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
     """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
     cost = session.of(context.scene).cost
-    if cost is not None and cost.refusal and list(cost.settings) == settings_or_none(context.scene):
+    if cost is not None and cost.refusal and list(cost.settings) == _settings_or_none(context.scene):
         operator.poll_message_set(translate_sentence(cost.refusal))
         return False
     return True
 
 
-def settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
+def _settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
     """Return the settings of every surface of the panel; None while they contradict each other."""
     try:
         settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
@@ -75,7 +75,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
-    needs = (jobs.idle, volumes.has_volume, is_possible)
+    needs = (jobs.idle, volumes.has_volume, _is_possible)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return every surface the panel asks for."""
@@ -134,7 +134,7 @@ def surfaces_steps(
 
     def conclude() -> str:
         start = time.perf_counter()
-        message = add_to_scene(scene_uid, finished, meshes)
+        message = _add_to_scene(scene_uid, finished, meshes)
         seconds = sum(surface.measuring_seconds for surface in finished)
         seconds += stages.seconds[adding] + time.perf_counter() - start
         cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
@@ -162,7 +162,7 @@ def measured_steps(
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
-def add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
+def _add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
     """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)

@@ -61,7 +61,7 @@ def measure_steps(
     return conclude
 
 
-def has_full(operator: Any, context: bpy.types.Context) -> bool:
+def _has_full(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the full surface of the active one is in memory, with the reason if not."""
     obj = context.view_layer.objects.active
     if surfaces.known_full(obj, context.scene) is None:
@@ -83,7 +83,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    needs = (jobs.idle, surfaces.can_change, has_full)
+    needs = (jobs.idle, surfaces.can_change, _has_full)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Distances of the object's own vertices."""

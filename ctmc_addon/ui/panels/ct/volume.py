@@ -36,15 +36,15 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
     if scene_session.load_message:
         draw_text(layout.box(), context, scene_session.load_message, "ERROR")
     if volumes.missing(scene):
-        draw_missing(layout, context)
+        _draw_missing(layout, context)
     loaded = volumes.loaded(scene)
     if loaded is None:
         return
     layout.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
-    draw_volume(layout, context, loaded)
+    _draw_volume(layout, context, loaded)
 
 
-def draw_missing(layout: Any, context: bpy.types.Context) -> None:
+def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
     """The file knows a CT that is not in memory."""
     box = layout.box()
     path = context.scene.ctmc.volume_path
@@ -59,7 +59,7 @@ def draw_missing(layout: Any, context: bpy.types.Context) -> None:
         box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 
 
-def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Size, spacing, orientation, values, series, and all that was assumed."""
     volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
     columns, rows, slices = volume.size
@@ -78,13 +78,13 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         ),
     ]
     draw_table(layout, facts, NAMES)
-    draw_views(layout)
+    _draw_views(layout)
     if volume.kind == ValueKind.HU:
         layout.operator("ctmc.remove_table", icon="TRASH", depress=loaded.reading.remove_table)
     if len(loaded.series) > 1:
-        draw_series(layout, context, loaded)
+        _draw_series(layout, context, loaded)
     if loaded.times > 1:
-        draw_times(layout, stored, loaded)
+        _draw_times(layout, stored, loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
         for axis, name in enumerate(("x", "y", "z")):
@@ -108,10 +108,10 @@ def draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         )
     for note in volume.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
-    draw_labels_beside(layout, context, loaded)
+    _draw_labels_beside(layout, context, loaded)
 
 
-def draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+def _draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Draw a button for labels that lie with the CT and are not in its list yet, by name where they are several."""
     known = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
     found = [path for path in loaded.labels_beside if str(path) not in known]
@@ -123,7 +123,7 @@ def draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.
         button.filepath = str(path)
 
 
-def draw_views(layout: Any) -> None:
+def _draw_views(layout: Any) -> None:
     """A button that frames the CT, and one for every side of the patient."""
     row = layout.split(factor=0.4, align=True)
     row.operator("ctmc.view", icon="ZOOM_SELECTED").side = AS_IT_IS
@@ -132,7 +132,7 @@ def draw_views(layout: Any) -> None:
         row.operator("ctmc.view", text=side, translate=False).side = side
 
 
-def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
+def _draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
     """Draw the choice of one of several times, and a button that reads it."""
     column = layout.column(align=True)
     text = translate("Time, 1 to {count}").format(count=loaded.times)
@@ -142,7 +142,7 @@ def draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
     row.operator("ctmc.load", text="Load This Time", icon="FILE_REFRESH").again = True
 
 
-def draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+def _draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """A button for every series, the one that was read pressed, and below it what tells the series apart."""
     column = layout.column()
     column.label(text=translate("Series"), translate=False)
@@ -151,10 +151,10 @@ def draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded)
         line = column.column(align=True)
         button = line.operator("ctmc.load", text=text, translate=False, depress=series.number == loaded.series_number)
         button.again, button.series = True, str(series.number)
-        draw_text(line, context, series_text(series))
+        draw_text(line, context, _series_text(series))
 
 
-def series_text(series: Series) -> str:
+def _series_text(series: Series) -> str:
     """Number and kernel as the scanner has them, spacing and number of slices, size, folder."""
     known = {
         "no. {number}": series.dicom_number,
