@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from .figure.spec import AZIMUTH, ELEVATION
-from .materials import use_nodes
+from .materials import mixed, use_nodes
+from .sockets import output_of
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
 NAME = "CTMC Studio"
@@ -131,15 +132,13 @@ def gray_world() -> bpy.types.World:
     use_nodes(world)
     tree = world.node_tree
     tree.nodes.clear()
-    output, mix, path = (
-        tree.nodes.new(kind) for kind in ("ShaderNodeOutputWorld", "ShaderNodeMixShader", "ShaderNodeLightPath")
-    )
-    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, level in ((1, AMBIENT), (2, BACKGROUND)):
+    output, path = (tree.nodes.new(kind) for kind in ("ShaderNodeOutputWorld", "ShaderNodeLightPath"))
+    shaders = []
+    for level in (AMBIENT, BACKGROUND):
         background = tree.nodes.new("ShaderNodeBackground")
         background.inputs["Color"].default_value = (level, level, level, 1.0)
-        tree.links.new(background.outputs[0], mix.inputs[slot])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        shaders.append(output_of(background, "Background"))
+    tree.links.new(mixed(tree, path.outputs["Is Camera Ray"], *shaders), output.inputs["Surface"])
     world.color = (BACKGROUND,) * 3
     return world
 

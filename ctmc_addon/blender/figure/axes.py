@@ -13,7 +13,8 @@ from typing import Any
 import bpy
 
 from ..colors import Color
-from ..materials import emission, flat_material, mixed, show_flat, surface_material
+from ..materials import clear_shader, emission, flat_material, mixed, show_flat, surface_material
+from ..sockets import output_of
 from .annotations import LINE_MM, Board, disc
 from .spec import WHITE
 
@@ -91,7 +92,7 @@ def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.
     """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
     material = surface_material("CTMC Ink by Depth", near)
     share = depth_share(material, limits)
-    last = clear_socket(material) if far is None else emission(material, far)
+    last = clear_shader(material.node_tree) if far is None else emission(material, far)
     show_flat(material, mixed(material.node_tree, share, emission(material, near), last))
     return material
 
@@ -100,9 +101,9 @@ def page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
     """Return a material like the page, None for an empty one, that hides what is behind; clear where letters fade."""
     material = flat_material("CTMC Page", paper or WHITE)
     tree = material.node_tree
-    page = emission(material, paper) if paper else tree.nodes.new("ShaderNodeHoldout").outputs[0]
+    page = emission(material, paper) if paper else output_of(tree.nodes.new("ShaderNodeHoldout"), "Holdout")
     share = depth_share(material, limits)
-    show_flat(material, mixed(tree, share, page, clear_socket(material)))
+    show_flat(material, mixed(tree, share, page, clear_shader(tree)))
     return material
 
 
@@ -113,11 +114,6 @@ def depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits
     tree.links.new(camera.outputs["View Z Depth"], share.inputs["Value"])
     return share.outputs["Result"]
-
-
-def clear_socket(material: bpy.types.Material) -> Any:
-    """Return the socket of a shader that is fully transparent."""
-    return material.node_tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
 
 
 def axis_lines(reach_mm: float) -> Any:

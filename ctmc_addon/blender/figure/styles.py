@@ -14,6 +14,7 @@ from ...core.volume import finish_of
 from ..colors import Color
 from ..materials import (
     add_edges,
+    clear_shader,
     headlight,
     material_color,
     math_node,
@@ -233,7 +234,7 @@ def transparent_material(color: Color, opacity: float, layers: int, style: Figur
         facing.inputs["Blend"].default_value = 0.5
         rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.0)
         share = math_node(tree, "MULTIPLY_ADD", rim, min(opacity, 1.0 - opacity), opacity)
-        clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
+        clear = clear_shader(tree)
         veil = headlight(material, color, RIM_SHADE)
         show_flat(material, mixed(tree, math_node(tree, "MULTIPLY", share, seen(tree)), clear, veil))
     material.diffuse_color[3] = opacity
