@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import ast
+import re
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -132,6 +133,17 @@ def test_every_file_fits_a_few_screens():
     files = [*SOURCES, *(ROOT / "tools").rglob("*.py")]
     lengths = {path.relative_to(ROOT).as_posix(): len(path.read_text("utf-8").splitlines()) for path in files}
     assert {name: lines for name, lines in lengths.items() if lines > 450} == {}
+
+
+NUMBERED_SOCKET = re.compile(r"\.(inputs|outputs)\[-?\d")
+
+
+def test_no_socket_of_a_node_is_found_by_its_number():
+    # Blender versions add sockets and reorder them; `blender/sockets.py` finds them by identifier or name.
+    sources = [path for path in SOURCES if room_of(path) in ("blender", "ui")]
+    lines = [(path.name, line) for path in sources for line in path.read_text("utf-8").splitlines()]
+    assert [found for found in lines if NUMBERED_SOCKET.search(found[1])] == []
+    assert NUMBERED_SOCKET.search("link(a.outputs[0], b)")
 
 
 def import_without(blocked: set[str], *names: str) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from .colors import BONE, Color
+from .sockets import MATH, input_of, output_of
 
 
 def surface_material(name: str, color: Color) -> bpy.types.Material:
@@ -36,12 +37,12 @@ def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
     """Return the socket of a mix of two shaders' sockets; `share`, a number or a socket, is the second's."""
     mix = tree.nodes.new("ShaderNodeMixShader")
     if isinstance(share, float):
-        mix.inputs[0].default_value = share
+        input_of(mix, "Fac").default_value = share
     else:
-        tree.links.new(share, mix.inputs[0])
-    tree.links.new(first, mix.inputs[1])
-    tree.links.new(second, mix.inputs[2])
-    return mix.outputs[0]
+        tree.links.new(share, input_of(mix, "Fac"))
+    tree.links.new(first, input_of(mix, "Shader"))
+    tree.links.new(second, input_of(mix, "Shader_001"))
+    return output_of(mix, "Shader")
 
 
 def add_edges(material: bpy.types.Material, edge: Color, widths: str) -> None:
@@ -64,8 +65,8 @@ def add_edges(material: bpy.types.Material, edge: Color, widths: str) -> None:
     width = tree.nodes.new("ShaderNodeAttribute")
     width.attribute_name = widths
     wire = tree.nodes.new("ShaderNodeWireframe")
-    tree.links.new(width.outputs["Fac"], wire.inputs["Size"])
-    shown = mixed(tree, wire.outputs[0], shader.outputs[0], line.outputs[0])
+    tree.links.new(output_of(width, "Fac"), input_of(wire, "Size"))
+    shown = mixed(tree, output_of(wire, "Fac"), output_of(shader, "BSDF"), output_of(line, "BSDF"))
     tree.links.new(shown, surface_input(material))
     lights_nothing(material)
 
@@ -74,12 +75,26 @@ def math_node(tree: Any, operation: str, *values: Any) -> Any:
     """Return the socket of an operation on numbers and sockets."""
     node = tree.nodes.new("ShaderNodeMath")
     node.operation = operation
-    for socket, value in zip(node.inputs, values, strict=False):
+    for called, value in zip(MATH, values, strict=False):
         if isinstance(value, int | float):
-            socket.default_value = value
+            input_of(node, called).default_value = value
         else:
-            tree.links.new(value, socket)
-    return node.outputs[0]
+            tree.links.new(value, input_of(node, called))
+    return output_of(node, "Value")
+
+
+def dot_node(tree: Any, socket: Any, vector: Any) -> Any:
+    """Return the socket of the dot product of a socket's vector and a constant one."""
+    node = tree.nodes.new("ShaderNodeVectorMath")
+    node.operation = "DOT_PRODUCT"
+    tree.links.new(socket, input_of(node, "Vector"))
+    input_of(node, "Vector_001").default_value = tuple(float(part) for part in vector)
+    return output_of(node, "Value")
+
+
+def clear_shader(tree: Any) -> Any:
+    """Return the socket of a shader that is fully transparent."""
+    return output_of(tree.nodes.new("ShaderNodeBsdfTransparent"), "BSDF")
 
 
 def flat_material(name: str, color: Color) -> bpy.types.Material:
@@ -96,7 +111,7 @@ def emission(material: bpy.types.Material, color: Color | Any) -> Any:
         glow.inputs["Color"].default_value = (*color, 1.0)
     else:
         material.node_tree.links.new(color, glow.inputs["Color"])
-    return glow.outputs[0]
+    return output_of(glow, "Emission")
 
 
 def show_flat(material: bpy.types.Material, shown: Any) -> None:

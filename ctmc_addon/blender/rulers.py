@@ -131,7 +131,7 @@ def add_ruler(
     spline.points.add(len(world_points) - 1)
     for point, world_point in zip(spline.points, np.asarray(world_points, np.float64) - origin, strict=True):
         point.co = (*world_point.tolist(), 1.0)
-    curve.materials.append(_wire_material())
+    curve.materials.append(wire_material())
     obj = bpy.data.objects.new(f"{name} {value_text(kind, value)}", curve)
     obj.location = origin
     obj[PROPERTY] = {"kind": kind, "value": value}
@@ -139,7 +139,7 @@ def add_ruler(
     return obj
 
 
-def _wire_material() -> bpy.types.Material:
+def wire_material() -> bpy.types.Material:
     """Return the material of all wires."""
     material = bpy.data.materials.get("CTMC Ruler")
     if material is None:

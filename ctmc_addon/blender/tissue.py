@@ -14,7 +14,8 @@ from typing import Any, NamedTuple
 import bpy
 
 from .colors import Color
-from .materials import surface_material
+from .materials import math_node, surface_material
+from .sockets import output_of
 
 CHOSEN = "ctmc_opacity"
 """The material's custom property: an opacity that its anatomical name or a person has chosen."""
@@ -90,7 +91,7 @@ def _add_grain(material: bpy.types.Material, size: float) -> None:
     noise.inputs["Scale"].default_value, noise.inputs["Detail"].default_value = 1.0 / size, 3.0
     bump.inputs["Strength"].default_value, bump.inputs["Distance"].default_value = 0.25, 0.15 * size
     tree.links.new(place.outputs["Object"], noise.inputs["Vector"])
-    tree.links.new(noise.outputs[0], bump.inputs["Height"])
+    tree.links.new(output_of(noise, "Fac"), bump.inputs["Height"])
     tree.links.new(bump.outputs["Normal"], shader.inputs["Normal"])
 
 
@@ -128,7 +129,10 @@ def set_material_opacity(material: bpy.types.Material, opacity: float) -> None:
     if clear:
         if least is None or rise is None:
             least, rise = _add_opacity(tree, shader)
-        least.outputs[0].default_value, rise.outputs[0].default_value = opacity, min(opacity, 1.0 - opacity)
+        output_of(least, "Value").default_value, output_of(rise, "Value").default_value = (
+            opacity,
+            min(opacity, 1.0 - opacity),
+        )
         return
     for node in [node for node in tree.nodes if node.name.startswith(NODES)]:
         tree.nodes.remove(node)
@@ -144,14 +148,9 @@ def _add_opacity(tree: Any, shader: Any) -> tuple[Any, Any]:
         return node
 
     def math(part: str, operation: str, *sockets: Any) -> Any:
-        node = added("ShaderNodeMath", part)
-        node.operation = operation
-        for socket, value in zip(node.inputs, sockets, strict=False):
-            if isinstance(value, float):
-                socket.default_value = value
-            else:
-                tree.links.new(value, socket)
-        return node.outputs[0]
+        result = math_node(tree, operation, *sockets)
+        result.node.name = result.node.label = f"{NODES} {part}"
+        return result
 
     least, rise = added("ShaderNodeValue", "Least"), added("ShaderNodeValue", "Rise")
     weight, side, path = (
@@ -164,7 +163,7 @@ def _add_opacity(tree: Any, shader: Any) -> tuple[Any, Any]:
     )
     weight.inputs["Blend"].default_value = 0.5  # "Facing" is then one less the cosine
     rim = math("Rim", "POWER", weight.outputs["Facing"], 2.0)
-    dense = math("Dense", "MULTIPLY_ADD", rim, rise.outputs[0], least.outputs[0])
+    dense = math("Dense", "MULTIPLY_ADD", rim, output_of(rise, "Value"), output_of(least, "Value"))
     front = math("Front", "SUBTRACT", 1.0, side.outputs["Backfacing"])
     lit = math("Lit", "SUBTRACT", 1.0, path.outputs["Is Shadow Ray"])
     seen = math("Seen", "MULTIPLY", front, lit)

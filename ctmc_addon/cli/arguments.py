@@ -231,7 +231,7 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
 def _file_of(args: argparse.Namespace) -> dict[str, Any]:
     """Return what stands in the file of --settings, its tables as dictionaries; empty without one."""
     path = getattr(args, "settings", None)
-    return _read_settings(path) if path else {}
+    return read_settings(path) if path else {}
 
 
 def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
@@ -255,7 +255,7 @@ def overridden(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, 
     return {name: value for name, value in below.items() if name not in replaced} | dict(above)
 
 
-def _read_settings(path: str) -> dict[str, Any]:
+def read_settings(path: str) -> dict[str, Any]:
     """Return the settings in a TOML file; PowerShell's `>` writes it in UTF-16, which is read too."""
     file = Path(path)
     add_inputs([file])

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ...core import PAUSE, Steps, TriangleMesh
 from ...core.mesh import ReferenceSurface, mean_longest_edge_steps, subdivided_steps, vertex_distances_steps
-from ..materials import headlight, show_flat, use_nodes
+from ..materials import headlight, math_node, show_flat, use_nodes
+from ..sockets import input_of, output_of
 from .spec import ColorScale
 
 DISTANCE = "deviation_mm"  # on every vertex, for the map
@@ -142,9 +143,8 @@ def distance_material(scale: ColorScale) -> bpy.types.Material:
     tree = material.node_tree
     distance = tree.nodes.new("ShaderNodeAttribute")
     distance.attribute_name = DISTANCE
-    share = tree.nodes.new("ShaderNodeMath")
-    share.operation, share.use_clamp = "DIVIDE", True
-    share.inputs[1].default_value = scale.limit_mm
+    share = math_node(tree, "DIVIDE", output_of(distance, "Fac"), scale.limit_mm)
+    share.node.use_clamp = True
     ramp = tree.nodes.new("ShaderNodeValToRGB")
     stops = ramp.color_ramp.elements
     while len(stops) < len(DISTANCE_COLORS):
@@ -152,7 +152,6 @@ def distance_material(scale: ColorScale) -> bpy.types.Material:
     for at, color in enumerate(DISTANCE_COLORS):
         stops[at].position = at / (len(DISTANCE_COLORS) - 1)
         stops[at].color = linear(color)
-    tree.links.new(distance.outputs["Fac"], share.inputs[0])
-    tree.links.new(share.outputs[0], ramp.inputs[0])
+    tree.links.new(share, input_of(ramp, "Fac"))
     show_flat(material, headlight(material, ramp.outputs["Color"], RIM))
     return material

@@ -12,7 +12,17 @@ from numpy.typing import NDArray
 from ...core import OutputError
 from ...core.volume import finish_of
 from ..colors import Color
-from ..materials import add_edges, headlight, material_color, math_node, mixed, principled, show_flat, surface_material
+from ..materials import (
+    add_edges,
+    clear_shader,
+    headlight,
+    material_color,
+    math_node,
+    mixed,
+    principled,
+    show_flat,
+    surface_material,
+)
 from ..surface import mesh_data as meshes
 from ..surface.provenance import read_provenance, settings_of
 from ..viewport.shaders import can_draw
@@ -90,7 +100,7 @@ def assign_materials(
         material = distance_material(style.distances)
     elif shown.opacity < 1.0:
         obj.visible_shadow = False  # or walls that touch would speckle each other
-        material = _transparent_material(face, shown.opacity, layers, style)
+        material = transparent_material(face, shown.opacity, layers, style)
     elif style.style == "illustration":
         material = opaque_material(NAME, face, finish_of(label_of(shown.obj), shown.name or shown.obj.name))
     else:
@@ -198,7 +208,7 @@ def scale_in_scene(obj: bpy.types.Object) -> float:
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
-def _transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
+def transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
     """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
     Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
@@ -224,7 +234,7 @@ def _transparent_material(color: Color, opacity: float, layers: int, style: Figu
         facing.inputs["Blend"].default_value = 0.5
         rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.0)
         share = math_node(tree, "MULTIPLY_ADD", rim, min(opacity, 1.0 - opacity), opacity)
-        clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
+        clear = clear_shader(tree)
         veil = headlight(material, color, RIM_SHADE)
         show_flat(material, mixed(tree, math_node(tree, "MULTIPLY", share, seen(tree)), clear, veil))
     material.diffuse_color[3] = opacity

@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..figure.spec import AZIMUTH, ELEVATION
-from ..materials import use_nodes
+from ..materials import mixed, use_nodes
+from ..sockets import output_of
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
 NAME = "CTMC Studio"
@@ -84,7 +85,7 @@ def set_up_studio(
     frame(eye, points, axes, (scene.render.resolution_x, scene.render.resolution_y))
     scene.camera = eye
     lights = [_add_lamp(folder, name, lamp, middle, radius, azimuth, elevation) for name, lamp in LAMPS.items()]
-    scene.world = _gray_world()
+    scene.world = gray_world()
     scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
     scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
     if hasattr(scene, "cycles"):
@@ -122,21 +123,19 @@ def _add_lamp(
     return obj
 
 
-def _gray_world() -> bpy.types.World:
+def gray_world() -> bpy.types.World:
     """Dark gray to the camera, a soft light to what it lights."""
     world = bpy.data.worlds.new(NAME)
     use_nodes(world)
     tree = world.node_tree
     tree.nodes.clear()
-    output, mix, path = (
-        tree.nodes.new(kind) for kind in ("ShaderNodeOutputWorld", "ShaderNodeMixShader", "ShaderNodeLightPath")
-    )
-    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, level in ((1, AMBIENT), (2, BACKGROUND)):
+    output, path = (tree.nodes.new(kind) for kind in ("ShaderNodeOutputWorld", "ShaderNodeLightPath"))
+    shaders = []
+    for level in (AMBIENT, BACKGROUND):
         background = tree.nodes.new("ShaderNodeBackground")
         background.inputs["Color"].default_value = (level, level, level, 1.0)
-        tree.links.new(background.outputs[0], mix.inputs[slot])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        shaders.append(output_of(background, "Background"))
+    tree.links.new(mixed(tree, path.outputs["Is Camera Ray"], *shaders), output.inputs["Surface"])
     world.color = (BACKGROUND,) * 3
     return world
 

@@ -17,7 +17,8 @@ from numpy.typing import NDArray
 
 from ...core.volume import transform_points
 from ..figure.spec import AZIMUTH, ELEVATION
-from ..materials import use_nodes
+from ..materials import mixed, use_nodes
+from ..sockets import output_of
 from ..surface import mesh_data as meshes
 from ..surface.evaluate import evaluated_object
 from ..surface.placement import matrix_of
@@ -118,7 +119,7 @@ def add_light(
         if hasattr(light, "cycles") and hasattr(light.cycles, "cast_shadow"):
             light.cycles.cast_shadow = sun.shadow
         scene.collection.objects.link(obj)
-    scene.world = _page_world(paper, world)
+    scene.world = page_world(paper, world)
     return *objects, *lights, scene.world
 
 
@@ -233,22 +234,21 @@ def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.
     return np.concatenate([np.column_stack([ring, np.full(len(ring), height)]) for height in heights]) + axis
 
 
-def _page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
+def page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
     """Return a world of one color to the camera, and a soft white of some strength to what it lights."""
     world = bpy.data.worlds.new("CTMC World")
     use_nodes(world)
     tree = world.node_tree
     tree.nodes.clear()
     output = tree.nodes.new("ShaderNodeOutputWorld")
-    mix = tree.nodes.new("ShaderNodeMixShader")
     path = tree.nodes.new("ShaderNodeLightPath")
-    tree.links.new(path.outputs["Is Camera Ray"], mix.inputs[0])
-    for slot, color, level in ((1, WHITE, strength), (2, paper, 1.0)):
+    shaders = []
+    for color, level in ((WHITE, strength), (paper, 1.0)):
         background = tree.nodes.new("ShaderNodeBackground")
         background.inputs["Color"].default_value = (*color, 1.0)
         background.inputs["Strength"].default_value = level
-        tree.links.new(background.outputs[0], mix.inputs[slot])
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+        shaders.append(output_of(background, "Background"))
+    tree.links.new(mixed(tree, path.outputs["Is Camera Ray"], *shaders), output.inputs["Surface"])
     return world
 
 

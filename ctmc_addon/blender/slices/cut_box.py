@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from ...core.volume import determinant
 from ..scene.ct_box import link_beside_ct
+from ..sockets import input_of, output_of
 from ..surface.mesh_data import NORMALS
 from .cuttable import BOX, is_cut_box, require_cuttable
 from .node_builder import Nodes
@@ -80,7 +81,7 @@ def cut_away(surfaces: Iterable[bpy.types.Object], box: bpy.types.Object) -> Non
     surfaces = list(surfaces)
     for obj in surfaces:
         require_cuttable(obj)
-    tree = nodes_of(box) or _box_nodes(box)
+    tree = nodes_of(box) or box_nodes(box)
     for obj in surfaces:
         if not any(modifier.node_group == tree for modifier in _cuts_away(obj)):
             obj.modifiers.new(CUT_AWAY, "NODES").node_group = tree
@@ -91,36 +92,30 @@ def nodes_of(box: bpy.types.Object) -> bpy.types.NodeTree | None:
     return next((tree for tree in bpy.data.node_groups if tree.get(CUT_AWAY) == box), None)
 
 
-def _box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
+def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
     """Return a new node group that takes away what lies inside a box."""
     tree = bpy.data.node_groups.new(box.name, "GeometryNodeTree")
     tree.is_modifier = True
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     nodes = Nodes(tree)
-    surface = nodes.add("NodeGroupInput").outputs[0]
-    info = nodes.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
-    info.inputs["Object"].default_value = box
-    box_mesh = info.outputs["Geometry"]
+    surface = output_of(nodes.add("NodeGroupInput"), "Geometry")
+    box_mesh = nodes.of("GeometryNodeObjectInfo", "Geometry", {"Object": box}, transform_space="RELATIVE")
     outside = nodes.add("GeometryNodeSwitch", input_type="GEOMETRY", label=OUTSIDE)
-    nodes.link(_boolean_of(nodes, "DIFFERENCE", surface, box_mesh), outside.inputs["False"])
-    nodes.link(_boolean_of(nodes, "INTERSECT", surface, box_mesh), outside.inputs["True"])
+    nodes.link(_boolean_of(nodes, "DIFFERENCE", surface, box_mesh), input_of(outside, "False"))
+    nodes.link(_boolean_of(nodes, "INTERSECT", surface, box_mesh), input_of(outside, "True"))
     # Versions differ in the material that the faces of the box become.
-    cut = nodes.add("GeometryNodeInputNamedAttribute", data_type="BOOLEAN")
-    cut.inputs["Name"].default_value = BOX
-    of_box = next(socket for socket in cut.outputs if socket.enabled)
-    kept = nodes.of("GeometryNodeSetMaterialIndex", outside.outputs[0], of_box, 0)
+    of_box = nodes.of("GeometryNodeInputNamedAttribute", "Attribute", {"Name": BOX}, data_type="BOOLEAN")
+    faces = {"Geometry": output_of(outside, "Output"), "Selection": of_box, "Material Index": 0}
+    kept = nodes.of("GeometryNodeSetMaterialIndex", "Geometry", faces)
     for name in (NORMALS, BOX):
-        bare = nodes.add("GeometryNodeRemoveAttribute")
-        bare.inputs["Name"].default_value = name
-        nodes.link(kept, bare.inputs["Geometry"])
-        kept = bare.outputs[0]
+        kept = nodes.of("GeometryNodeRemoveAttribute", "Geometry", {"Name": name, "Geometry": kept})
     # Without its box the surface is whole, whichever side was taken away.
-    count = nodes.add("GeometryNodeAttributeDomainSize")
-    nodes.link(box_mesh, count.inputs[0])
-    is_there = nodes.compare("GREATER_THAN", count.outputs["Face Count"], 0.5)
-    shown = nodes.of("GeometryNodeSwitch", is_there, surface, kept, input_type="GEOMETRY")
-    nodes.link(shown, nodes.add("NodeGroupOutput").inputs[0])
+    count = nodes.of("GeometryNodeAttributeDomainSize", "Face Count", {"Geometry": box_mesh})
+    is_there = nodes.compare("GREATER_THAN", count, 0.5)
+    ways = {"Switch": is_there, "False": surface, "True": kept}
+    shown = nodes.of("GeometryNodeSwitch", "Output", ways, input_type="GEOMETRY")
+    nodes.link(shown, input_of(nodes.add("NodeGroupOutput"), "Geometry"))
     nodes.arrange()
     tree[CUT_AWAY] = box
     return tree
@@ -130,11 +125,10 @@ def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> An
     """Return what is left of a surface, and of the box inside it."""
     # The other solvers leave holes or refuse open surfaces, which Hole Tolerant caps.
     node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver="EXACT")
-    node.inputs["Hole Tolerant"].default_value = True
-    operands = [socket for socket in node.inputs if socket.enabled and socket.type == "GEOMETRY"]
-    nodes.link(surface, operands[0])
-    nodes.link(box_mesh, operands[-1])  # which is the only one that INTERSECT has
-    return node.outputs[0]
+    nodes.link(True, input_of(node, "Hole Tolerant"))
+    nodes.link(surface, input_of(node, "Mesh 1" if operation == "DIFFERENCE" else "Mesh 2"))
+    nodes.link(box_mesh, input_of(node, "Mesh 2"))  # which takes several geometries where INTERSECT has no other
+    return output_of(node, "Mesh")
 
 
 def _cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
@@ -155,7 +149,8 @@ def flip_cut_away(box: bpy.types.Object) -> None:
     tree = nodes_of(box)
     for node in tree.nodes if tree is not None else ():
         if node.label == OUTSIDE:
-            node.inputs["Switch"].default_value = not node.inputs["Switch"].default_value
+            takes_outside = input_of(node, "Switch")
+            takes_outside.default_value = not takes_outside.default_value
 
 
 def remove_cut_away(box: bpy.types.Object) -> None:

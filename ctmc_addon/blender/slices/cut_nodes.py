@@ -24,6 +24,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..sockets import input_of, output_of
 from .material import UV
 from .node_builder import Nodes
 
@@ -53,11 +54,11 @@ def cut_nodes(
     for way in ("INPUT", "OUTPUT"):
         tree.interface.new_socket("Geometry", in_out=way, socket_type="NodeSocketGeometry")
     nodes = Nodes(tree)
-    surface = nodes.add("NodeGroupInput").outputs[0]
+    surface = output_of(nodes.add("NodeGroupInput"), "Geometry")
     to_surface = nodes.transform_of(plane)
-    to_plane = nodes.of("FunctionNodeInvertMatrix", to_surface)
-    at = nodes.of("GeometryNodeInputPosition")
-    height = nodes.math("ADD", nodes.z_of(nodes.of("FunctionNodeTransformPoint", at, to_plane)), OFFSET * reach)
+    to_plane = nodes.of("FunctionNodeInvertMatrix", "Matrix", {"Matrix": to_surface})
+    at = nodes.of("GeometryNodeInputPosition", "Position")
+    height = nodes.math("ADD", nodes.z_of(nodes.transformed(at, to_plane)), OFFSET * reach)
     inside = nodes.compare("LESS_THAN", height, 0.0)
     wholly_inside = nodes.at_points(inside)
     wholly_outside = nodes.at_points(nodes.negate(inside))
@@ -66,10 +67,11 @@ def cut_nodes(
     surface, at_rim = nodes.captured(surface, nodes.on_faces(nodes.negate(wholly_inside)))
     below, others = nodes.separate(surface, wholly_inside, "FACE")
     _, crossing = nodes.separate(others, wholly_outside, "FACE")
-    triangles = nodes.of("GeometryNodeSplitEdges", nodes.of("GeometryNodeTriangulate", crossing))
+    triangulated = nodes.of("GeometryNodeTriangulate", "Mesh", {"Mesh": crossing})
+    triangles = nodes.of("GeometryNodeSplitEdges", "Mesh", {"Mesh": triangulated})
 
     # Every vertex of an island has one corner, so its neighbors in the triangle are known.
-    corner = nodes.of("GeometryNodeCornersOfVertex")
+    corner = nodes.of("GeometryNodeCornersOfVertex", "Corner Index")
     after, before = (nodes.vertex_from(corner, steps) for steps in (1, 2))
     positions = {"own": at, "after": nodes.at_vertex("FLOAT_VECTOR", after, at)}
     positions["before"] = nodes.at_vertex("FLOAT_VECTOR", before, at)
@@ -90,36 +92,34 @@ def cut_nodes(
     pairs = (("own", "after"), ("own", "before"), ("before", "own"))
     to_after, to_before, from_before = (crossing_of(*pair) for pair in pairs)
     target = nodes.switch(is_inside["after"], to_before, to_after)
-    first = nodes.of("GeometryNodeSetPosition", islands, is_outside["own"], target)
+    first = nodes.moved(islands, target, is_outside["own"])
     squares, _ = nodes.separate(islands, nodes.compare("EQUAL", count, 2.0), "POINT")
     moves = nodes.either(is_outside["own"], is_outside["before"])
     target = nodes.switch(is_outside["own"], from_before, to_before)
-    second = nodes.of("GeometryNodeSetPosition", squares, moves, target)
+    second = nodes.moved(squares, target, moves)
     rim = nodes.join(first, second)
 
     on_plane = nodes.compare("LESS_THAN", nodes.math("ABSOLUTE", height), NEAR * reach)
     section, _ = nodes.separate(rim, nodes.at_points(on_plane), "EDGE")
-    flat = nodes.of("GeometryNodeSetPosition", section, None, nodes.of("FunctionNodeTransformPoint", at, to_plane))
-    chained = nodes.add("GeometryNodeMergeByDistance")
-    chained.inputs["Distance"].default_value = EQUAL * reach
-    nodes.link(flat, chained.inputs["Geometry"])
-    filled = nodes.of("GeometryNodeFillCurve", nodes.of("GeometryNodeMeshToCurve", chained.outputs[0]))
-    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")  # it is at z = 0
-    in_surface = nodes.of("FunctionNodeTransformPoint", below_slice, to_surface)
-    lifted = nodes.of("GeometryNodeSetPosition", filled, None, in_surface)
+    flat = nodes.moved(section, nodes.transformed(at, to_plane))
+    chained = nodes.of("GeometryNodeMergeByDistance", "Geometry", {"Distance": EQUAL * reach, "Geometry": flat})
+    outlines = nodes.of("GeometryNodeMeshToCurve", "Curve", {"Mesh": chained})
+    filled = nodes.of("GeometryNodeFillCurve", "Mesh", {"Curve": outlines})
+    below_slice = nodes.vector("ADD", at, (0.0, 0.0, -OFFSET * reach))  # it is at z = 0
+    in_surface = nodes.transformed(below_slice, to_surface)
+    lifted = nodes.moved(filled, in_surface)
     material = nodes.add("GeometryNodeSetMaterial")
-    material.inputs["Material"].default_value = cut.data.materials[0]
-    to_slice = nodes.of("FunctionNodeInvertMatrix", nodes.transform_of(cut))
-    at_slice = nodes.of("FunctionNodeTransformPoint", at, to_slice)
-    shares = [nodes.of("ShaderNodeVectorMath", at_slice, weights, operation="DOT_PRODUCT") for weights in coordinates]
-    on_picture = nodes.of("ShaderNodeCombineXYZ", *(nodes.math("ADD", share, 0.5) for share in shares))
-    nodes.link(nodes.stored(lifted, UV, on_picture), material.inputs[0])
+    nodes.link(cut.data.materials[0], input_of(material, "Material"))
+    to_slice = nodes.of("FunctionNodeInvertMatrix", "Matrix", {"Matrix": nodes.transform_of(cut)})
+    at_slice = nodes.transformed(at, to_slice)
+    shares = [nodes.vector("DOT_PRODUCT", at_slice, weights) for weights in coordinates]
+    halves = [nodes.math("ADD", share, 0.5) for share in shares]
+    on_picture = nodes.of("ShaderNodeCombineXYZ", "Vector", dict(zip("XY", halves, strict=True)))
+    nodes.link(nodes.stored(lifted, UV, on_picture), input_of(material, "Geometry"))
 
-    whole = nodes.join(below, rim, material.outputs[0])
-    merge = nodes.add("GeometryNodeMergeByDistance")
-    merge.inputs["Distance"].default_value = NEAR * reach
-    nodes.link(whole, merge.inputs["Geometry"])
-    nodes.link(nodes.either(at_rim, on_plane), merge.inputs["Selection"])
-    nodes.link(merge.outputs[0], nodes.add("NodeGroupOutput").inputs[0])
+    whole = nodes.join(below, rim, output_of(material, "Geometry"))
+    seam = {"Distance": NEAR * reach, "Geometry": whole, "Selection": nodes.either(at_rim, on_plane)}
+    merged = nodes.of("GeometryNodeMergeByDistance", "Geometry", seam)
+    nodes.link(merged, input_of(nodes.add("NodeGroupOutput"), "Geometry"))
     nodes.arrange()
     return tree

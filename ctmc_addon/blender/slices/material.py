@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.volume import windowed
-from ..materials import use_nodes
+from ..materials import clear_shader, dot_node, math_node, mixed, use_nodes
+from ..sockets import input_of, output_of
 
 VALUES, SOLID, WINDOW = "Values", "Solid Shading", "Window and Level"  # labels of nodes
 UV = "UVMap"
@@ -45,19 +46,14 @@ def slice_material(
     in_object = tree.nodes.new("ShaderNodeTexCoord")
     in_object.object = obj
     coordinates = tree.nodes.new("ShaderNodeCombineXYZ")
-    for axis, weights in enumerate(picture_coordinates(corners)):
-        share = tree.nodes.new("ShaderNodeVectorMath")
-        share.operation = "DOT_PRODUCT"
-        share.inputs[1].default_value = weights
-        tree.links.new(in_object.outputs["Object"], share.inputs[0])
-        half = tree.nodes.new("ShaderNodeMath")
-        half.inputs[1].default_value = 0.5
-        tree.links.new(share.outputs["Value"], half.inputs[0])
-        tree.links.new(half.outputs[0], coordinates.inputs[axis])
+    for axis, weights in zip("XY", picture_coordinates(corners), strict=True):
+        share = dot_node(tree, output_of(in_object, "Object"), weights)
+        half = math_node(tree, "ADD", share, 0.5)
+        tree.links.new(half, input_of(coordinates, axis))
     picture = bpy.data.images.new(name, columns, rows, alpha=True, float_buffer=True, is_data=True)
     picture.alpha_mode = "CHANNEL_PACKED"
     shown = _picture_node(tree, VALUES, picture)
-    tree.links.new(coordinates.outputs[0], shown.inputs[0])
+    tree.links.new(output_of(coordinates, "Vector"), input_of(shown, "Vector"))
     gray = tree.nodes.new("ShaderNodeMapRange")
     gray.label = WINDOW
     tree.links.new(shown.outputs["Color"], gray.inputs["Value"])
@@ -66,14 +62,11 @@ def slice_material(
     tree.links.new(gray.outputs["Result"], light.inputs["Color"])
     shader = tree.nodes.new("ShaderNodeEmission")
     tree.links.new(light.outputs["Color"], shader.inputs["Color"])
-    body = tree.nodes.new("ShaderNodeMath")
-    body.operation, body.label = "GREATER_THAN", "Not Air"
-    tree.links.new(shown.outputs["Alpha"], body.inputs[0])
-    clear, mix = tree.nodes.new("ShaderNodeBsdfTransparent"), tree.nodes.new("ShaderNodeMixShader")
-    for socket, source in zip(mix.inputs, (body.outputs[0], clear.outputs[0], shader.outputs[0]), strict=True):
-        tree.links.new(source, socket)
+    body = math_node(tree, "GREATER_THAN", shown.outputs["Alpha"], 0.5)
+    body.node.label = "Not Air"
+    mix = mixed(tree, body, clear_shader(tree), output_of(shader, "Emission"))
     output = tree.nodes.new("ShaderNodeOutputMaterial")
-    tree.links.new(mix.outputs[0], output.inputs["Surface"])
+    tree.links.new(mix, output.inputs["Surface"])
     tree.nodes.active = _picture_node(tree, SOLID, bpy.data.images.new(f"{name} {SOLID}", columns, rows, alpha=True))
     for number, node in enumerate(tree.nodes):
         node.location = (220 * (number // 3), -200 * (number % 3))

@@ -3,10 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from functools import reduce
 from typing import Any
 
 import bpy
+
+from ..sockets import MATH, input_of, output_of
 
 COLUMN = 8  # nodes one below the other
 
@@ -31,31 +34,30 @@ class Nodes:
         else:
             socket.default_value = source
 
-    def of(self, kind: str, *sources: Any, **properties: str) -> Any:
-        """Return the first output of a new node whose inputs are these in turn; None leaves one as it is."""
+    def of(self, kind: str, output: str, inputs: Mapping[str, Any] | None = None, **properties: str) -> Any:
+        """Return an output of a new node whose inputs of these names are given; the others stay as they are."""
         node = self.add(kind, **properties)
-        # A node has sockets for every type it knows; those of other types than its own are disabled.
-        inputs = [socket for socket in node.inputs if socket.enabled]
-        for source, socket in zip(sources, inputs, strict=False):
-            if source is not None:
-                self.link(source, socket)
-        return next(socket for socket in node.outputs if socket.enabled)
+        for called, source in (inputs or {}).items():
+            self.link(source, input_of(node, called))
+        return output_of(node, output)
 
     def math(self, operation: str, *values: Any) -> Any:
         """Add a calculation with numbers."""
-        return self.of("ShaderNodeMath", *values, operation=operation)
+        return self.of("ShaderNodeMath", "Value", dict(zip(MATH, values, strict=False)), operation=operation)
 
     def compare(self, operation: str, first: Any, second: float) -> Any:
         """Return whether a number is less or greater than another."""
-        return self.of("FunctionNodeCompare", first, second, data_type="FLOAT", operation=operation)
+        numbers = {"A": first, "B": second}
+        return self.of("FunctionNodeCompare", "Result", numbers, data_type="FLOAT", operation=operation)
 
     def negate(self, value: Any) -> Any:
         """Return whether a condition is false."""
-        return self.of("FunctionNodeBooleanMath", value, operation="NOT")
+        return self.of("FunctionNodeBooleanMath", "Boolean", {"Boolean": value}, operation="NOT")
 
     def either(self, first: Any, second: Any) -> Any:
         """Return whether at least one of two conditions is true."""
-        return self.of("FunctionNodeBooleanMath", first, second, operation="OR")
+        conditions = {"Boolean": first, "Boolean_001": second}
+        return self.of("FunctionNodeBooleanMath", "Boolean", conditions, operation="OR")
 
     def total(self, values: Any) -> Any:
         """Return the sum of several numbers; a condition that is true counts as 1."""
@@ -63,76 +65,84 @@ class Nodes:
 
     def switch(self, condition: Any, otherwise: Any, then: Any) -> Any:
         """Return one of two vectors, chosen by a condition."""
-        return self.of("GeometryNodeSwitch", condition, otherwise, then, input_type="VECTOR")
+        inputs = {"Switch": condition, "False": otherwise, "True": then}
+        return self.of("GeometryNodeSwitch", "Output", inputs, input_type="VECTOR")
 
     def between(self, share: Any, start: Any, end: Any) -> Any:
         """Return the point at a share, 0 to 1, of the way from one to another."""
-        way = self.of("ShaderNodeVectorMath", end, start, operation="SUBTRACT")
-        scale = self.add("ShaderNodeVectorMath", operation="SCALE")
-        self.link(way, scale.inputs["Vector"])
-        self.link(share, scale.inputs["Scale"])
-        return self.of("ShaderNodeVectorMath", start, scale.outputs[0], operation="ADD")
+        way = self.vector("SUBTRACT", end, start)
+        part = self.of("ShaderNodeVectorMath", "Vector", {"Vector": way, "Scale": share}, operation="SCALE")
+        return self.vector("ADD", start, part)
+
+    def vector(self, operation: str, first: Any, second: Any) -> Any:
+        """Add a calculation with two vectors."""
+        inputs = {"Vector": first, "Vector_001": second}
+        output = "Value" if operation == "DOT_PRODUCT" else "Vector"
+        return self.of("ShaderNodeVectorMath", output, inputs, operation=operation)
+
+    def transformed(self, point: Any, matrix: Any) -> Any:
+        """Return a point in another space."""
+        return self.of("FunctionNodeTransformPoint", "Vector", {"Vector": point, "Transform": matrix})
+
+    def moved(self, geometry: Any, position: Any, condition: Any = True) -> Any:
+        """Return a geometry whose vertices that meet a condition have other positions."""
+        inputs = {"Geometry": geometry, "Selection": condition, "Position": position}
+        return self.of("GeometryNodeSetPosition", "Geometry", inputs)
 
     def z_of(self, vector: Any) -> Any:
         """Return the third number of a vector."""
-        node = self.add("ShaderNodeSeparateXYZ")
-        self.link(vector, node.inputs[0])
-        return node.outputs["Z"]
+        return self.of("ShaderNodeSeparateXYZ", "Z", {"Vector": vector})
 
     def at_points(self, condition: Any) -> Any:
         """Return a condition on vertices; an edge or a face meets it where all its vertices do."""
-        return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="POINT")
+        return self.of("GeometryNodeFieldOnDomain", "Value", {"Value": condition}, data_type="BOOLEAN", domain="POINT")
 
     def on_faces(self, condition: Any) -> Any:
         """Return a condition on faces; a vertex meets it where any of its faces does."""
-        return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="FACE")
+        return self.of("GeometryNodeFieldOnDomain", "Value", {"Value": condition}, data_type="BOOLEAN", domain="FACE")
 
     def captured(self, geometry: Any, condition: Any) -> tuple[Any, Any]:
         """Return a geometry whose vertices keep a condition as it is here, and that condition."""
         node = self.add("GeometryNodeCaptureAttribute", domain="POINT")
         node.capture_items.new("BOOLEAN", "Condition")
-        self.link(geometry, node.inputs[0])
-        self.link(condition, node.inputs[1])
-        return node.outputs[0], node.outputs[1]
+        self.link(geometry, input_of(node, "Geometry"))
+        self.link(condition, input_of(node, "Condition"))
+        return output_of(node, "Geometry"), output_of(node, "Condition")
 
     def at_vertex(self, kind: str, number: Any, value: Any) -> Any:
         """Return the value, a FLOAT or FLOAT_VECTOR, that the vertex of this number has."""
-        node = self.add("GeometryNodeFieldAtIndex", data_type=kind, domain="POINT")
-        self.link(number, node.inputs["Index"])
-        self.link(value, next(socket for socket in node.inputs if socket.enabled and socket.name == "Value"))
-        return next(socket for socket in node.outputs if socket.enabled)
+        inputs = {"Index": number, "Value": value}
+        return self.of("GeometryNodeFieldAtIndex", "Value", inputs, data_type=kind, domain="POINT")
 
     def vertex_from(self, corner: Any, steps: int) -> Any:
-        """Return the number of the vertex that lies some corners farther along the face."""
-        return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
+        """Return the number of the vertex that lies `steps` corners farther along the face."""
+        inputs = {"Corner Index": corner, "Offset": steps}
+        farther = self.of("GeometryNodeOffsetCornerInFace", "Corner Index", inputs)
+        return self.of("GeometryNodeVertexOfCorner", "Vertex Index", {"Corner Index": farther})
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:
         """Return the parts of a geometry that meet a condition, and the others."""
         node = self.add("GeometryNodeSeparateGeometry", domain=domain)
-        self.link(geometry, node.inputs["Geometry"])
-        self.link(condition, node.inputs["Selection"])
-        return node.outputs[0], node.outputs[1]
+        self.link(geometry, input_of(node, "Geometry"))
+        self.link(condition, input_of(node, "Selection"))
+        return output_of(node, "Selection"), output_of(node, "Inverted")
 
     def join(self, *geometries: Any) -> Any:
         """Add a node that joins several geometries."""
         node = self.add("GeometryNodeJoinGeometry")
         for geometry in reversed(geometries):  # Blender puts the last link first
-            self.tree.links.new(geometry, node.inputs[0])
-        return node.outputs[0]
+            self.link(geometry, input_of(node, "Geometry"))
+        return output_of(node, "Geometry")
 
     def transform_of(self, obj: bpy.types.Object) -> Any:
         """Return where an object is, in the space of the one that has the modifier."""
-        info = self.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
-        info.inputs["Object"].default_value = obj
-        return info.outputs["Transform"]
+        return self.of("GeometryNodeObjectInfo", "Transform", {"Object": obj}, transform_space="RELATIVE")
 
     def stored(self, geometry: Any, name: str, value: Any) -> Any:
         """Return a geometry whose corners keep a place on a picture under a name."""
-        node = self.add("GeometryNodeStoreNamedAttribute", data_type="FLOAT2", domain="CORNER")
-        node.inputs["Name"].default_value = name
-        self.link(geometry, node.inputs["Geometry"])
-        self.link(value, next(socket for socket in node.inputs if socket.enabled and socket.name == "Value"))
-        return node.outputs[0]
+        inputs = {"Name": name, "Geometry": geometry, "Value": value}
+        kinds = {"data_type": "FLOAT2", "domain": "CORNER"}
+        return self.of("GeometryNodeStoreNamedAttribute", "Geometry", inputs, **kinds)
 
     def arrange(self) -> None:
         """Give every node a place, so that the editor shows them beside each other."""

@@ -13,7 +13,8 @@ from typing import Any
 import bpy
 
 from ..colors import BONE, Color
-from ..materials import use_nodes
+from ..materials import math_node, use_nodes
+from ..sockets import input_of, output_of
 from .vdb import GRID
 
 THRESHOLD, WINDOW, LEVEL = "Threshold", "Window", "Level"
@@ -110,20 +111,20 @@ def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.type
     value_of = {label: _number(tree, label, value) for label, value in numbers.items()}
     values = tree.nodes.new("ShaderNodeAttribute")
     values.attribute_name = GRID
-    opacity = _share(tree, values.outputs["Fac"], value_of[THRESHOLD], value_of["Width"])
-    dark = _math(tree, "SUBTRACT", value_of[LEVEL], _math(tree, "MULTIPLY", value_of[WINDOW], 0.5))
-    shade = _share(tree, values.outputs["Fac"], dark, value_of[WINDOW])
+    opacity = _share(tree, output_of(values, "Fac"), value_of[THRESHOLD], value_of["Width"])
+    dark = math_node(tree, "SUBTRACT", value_of[LEVEL], math_node(tree, "MULTIPLY", value_of[WINDOW], 0.5))
+    shade = _share(tree, output_of(values, "Fac"), dark, value_of[WINDOW])
     ramp = tree.nodes.new("ShaderNodeValToRGB")
-    tree.links.new(shade, ramp.inputs["Fac"])
+    tree.links.new(shade, input_of(ramp, "Fac"))
     for element, color in zip(ramp.color_ramp.elements, appearance.colors, strict=True):
         element.color = (*color, 1.0)
     shader = tree.nodes.new("ShaderNodeVolumePrincipled")
     shader.inputs["Density Attribute"].default_value = ""
     shader.inputs["Anisotropy"].default_value = BACK
-    density = _math(tree, "MULTIPLY", opacity, value_of["Density"])
+    density = math_node(tree, "MULTIPLY", opacity, value_of["Density"])
     tree.links.new(density, shader.inputs["Density"])
     # Light is scattered once in EEVEE and by Cycles' defaults, which leaves dense parts dark: they glow a little.
-    tree.links.new(_math(tree, "MULTIPLY", density, GLOW), shader.inputs["Emission Strength"])
+    tree.links.new(math_node(tree, "MULTIPLY", density, GLOW), shader.inputs["Emission Strength"])
     for taken in ("Color", "Emission Color"):
         tree.links.new(ramp.outputs["Color"], shader.inputs[taken])
     output = tree.nodes.new("ShaderNodeOutputMaterial")
@@ -138,29 +139,18 @@ def adjust(material: bpy.types.Material, **numbers: float) -> None:
     for node in material.node_tree.nodes:
         value = numbers.get(node.label.lower())
         if node.type == "VALUE" and value is not None:
-            node.outputs[0].default_value = value
+            output_of(node, "Value").default_value = value
 
 
 def _number(tree: Any, label: str, value: float) -> Any:
     node = tree.nodes.new("ShaderNodeValue")
     node.label = label
-    node.outputs[0].default_value = value
-    return node.outputs[0]
-
-
-def _math(tree: Any, operation: str, first: Any, second: Any) -> Any:
-    node = tree.nodes.new("ShaderNodeMath")
-    node.operation = operation
-    for socket, value in zip(node.inputs, (first, second), strict=False):
-        if isinstance(value, float):
-            socket.default_value = value
-        else:
-            tree.links.new(value, socket)
-    return node.outputs[0]
+    output_of(node, "Value").default_value = value
+    return output_of(node, "Value")
 
 
 def _share(tree: Any, value: Any, low: Any, width: Any) -> Any:
     """The socket of (value - low) / width, 0 below and 1 above."""
-    share = _math(tree, "DIVIDE", _math(tree, "SUBTRACT", value, low), width)
+    share = math_node(tree, "DIVIDE", math_node(tree, "SUBTRACT", value, low), width)
     share.node.use_clamp = True
     return share

@@ -21,12 +21,19 @@ OVERLAYS = np.random.default_rng(4).integers(0, 1 << 16, (64, 64)).astype(np.uin
 J2K_LOSSY = "1.2.840.10008.1.2.4.91"
 
 
+@pytest.fixture
+def decoded_here(monkeypatch):
+    """Decode in this process: another takes a second to start, and gives the same values (decoding/test_process.py)."""
+    monkeypatch.setattr("ctmc_addon.readers.decoding.process.interpreter", lambda: None)
+
+
 def value_of_bits(stored, bits, signed):
     """The low bits as a number, two's complement where it is signed."""
     low = stored.astype(np.int64) % (1 << bits)
     return np.where(signed & (low >= 1 << (bits - 1)), low - (1 << bits), low)
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize("bits", [8, 12])
 @pytest.mark.parametrize("signed", [False, True])
 @pytest.mark.parametrize(
@@ -230,6 +237,7 @@ def test_a_number_that_is_missing_is_said(tmp_path, save_stack, keyword):
     refused(tmp_path, "1.dcm", f"{keyword} is missing")
 
 
+@pytest.mark.usefixtures("decoded_here")
 @pytest.mark.parametrize(("bits", "high_bit"), [(12, 15), (16, 11), (12, 60000)])
 @pytest.mark.parametrize("kind", ["plain", "rle", "j2k", "frames"])
 def test_a_high_bit_changes_no_value_and_is_quoted(tmp_path, save_slice, save_frames, kind, bits, high_bit):

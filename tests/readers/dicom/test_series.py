@@ -10,7 +10,7 @@ import pydicom
 import pytest
 from pydicom import uid
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import Budget, CtmcError
 from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = (1, 0, 0, 0, 1, 0)
@@ -326,10 +326,9 @@ def test_an_unknown_syntax_is_named(tmp_path, save_stack):
 
 def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, save_stack, monkeypatch):
     save_stack(tmp_path, range(3))
-    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 100)
     monkeypatch.setattr("ctmc_addon.readers.dicom.stored.stored_frames", lambda *_: pytest.fail("a slice was read"))
     with pytest.raises(CtmcError, match=r"7 x 5 x 3.*memory"):
-        read_volume(tmp_path)
+        read_volume(tmp_path, budget=Budget(bytes=100))
 
 
 def test_copies_of_a_slice_in_other_folders_change_nothing(tmp_path, save_stack):

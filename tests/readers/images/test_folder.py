@@ -12,7 +12,7 @@ import pytest
 import tifffile
 from PIL import Image
 
-from ctmc_addon.core import CtmcError
+from ctmc_addon.core import Budget, CtmcError
 from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = np.diag([-1.0, -1.0, 1.0, 1.0])
@@ -312,7 +312,6 @@ def test_a_truncated_numpy_file_is_refused(tmp_path, size):
 
 def test_a_stack_beyond_the_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
     save_folder(tmp_path, numbers())
-    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 10)
     monkeypatch.setattr("ctmc_addon.readers.images.folder.gray_slice", lambda _: pytest.fail("a slice was read"))
     with pytest.raises(CtmcError, match=r"5 x 6 x 4.*memory"):
-        read_volume(tmp_path)
+        read_volume(tmp_path, budget=Budget(bytes=10))

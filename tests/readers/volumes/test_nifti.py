@@ -9,7 +9,7 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.core import CtmcError, SettingsError
+from ctmc_addon.core import Budget, CtmcError, SettingsError
 from ctmc_addon.readers import open_volume, read_volume, segmentation_sibling
 
 OBLIQUE = np.array([[-0.6, 0.3, 0.1, 12.5], [0.2, 0.7, -0.4, -80], [0.05, 0.4, 2.1, 301.25], [0, 0, 0, 1]])
@@ -292,12 +292,11 @@ def test_the_lits_sibling_is_found_beside_its_volume(tmp_path):
     assert segmentation_sibling(tmp_path / "segmentation-3.nii.gz") is None
 
 
-def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path, monkeypatch):
+def test_a_volume_beyond_the_memory_is_refused_before_it_is_read(tmp_path):
     path = saved(tmp_path / "ct.nii", numbers("i2"))
     path.write_bytes(path.read_bytes()[:400])  # reading on would be a truncation
-    monkeypatch.setattr("ctmc_addon.core.machine.memory.available_bytes", lambda: 100)
     with pytest.raises(CtmcError, match=r"ct.nii \(5 x 6 x 7\) needs about.*memory"):
-        read_volume(path)
+        read_volume(path, budget=Budget(bytes=100))
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,8 @@ from typing import Any
 import bpy
 
 from ...colors import Color
-from ...materials import emission, flat_material, mixed, show_flat, surface_material
+from ...materials import clear_shader, emission, flat_material, mixed, show_flat, surface_material
+from ...sockets import output_of
 from ..spec import WHITE
 from .annotations import LINE_MM, Board, disc
 
@@ -63,9 +64,9 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     board.blocks.append(pivot)
     limits = [[depth + share * reach * board.unit for share in ends] for ends in (SHADES, FADE)]
     arms, ink, paper = (
-        _depth_ink(board.pen, FAR, limits[0]),
-        _depth_ink(board.pen, None, limits[1]),
-        _page_ink(None if clear else board.paper, limits[1]),
+        depth_ink(board.pen, FAR, limits[0]),
+        depth_ink(board.pen, None, limits[1]),
+        page_ink(None if clear else board.paper, limits[1]),
     )
     board.blocks += [arms, ink, paper]
     cross = board.put("CTMC Axes", _axis_lines(ARM * reach), 0.0, 0.0, arms)
@@ -87,22 +88,22 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     return pivot
 
 
-def _depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
+def depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
     """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
     material = surface_material("CTMC Ink by Depth", near)
     share = _depth_share(material, limits)
-    last = _clear_socket(material) if far is None else emission(material, far)
+    last = clear_shader(material.node_tree) if far is None else emission(material, far)
     show_flat(material, mixed(material.node_tree, share, emission(material, near), last))
     return material
 
 
-def _page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
+def page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
     """Return a material like the page, None for an empty one, that hides what is behind; clear where letters fade."""
     material = flat_material("CTMC Page", paper or WHITE)
     tree = material.node_tree
-    page = emission(material, paper) if paper else tree.nodes.new("ShaderNodeHoldout").outputs[0]
+    page = emission(material, paper) if paper else output_of(tree.nodes.new("ShaderNodeHoldout"), "Holdout")
     share = _depth_share(material, limits)
-    show_flat(material, mixed(tree, share, page, _clear_socket(material)))
+    show_flat(material, mixed(tree, share, page, clear_shader(tree)))
     return material
 
 
@@ -113,11 +114,6 @@ def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits
     tree.links.new(camera.outputs["View Z Depth"], share.inputs["Value"])
     return share.outputs["Result"]
-
-
-def _clear_socket(material: bpy.types.Material) -> Any:
-    """Return the socket of a shader that is fully transparent."""
-    return material.node_tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
 
 
 def _axis_lines(reach_mm: float) -> Any:

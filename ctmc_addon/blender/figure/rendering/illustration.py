@@ -16,6 +16,8 @@ import numpy as np
 
 from ...colors import Color
 from ...materials import (
+    clear_shader,
+    dot_node,
     emission,
     flat_material,
     lights_nothing,
@@ -26,6 +28,7 @@ from ...materials import (
     surface_material,
 )
 from ...scene.studio import Sun, view_axes
+from ...sockets import output_of
 from ...surface import mesh_data as meshes
 from ...tissue import FINISHES
 
@@ -60,7 +63,7 @@ def outline_material() -> bpy.types.Material:
     """Return dark ink that is clear from behind."""
     material = flat_material(SHELL, OUTLINE)
     tree = material.node_tree
-    clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
+    clear = clear_shader(tree)
     back = tree.nodes.new("ShaderNodeNewGeometry").outputs["Backfacing"]
     show_flat(material, mixed(tree, back, emission(material, OUTLINE), clear))
     material.use_backface_culling = True
@@ -100,11 +103,11 @@ def glass_material(
     light = view_axes(azimuth + key.turn, elevation + key.rise)[:, 2]
     half = (back + light) / np.linalg.norm(back + light)
     normal = tree.nodes.new("ShaderNodeNewGeometry").outputs["Normal"]
-    lit = math_node(tree, "MAXIMUM", dot(tree, normal, light), 0.0)
+    lit = math_node(tree, "MAXIMUM", dot_node(tree, normal, light), 0.0)
     facing = tree.nodes.new("ShaderNodeLayerWeight")
     facing.inputs["Blend"].default_value = 0.5  # "Facing" is then one less the cosine
     rim = math_node(tree, "POWER", facing.outputs["Facing"], 2.2)
-    shine = math_node(tree, "POWER", math_node(tree, "MAXIMUM", dot(tree, normal, half), 0.0), 90.0)
+    shine = math_node(tree, "POWER", math_node(tree, "MAXIMUM", dot_node(tree, normal, half), 0.0), 90.0)
     form = math_node(tree, "MULTIPLY_ADD", lit, 1.1, 0.8)
     level = math_node(tree, "SUBTRACT", form, math_node(tree, "MULTIPLY", rim, 0.8))
     body = emission(material, color)
@@ -114,19 +117,10 @@ def glass_material(
     share = math_node(tree, "MULTIPLY_ADD", rim, min(1.4 * opacity, 1.0 - opacity), opacity)
     near = seen(tree)
     dense = math_node(tree, "MULTIPLY", math_node(tree, "MAXIMUM", share, gloss), near)
-    clear, tinted = (tree.nodes.new("ShaderNodeBsdfTransparent") for _ in range(2))
+    tinted = tree.nodes.new("ShaderNodeBsdfTransparent")
     # What lies behind is seen in the light that the tissue lets through, as through colored glass.
     tinted.inputs["Color"].default_value = (*(1.0 - TINT * (1.0 - part / max(color)) for part in color), 1.0)
-    behind = mixed(tree, near, clear.outputs[0], tinted.outputs[0])
+    behind = mixed(tree, near, clear_shader(tree), output_of(tinted, "BSDF"))
     show_flat(material, mixed(tree, dense, behind, shown))
     lights_nothing(material)
     return material
-
-
-def dot(tree: Any, socket: Any, vector: Any) -> Any:
-    """Return the socket of the dot product of a socket's vector and a constant one."""
-    node = tree.nodes.new("ShaderNodeVectorMath")
-    node.operation = "DOT_PRODUCT"
-    tree.links.new(socket, node.inputs[0])
-    node.inputs[1].default_value = tuple(float(part) for part in vector)
-    return node.outputs["Value"]
