@@ -23,7 +23,8 @@ from ctmc_addon.core import Budget, ReconstructionSettings, Volume, reconstruct,
 pytestmark = pytest.mark.once
 
 OURS = str(Path(ctmc_addon.__file__).parent)
-NEAR = 0.05  # NumPy and Python differ a little in what they call
+NEAR = 0.05  # Versions of NumPy and Python differ a little.
+NUMPY_NEAR = 0.25  # They differ more in the functions that NumPy itself calls.
 ONE_THREAD = Budget(threads=1, bytes=4 << 30)
 THICK = np.diag([0.75, 0.75, 3.0, 1.0])
 
@@ -121,5 +122,6 @@ def test_the_work_is_what_it_was(name):
     counted = work_of(run)
     print(f"\n{name}: {counted}")
     for what, number, before in zip(Work._fields, counted, expected, strict=True):
-        assert number <= before * (1 + NEAR), f"{name} takes more {what} than it did"
-        assert number >= before * (1 - NEAR), f"{name} takes fewer {what} than it did: note the new number"
+        near = NUMPY_NEAR if what == "array_calls" else NEAR
+        assert number <= before * (1 + near), f"{name} takes more {what} than it did"
+        assert number >= before * (1 - near), f"{name} takes fewer {what} than it did: note the new number"
