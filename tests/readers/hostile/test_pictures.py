@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 
 import numpy as np
@@ -12,8 +13,10 @@ import tifffile
 from PIL import Image
 from refusals import refused
 
-from ctmc_addon.core import ReadError
+from ctmc_addon.core import Budget, ReadError
 from ctmc_addon.readers import read_volume
+from ctmc_addon.readers.images import tiff
+from ctmc_addon.readers.images.tiff_page import page_layout
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)  # (slices, rows, columns)
 
@@ -164,6 +167,25 @@ def test_a_damaged_tiff_slice_is_refused_in_a_folder_as_it_is_alone(tmp_path, da
     for other in (0, 1, 3):
         (tmp_path / f"{other}.tif").unlink()
     refused(path, "2.tif")
+
+
+def test_threads_read_the_tags_of_pages_one_after_the_other(tmp_path, monkeypatch):
+    """tifffile seeks for a long tag when it is asked for, and another thread would take its place in the file."""
+    inside, most = [], []
+
+    def watched(page, path):
+        inside.append(page)
+        most.append(len(inside))
+        time.sleep(0.02)
+        layout = page_layout(page, path)
+        inside.remove(page)
+        return layout
+
+    path = tmp_path / "ct.tif"
+    tifffile.imwrite(path, VALUES, photometric="minisblack", compression="zlib")
+    monkeypatch.setattr(tiff, "page_layout", watched)
+    np.testing.assert_array_equal(read_volume(path, budget=Budget(threads=4)).values, VALUES)
+    assert max(most) == 1
 
 
 @pytest.mark.parametrize("pages", [1, 4])
