@@ -22,6 +22,7 @@ from .jpeg2000 import check_pixels, depth_of
 from .tiff_axes import TiffMetadata
 
 DECODED = "PNG, JPEG, JPEG 2000 and BMP"
+KINDS = ("PNG", "JPEG", "JPEG 2000", "BMP", "TIFF")  # A TIFF may have the suffix of another picture.
 PILLOW_ERRORS = (
     OSError,
     ValueError,
@@ -61,6 +62,9 @@ def picture(path: Path) -> Picture:
     try:
         with path.open("rb") as file:
             head = file.read(HEAD)
+            kind = "BMP" if head.startswith(b"BM") else marked(head)
+            if kind not in KINDS:  # Pillow would ask Ghostscript for some other kinds.
+                raise ReadError(f"{path.name} holds no {DECODED.replace('and', 'or')}; save it as 8 or 16 bit gray PNG")
             file.seek(0)
             with iio.imopen(file, "r", plugin="pillow") as image:
                 about = image.properties(index=0)
@@ -69,7 +73,6 @@ def picture(path: Path) -> Picture:
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(f"{path.name} is not a readable image ({_image_reason(error)}); copy it again") from error
     rows, columns, *channels = about.shape
-    kind = marked(head) or "BMP"
     bits, color = head[PNG_DEPTH : PNG_COLOR + 1] if kind == "PNG" else (8, PNG_GRAY)
     if bits == 16 and color not in (PNG_GRAY, PNG_PALETTE):
         raise ReadError(f"{path.name} has 16 bit color or an alpha channel; save it as 16 bit gray without alpha")
@@ -85,8 +88,10 @@ def picture(path: Path) -> Picture:
 
 
 def _image_reason(error: BaseException) -> str:
-    """Pillow's complaint, without the object or path that it may name."""
-    return "unknown content" if "cannot identify" in str(error) else reason(error)
+    """Pillow's complaint, without the object or path that it may name; imageio's own says nothing."""
+    cause = error.__cause__ or error
+    is_unknown = "cannot identify" in str(cause) or type(cause).__name__ == "InitializationError"
+    return "unknown content" if is_unknown else reason(cause)
 
 
 def gray_slice(header: Picture) -> NDArray[Any]:

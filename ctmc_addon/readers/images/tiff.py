@@ -94,9 +94,10 @@ class _TiffStack(VolumeSource):
             page = stack.pages[first + number * pages.step]
             if page is None:
                 raise ReadError(f"page {number + 1} of {self.path.name} is missing; save it again")
-            with lock, reading(self.path):
-                page = own_page(page)
-            layout = page_layout(page, self.path)
+            with lock:  # tifffile seeks for long tags, such as a palette, only when they are asked for.
+                with reading(self.path):
+                    page = own_page(page)
+                layout = page_layout(page, self.path)
             if layout.depth != stack.depth:
                 depths = f"{layout.depth}, and the first {stack.depth}"
                 raise ReadError(f"page {number + 1} of {self.path.name} has {depths}; save it again")

@@ -38,6 +38,8 @@ REQUIRED = {256: "ImageWidth", 257: "ImageLength", 259: "Compression", 262: "Pho
 ORIENTATION, COLOR_MAP = 274, 320  # tags
 SINGLE_TAGS = {*REQUIRED, 266, 277, 278, 284, 317, 322, 323, 32997}  # Each of them has one value.
 LAYOUT_TAGS = {*SINGLE_TAGS, 258, 273, 279, 324, 325, 339}
+# What is wrong with any other tag does not matter: TIFF 6.0 has readers pass over fields they do not know.
+READ_TAGS = {*LAYOUT_TAGS, 254, 255, 270, 282, 283, 320, 338, 50838, 50839}
 WHOLE_TYPES = (1, 3, 4, 16)  # BYTE, SHORT, LONG and LONG8; libtiff passes over layout tags of other types.
 HEADER = 8  # No pixels are in these bytes at the start; tifffile takes the offset 0 for a strip of zeros.
 TILE_STEP = 16  # The sides of tiles are multiples of it.
@@ -93,9 +95,11 @@ class _Complaints(logging.Handler):
         self.thread, self.lines = get_ident(), list[str]()
 
     def emit(self, record: logging.LogRecord) -> None:
-        """Keep the sentence without the object that it begins with."""
-        if record.thread == self.thread:
-            self.lines.append(re.sub(r"^<.*?> (?=\S)", "", record.getMessage()))
+        """Keep the sentence, unless it is of a tag that is not read, without the object that it begins with."""
+        text = record.getMessage()
+        tag = re.search(r"TiffTag (\d+) @", text)
+        if record.thread == self.thread and (tag is None or int(tag[1]) in READ_TAGS):
+            self.lines.append(re.sub(r"^<.*?> (?=\S)", "", text))
 
 
 @contextmanager

@@ -4,6 +4,7 @@
 from __future__ import annotations
 
 import struct
+import time
 import zlib
 
 import numpy as np
@@ -12,8 +13,10 @@ import tifffile
 from PIL import Image
 from refusals import refused
 
-from ctmc_addon.core import ReadError
+from ctmc_addon.core import Budget, ReadError
 from ctmc_addon.readers import read_volume
+from ctmc_addon.readers.images import tiff
+from ctmc_addon.readers.images.tiff_page import page_layout
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)  # (slices, rows, columns)
 
@@ -80,6 +83,47 @@ def test_a_wrong_image_suffix_is_forgiven_or_refused(tmp_path, kind):
         refused(tmp_path, "0.tif")
 
 
+@pytest.mark.parametrize("kind", ["EPS", "GIF", "WebP"])
+def test_another_picture_under_a_png_name_is_not_opened(tmp_path, kind):
+    """Pillow hands EPS to Ghostscript."""
+    for number, plane in enumerate(VALUES.astype(np.uint8)):
+        Image.fromarray(plane).save(tmp_path / f"{number}.png", kind)
+    refused(tmp_path, "0.png holds no PNG, JPEG, JPEG 2000 or BMP; save it as 8 or 16 bit gray PNG")
+
+
+def test_a_picture_that_cannot_be_opened_has_its_reason(tmp_path):
+    """imageio says of each that an unknown error occurred."""
+    pngs(tmp_path)
+    content = bytearray((tmp_path / "s0.png").read_bytes())
+    content[16:24] = struct.pack(">II", 100_000, 100_000)
+    content[29:33] = struct.pack(">I", zlib.crc32(content[12:29]))
+    (tmp_path / "s0.png").write_bytes(content)
+    refused(tmp_path, "s0.png", "10000000000 pixels", "exceeds limit of")
+    (tmp_path / "s0.png").write_bytes(content[:20])
+    assert "plugin" not in refused(tmp_path, "s0.png")
+
+
+@pytest.mark.parametrize("compression", [None, "zlib"])
+@pytest.mark.parametrize(("code", "value"), [(274, 0), (274, 9)])
+def test_a_tag_that_is_not_read_may_have_a_wrong_value(tmp_path, code, value, compression):
+    """Some cameras write an Orientation of 0."""
+    path = tmp_path / "ct.tif"
+    tags = [(code, "H", 1, value, False)]
+    tifffile.imwrite(path, VALUES, photometric="minisblack", compression=compression, extratags=tags)
+    np.testing.assert_array_equal(read_volume(path).values, VALUES)
+
+
+def test_a_tag_of_an_unknown_type_is_passed_over(tmp_path):
+    """TIFF 6.0, section 2: readers skip fields of an unexpected type."""
+    path = tmp_path / "ct.tif"
+    tags = [(65000, "H", 1, 7, False)]
+    tifffile.imwrite(path, VALUES, photometric="minisblack", compression="zlib", extratags=tags)
+    content = path.read_bytes()
+    assert content.count(struct.pack("<HH", 65000, 3)) >= 1
+    path.write_bytes(content.replace(struct.pack("<HH", 65000, 3), struct.pack("<HH", 65000, 129)))
+    np.testing.assert_array_equal(read_volume(path).values, VALUES)
+
+
 def ifd_ends(content):
     """Where the offset to the next page stands, for every page of a little-endian TIFF."""
     at, ends = 4, []
@@ -123,6 +167,25 @@ def test_a_damaged_tiff_slice_is_refused_in_a_folder_as_it_is_alone(tmp_path, da
     for other in (0, 1, 3):
         (tmp_path / f"{other}.tif").unlink()
     refused(path, "2.tif")
+
+
+def test_threads_read_the_tags_of_pages_one_after_the_other(tmp_path, monkeypatch):
+    """tifffile seeks for a long tag when it is asked for, and another thread would take its place in the file."""
+    inside, most = [], []
+
+    def watched(page, path):
+        inside.append(page)
+        most.append(len(inside))
+        time.sleep(0.02)
+        layout = page_layout(page, path)
+        inside.remove(page)
+        return layout
+
+    path = tmp_path / "ct.tif"
+    tifffile.imwrite(path, VALUES, photometric="minisblack", compression="zlib")
+    monkeypatch.setattr(tiff, "page_layout", watched)
+    np.testing.assert_array_equal(read_volume(path, budget=Budget(threads=4)).values, VALUES)
+    assert max(most) == 1
 
 
 @pytest.mark.parametrize("pages", [1, 4])
