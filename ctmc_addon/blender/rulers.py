@@ -157,8 +157,8 @@ def hit(
 ) -> tuple[bpy.types.Object, Vector] | None:
     """The first object that a ray meets, but for rulers, and where in world space; None where it meets nothing."""
     while True:
-        found, world_point, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
-        if not found:
+        is_hit, world_point, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
+        if not is_hit:
             return None
         if not is_ruler(obj):
             return obj.original, world_point

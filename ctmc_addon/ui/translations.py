@@ -43,9 +43,9 @@ def _by_template(text: str, locale: str) -> str:
     if translated != text:
         return translated
     for pattern, template in templates():
-        found = pattern.fullmatch(text)
-        if found:
-            values = {name: _by_template(value, locale) for name, value in found.groupdict().items()}
+        match = pattern.fullmatch(text)
+        if match:
+            values = {name: _by_template(value, locale) for name, value in match.groupdict().items()}
             return translate(template).format(**values)
     return text
 

@@ -167,10 +167,10 @@ def _frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn
 
 def _video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
     """Write the video of the frames in a folder, whole or not at all."""
-    made = renderer.folder / "video"
-    made.mkdir()
+    video_folder = renderer.folder / "video"
+    video_folder.mkdir()
     frames = [str((folder / FRAME.format(at + 1)).resolve()) for at in range(turn.frames)]
-    video = Video(frames, str(made), target.name, turn.fps, size)
+    video = Video(frames, str(video_folder), target.name, turn.fps, size)
     yield from renderer.make_steps(video, Step(1.0, f"Writing {target.name}"))
     with whole_file(target) as temporary:
         shutil.copyfile(video.file, temporary)

@@ -94,8 +94,8 @@ def is_cut_in(scene: bpy.types.Scene, corners: NDArray[np.float64]) -> bool:
     reach = float(np.linalg.norm(corners[2] - corners[0]))
     for cut in {cut for obj in scene.objects if obj.type == "MESH" and obj.visible_get() for cut in cuts_of(obj)}:
         plane = cut[CUT]
-        others = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
-        if np.abs(((others - corners[0]) * normal).sum(axis=1)).max() < IN_PLANE * reach:
+        cut_corners = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
+        if np.abs(((cut_corners - corners[0]) * normal).sum(axis=1)).max() < IN_PLANE * reach:
             return True
     return False
 

@@ -25,8 +25,8 @@ def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
 
 def pictures_of(obj: bpy.types.Object) -> list[tuple[bpy.types.Material, bpy.types.Image]]:
     """Return the materials of a slice that still have its picture, each with that picture."""
-    found = [(material, picture_of(material)) for material in obj.data.materials]
-    return [(material, picture) for material, picture in found if picture is not None]
+    pairs = [(material, picture_of(material)) for material in obj.data.materials]
+    return [(material, picture) for material, picture in pairs if picture is not None]
 
 
 def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:

@@ -117,14 +117,14 @@ def _copy_settings(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, names: 
 def require_no_other_keys(obj: bpy.types.Object) -> None:
     """Raise `MeshError` for an object with shape keys of its user's, which another surface would have no place for."""
     keys = obj.data.shape_keys
-    others = (
+    other_keys = (
         []
         if keys is None
         else [key.name for key in keys.key_blocks if key not in (keys.reference_key, alpha_key(obj.data))]
     )
-    if others:
+    if other_keys:
         raise MeshError(
-            f"{obj.name} has the shape key {others[0]}, which a new surface cannot keep; remove it, "
+            f"{obj.name} has the shape key {other_keys[0]}, which a new surface cannot keep; remove it, "
             "or deselect the object to make a new one"
         )
 

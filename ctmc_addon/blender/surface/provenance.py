@@ -92,8 +92,8 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
     stored = obj.get(PROPERTY)
     try:
         x, y, z = stored["origin"]
-        known = (stored.get("fingerprint", ""), stored.get("drawn", ""))
-        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *known)
+        hashes = (stored.get("fingerprint", ""), stored.get("drawn", ""))
+        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *hashes)
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         return None  # no property, or another add-on's, of whatever kind
 

@@ -74,8 +74,8 @@ def _covered_in(area: Any, region: Any) -> dict[str, float]:
         x = min(region.x + region.width, bar.x + bar.width) - max(region.x, bar.x)
         y = min(region.y + region.height, bar.y + bar.height) - max(region.y, bar.y)
         if min(bar.width, bar.height) > 1 and min(x, y) > 0:
-            is_beside = BARS[bar.alignment][0] != 0
-            covered[bar.alignment] += min(x, MOST * region.width) if is_beside else min(y, MOST * region.height)
+            is_vertical = BARS[bar.alignment][0] != 0
+            covered[bar.alignment] += min(x, MOST * region.width) if is_vertical else min(y, MOST * region.height)
     return covered
 
 

@@ -185,8 +185,8 @@ def apart(boxes: Sequence[Box]) -> list[Box]:
     placed: list[Box] = []
     for left, bottom, right, top in boxes:
         height = top - bottom
-        beside = sorted((box for box in placed if box[0] < right and left < box[2]), key=lambda box: box[1])
-        for _, low, _, high in beside:
+        neighbors = sorted((box for box in placed if box[0] < right and left < box[2]), key=lambda box: box[1])
+        for _, low, _, high in neighbors:
             if low < bottom + height and bottom < high:
                 bottom = high
         placed.append((left, bottom, right, bottom + height))

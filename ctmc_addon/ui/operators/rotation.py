@@ -120,7 +120,7 @@ def test_steps(
         turned = yield from stages.run(timing, turntable.rotation_test_steps(simplified, engine, **options))
         rounds = [level.rounds for level in turned]
     else:
-        with _others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
+        with _objects_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
             view.levels = levels
             steps = turntable.rotation_steps(levels, view, **options)
             timed = yield from stages.run(timing, steps)
@@ -141,7 +141,7 @@ def conclude(uid: int, table: RotationTable) -> str:
 
 
 @contextmanager
-def _others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
+def _objects_hidden(scene: bpy.types.Scene) -> Iterator[None]:
     """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
     hidden = [obj.session_uid for obj in scene.objects if not obj.hide_viewport]
     selected = [obj.session_uid for obj in scene.objects if obj.select_get()]

@@ -54,7 +54,7 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
     item = settings.labels[settings.label_index]
     column = layout.column(align=True)
     if item.kind == LABEL:
-        column.label(text=_made_of_text(item), translate=False)
+        column.label(text=_label_text(item), translate=False)
     else:
         unit = "HU" if holds_hu(context.scene) else translate("Gray Value")
         draw_name(column, f"{translate('From')} [{unit}]", 0.45).prop(item, "threshold", text="")
@@ -66,7 +66,7 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
     layout.prop(item, "opacity", slider=True)
 
 
-def _made_of_text(item: Any) -> str:
+def _label_text(item: Any) -> str:
     """Return what a label is: its number and its name."""
     number = translate("Label {number}").format(number=item.value)
     return f"{number}, {item.name}" if item.name else number

@@ -42,12 +42,12 @@ def _get_unit(properties: Any) -> int:
 
 def _set_unit(properties: Any, number: int) -> None:
     """Change the region's unit; the box stays where it is and its numbers are converted."""
-    before, wanted = properties.region_unit, SETTINGS["region_unit"].choices[number]
+    before, unit = properties.region_unit, SETTINGS["region_unit"].choices[number]
     volume = current_volume(properties)
     used = properties.use_region
-    if volume is not None and before != wanted:
-        properties.region = converted_region(volume, tuple(properties.region), before, wanted)
-    properties.region_unit = wanted
+    if volume is not None and before != unit:
+        properties.region = converted_region(volume, tuple(properties.region), before, unit)
+    properties.region_unit = unit
     properties.use_region = used
 
 

@@ -49,14 +49,14 @@ def tick_only(properties: Any, label: int | None) -> None:
     tick(properties, lambda item: item.kind == LABEL and item.value == label)
 
 
-def tick(properties: Any, wanted: Callable[[Any], bool]) -> None:
+def tick(properties: Any, is_requested: Callable[[Any], bool]) -> None:
     """Tick the structures that are wanted, and no other; the setting `label` stays what it is."""
     if _ticking:
         return
     _ticking.append(True)
     for item in properties.labels:
-        if item.chosen != wanted(item):
-            item.chosen = wanted(item)
+        if item.chosen != is_requested(item):
+            item.chosen = is_requested(item)
     _ticking.clear()
 
 

@@ -26,14 +26,14 @@ SHORT = 4  # letters of a fingerprint
 _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
 
 
-def _path_beside(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
+def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
     """Return where the drawing on a CT of a scene goes: after the .blend, and scene and CT where several have one.
 
     CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
     """
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
     fingerprint = ct.volume_fingerprint
-    called_ct = volumes.called_as(ct, volumes.require_known(fingerprint))
+    called_ct = volumes.called_as(ct, volumes.require_ct(fingerprint))
     stem = Path(blend).stem + (f" {scene.name} {called_ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
     return Path(blend).with_name(file_name(stem) + SUFFIX)
 
@@ -42,11 +42,11 @@ def after_save(blend: str, *_: Any) -> None:
     """Write the drawings of a .blend that was saved, on every CT in memory; what goes wrong is said in the panel."""
     for scene in bpy.data.scenes if blend else ():
         for ct in scans.all_of(scene):
-            known = volumes.known(ct.volume_fingerprint)
-            if known is None or known.file is not None:
+            loaded = volumes.ct_of(ct.volume_fingerprint)
+            if loaded is None or loaded.file is not None:
                 continue
             try:
-                write(_path_beside(blend, scene, ct), scene, ct)
+                write(_path_of(blend, scene, ct), scene, ct)
             except (CtmcError, OSError, MemoryError) as error:
                 session.of(scene).message = str(error)
 
@@ -65,7 +65,7 @@ def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
         Segment(called(line), srgb(line.color), label, layer)
         for label, (line, layer) in enumerate(zip(lines, used, strict=True), 1)
     ]
-    affine = np.asarray(volumes.require_known(ct.volume_fingerprint).volume.affine)
+    affine = np.asarray(volumes.require_ct(ct.volume_fingerprint).volume.affine)
     with whole_file(path) as temporary_path:
         finish(write_labels_steps(temporary_path, layers, segments, affine))
     _written[key] = state

@@ -63,8 +63,8 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 
 def _free_value(scene: bpy.types.Scene) -> int:
     """Return a label that no line of the list has, and no surface of the CT, whose line may be gone."""
-    made = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
-    used = [one.settings.label or 0 for one in made if one.fingerprint == scene.ctmc.volume_fingerprint]
+    provenances = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
+    used = [one.settings.label or 0 for one in provenances if one.fingerprint == scene.ctmc.volume_fingerprint]
     return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
@@ -100,7 +100,7 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
     parked = next((scan for scan in scene.ctmc_scans if scan.volume_fingerprint == before), None)
     if parked is None:
         return 0
-    earlier = volumes.known(before)
+    earlier = volumes.ct_of(before)
     for item in items:
         item.fingerprint = scene.ctmc.volume_fingerprint
         if earlier is not None:
@@ -130,7 +130,7 @@ def forget(scene: bpy.types.Scene, key: str) -> None:
     place = next((at for at, item in enumerate(drawing.structures) if item.key == key), None)
     if place is not None:
         drawing.structures.remove(place)
-        for ct in volumes.all_known():
+        for ct in volumes.all_cts():
             ct.drawn.pop((scene.session_uid, key), None)
         change_events.notify(scene.ctmc, change_events.DRAWN)
 
@@ -196,7 +196,7 @@ def follow_file(*_: Any) -> None:
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     changed = set()
     items = {(uid, item.key): item for uid, scene in scenes.items() for item in scene.ctmc_draw.structures}
-    for ct in volumes.all_known():
+    for ct in volumes.all_cts():
         for key, drawn in list(ct.drawn.items()):
             if key not in items:
                 del ct.drawn[key]
@@ -213,7 +213,7 @@ def follow_file(*_: Any) -> None:
 
 def after_load(*_: Any) -> None:
     """Take what an opened file has, where its CT is in memory still."""
-    for ct in volumes.all_known():
+    for ct in volumes.all_cts():
         ct.drawn.clear()
     for scene in bpy.data.scenes:
         _connect_all(scene)

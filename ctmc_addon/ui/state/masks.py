@@ -36,7 +36,7 @@ def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:
     """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
-    key, ct = (scene.session_uid, item.key), volumes.require_known(item.fingerprint)
+    key, ct = (scene.session_uid, item.key), volumes.require_ct(item.fingerprint)
     if key not in ct.drawn:
         mask = np.zeros(ct.volume.shape, bool)
         ct.drawn[key] = Drawn(mask, label_volume(mask, ct.volume))

@@ -68,11 +68,11 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
     if not added:
         return own[0][0] if own else None
     key = (*own, *added)  # the volumes themselves: the id of one that is gone may be another's
-    known = _combined.get(scene.session_uid)
-    if known is None or known[0] != key:
-        known = (key, combined_labels(own + added))
-        _combined[scene.session_uid] = known
-    return known[1]
+    combined = _combined.get(scene.session_uid)
+    if combined is None or combined[0] != key:
+        combined = (key, combined_labels(own + added))
+        _combined[scene.session_uid] = combined
+    return combined[1]
 
 
 def volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:
@@ -148,12 +148,12 @@ def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
     return PlacedLabels(path, placed, statistics.fingerprint)
 
 
-def read_again_steps(wanted: Sequence[tuple[str, Path]], ct: Volume) -> Steps[list[tuple[str, PlacedLabels | str]]]:
+def read_again_steps(sources: Sequence[tuple[str, Path]], ct: Volume) -> Steps[list[tuple[str, PlacedLabels | str]]]:
     """Read the labels of sources again, each with its key; in place of those that cannot be read, why."""
     out: list[tuple[str, PlacedLabels | str]] = []
-    for number, (key, path) in enumerate(wanted):
+    for number, (key, path) in enumerate(sources):
         try:
-            out.append((key, (yield from equal_part(read_steps(path, ct), number, len(wanted)))))
+            out.append((key, (yield from equal_part(read_steps(path, ct), number, len(sources)))))
         except CtmcError as error:
             out.append((key, str(error)))
     return out

@@ -162,10 +162,10 @@ def scaled_text(change: ShapeChange) -> str:
 
 def full_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
     """The surface before simplification: of the last run, or as the object itself still has it; None if unknown."""
-    return known_full(obj, scene) or read_back(obj)
+    return full_of_last_run(obj, scene) or read_back(obj)
 
 
-def known_full(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
+def full_of_last_run(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
     """The surface before simplification of the last run; None of one whose components were picked since."""
     if PICKED in require_provenance(obj).notes:
         return None
@@ -211,8 +211,8 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     if len(runs) == 1:
         objects = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:
-        known = {made_of(settings_of(obj)): obj for obj in reversed(selected)}
-        objects = {run: known[made_of(run)] for run in runs if made_of(run) in known}
+        objects_by_structure = {made_of(settings_of(obj)): obj for obj in reversed(selected)}
+        objects = {run: objects_by_structure[made_of(run)] for run in runs if made_of(run) in objects_by_structure}
     for obj in objects.values():
         require_updatable(obj)
     return {run: obj.session_uid for run, obj in objects.items()}

@@ -102,52 +102,52 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     scene.ctmc.volume_fingerprint = fingerprint
     _loaded.pop(fingerprint, None)
     _loaded[fingerprint] = loaded  # the last one loaded stands last
-    used, room = _used_fingerprints(), available_bytes()
+    used, room = _panel_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
         room = None if room is None else room - _loaded[earlier].nbytes
         if room is not None and room < 0:
             del _loaded[earlier]
 
 
-def _used_fingerprints() -> set[str]:
+def _panel_fingerprints() -> set[str]:
     """The fingerprints that the scenes of the file refer to."""
     return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
 
 
-def _known_fingerprints() -> set[str]:
+def _all_fingerprints() -> set[str]:
     """The fingerprints of all CTs of the file's scenes, also of those that are not the panel's."""
-    return _used_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
+    return _panel_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
 
 
 def discard_unused(*_: Any) -> None:
     """Release the volumes that no scene of a newly opened file refers to."""
-    for fingerprint in set(_loaded) - _known_fingerprints():
+    for fingerprint in set(_loaded) - _all_fingerprints():
         del _loaded[fingerprint]
 
 
-def all_known() -> Iterator[Loaded]:
+def all_cts() -> Iterator[Loaded]:
     """Yield all CTs in memory."""
     yield from _loaded.values()
 
 
-def known(fingerprint: str) -> Loaded | None:
+def ct_of(fingerprint: str) -> Loaded | None:
     """Return the CT with this fingerprint, the panel's or another; None where it is not in memory."""
     return _loaded.get(fingerprint)
 
 
 def loaded(scene: bpy.types.Scene) -> Loaded | None:
     """Return what was last loaded for `scene`, if it was loaded in this session."""
-    return known(scene.ctmc.volume_fingerprint)
+    return ct_of(scene.ctmc.volume_fingerprint)
 
 
 def require_loaded(scene: bpy.types.Scene) -> Loaded:
     """Return the CT of the scene, or a `ReadError`."""
-    return require_known(scene.ctmc.volume_fingerprint)
+    return require_ct(scene.ctmc.volume_fingerprint)
 
 
-def require_known(fingerprint: str) -> Loaded:
+def require_ct(fingerprint: str) -> Loaded:
     """Return the CT with this fingerprint, or a `ReadError`."""
-    ct = known(fingerprint)
+    ct = ct_of(fingerprint)
     if ct is None:
         raise ReadError("the CT is not in memory; load it first")
     return ct
@@ -166,8 +166,8 @@ def ct_and_labels(fingerprint: str) -> tuple[Volume | None, Volume | None]:
     own = _loaded.get(fingerprint)
     if own is None or own.volume.kind != ValueKind.LABEL:
         return None if own is None else own.full, None
-    others = [other.full for other in reversed(_loaded.values()) if other.volume.kind != ValueKind.LABEL]
-    return next((ct for ct in others if lie_in_one_place(ct, own.full)), None), own.full
+    cts = [other.full for other in reversed(_loaded.values()) if other.volume.kind != ValueKind.LABEL]
+    return next((ct for ct in cts if lie_in_one_place(ct, own.full)), None), own.full
 
 
 def current(scene: bpy.types.Scene) -> Volume | None:

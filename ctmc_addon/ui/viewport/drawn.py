@@ -102,12 +102,12 @@ def discard(scene: bpy.types.Scene) -> None:
     ct, uid = volumes.loaded(scene), scene.session_uid
     slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
     structures = {item.key for item in drawings.structures(scene)}
-    others = {other.session_uid for other in bpy.data.scenes} - {uid}
+    other_scenes = {other.session_uid for other in bpy.data.scenes} - {uid}
     for of, key, at in list(_pictures):
-        if of not in others and not (of == uid and key in structures and at in slices):
+        if of not in other_scenes and not (of == uid and key in structures and at in slices):
             del _pictures[of, key, at]
     for of, key in list(_surfaces):
-        if of not in others and not (of == uid and key in structures):
+        if of not in other_scenes and not (of == uid and key in structures):
             del _surfaces[of, key]
 
 
@@ -172,8 +172,8 @@ def follow(_properties: Any, name: str) -> None:
 
 def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure has changed since its surface was made."""
-    made = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
-    return made != masks.of(scene, item).revision
+    shown_revision = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
+    return shown_revision != masks.of(scene, item).revision
 
 
 def _wake() -> None:

@@ -44,7 +44,7 @@ class Live:
 
     scene: int = 0
     fields: FieldCache | None = None
-    others: FieldCache | None = None
+    other_fields: FieldCache | None = None
     changed: float | None = None
     stale: bool = False
     alpha_moved: bool = False
@@ -117,11 +117,13 @@ def tick() -> float | None:
 def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     """Follow with the preview; when nothing changes, count, then refine, a few steps at a time."""
     budget = machine().budget
-    wanted = preview.settings_of(scene)
-    volume = (None if wanted is None else structures.shown_volume_of(scene, wanted)) or loaded.volume
+    preview_settings = preview.settings_of(scene)
+    volume = (
+        None if preview_settings is None else structures.shown_volume_of(scene, preview_settings)
+    ) or loaded.volume
     if live.fields is None or live.fields.volume is not volume or live.fields.budget != budget:
         preview.prepare(volume)
-        live.fields, live.others = FieldCache(volume, budget), None
+        live.fields, live.other_fields = FieldCache(volume, budget), None
     if live.stale:
         live.stale = False
         preview.follow(scene)
@@ -135,7 +137,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         settings = tuple(scene.ctmc.all_settings())
         works = [(fields_of(scene, run), run) for run in settings]
         counting = [cost_steps(live.scene, works)] if loaded.file is None else []
-        live.work = [*counting, preview.refine_steps(live.scene, wanted)]
+        live.work = [*counting, preview.refine_steps(live.scene, preview_settings)]
     stop = time.perf_counter() + TICK
     while live.work:
         try:
@@ -156,9 +158,9 @@ def fields_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Field
     assert volume is not None, "a CT is loaded"
     if live.fields.volume is volume:
         return live.fields
-    if live.others is None or live.others.volume is not volume:
-        live.others = FieldCache(volume, live.fields.budget)
-    return live.others
+    if live.other_fields is None or live.other_fields.volume is not volume:
+        live.other_fields = FieldCache(volume, live.fields.budget)
+    return live.other_fields
 
 
 def cost_steps(scene_uid: int, works: list[tuple[FieldCache, ReconstructionSettings]]) -> Steps[None]:
@@ -172,7 +174,7 @@ def cost_steps(scene_uid: int, works: list[tuple[FieldCache, ReconstructionSetti
 def clear(*_: Any) -> None:
     """Drop all work and what is shown, as another file is loaded."""
     live.stop_work()
-    live.changed = live.fields = live.others = None
+    live.changed = live.fields = live.other_fields = None
     preview.state.shown = preview.state.maker = None
     preview.state.requested = False
 

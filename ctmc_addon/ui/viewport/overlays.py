@@ -55,7 +55,7 @@ def _scene_volume(context: bpy.types.Context) -> Volume | None:
     return volumes.current(context.scene)
 
 
-def wanted_labels(settings: Any) -> tuple[int, ...]:
+def requested_labels(settings: Any) -> tuple[int, ...]:
     """Return the labels that the next surfaces are made of; none where it is a threshold."""
     if not settings.use_label:
         return ()
@@ -88,7 +88,7 @@ def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     """Return the current slice, made again only when something about it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
-    labels, bands = wanted_labels(settings), _ticked_bands(settings)
+    labels, bands = requested_labels(settings), _ticked_bands(settings)
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
     draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray

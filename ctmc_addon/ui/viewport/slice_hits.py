@@ -65,10 +65,10 @@ def _slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corne
 
 def _surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | None:
     """Return where a ray meets a surface of the panel's CT; None where it meets nothing, or another object first."""
-    found = hit(scene, bpy.context.view_layer.depsgraph, *ray)
-    if found is None or not surfaces.is_of_ct(found[0], scene):
+    surface_hit = hit(scene, bpy.context.view_layer.depsgraph, *ray)
+    if surface_hit is None or not surfaces.is_of_ct(surface_hit[0], scene):
         return None
-    place = patient_mm(*found, machine().scale)
+    place = patient_mm(*surface_hit, machine().scale)
     across = ray[1].orthogonal().normalized()
     down = ray[1].normalized().cross(across)
     square = np.array([(0.0, 0.0, 0.0), across[:], (across + down)[:], down[:]], np.float64)

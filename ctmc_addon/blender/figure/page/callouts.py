@@ -19,7 +19,7 @@ from .ruler_marks import add_line
 LINE_MM = 0.18
 BORDER_MM = 0.22  # of paper around a line, so that it is seen on any ground
 DOT_MM = 0.9  # at its end
-ALONE = 0.15  # of what is seen of a structure: so much of it before nothing else is where its line ends
+UNOBSTRUCTED_SHARE = 0.15  # of what is seen of a structure: so much of it before nothing else is where its line ends
 STUB_MM = 1.5  # of a line before it turns
 
 
@@ -32,14 +32,14 @@ class Callout:
     at: tuple[float, float] | None
 
 
-def seen_at(maps: DepthMaps, which: int, others: Sequence[int]) -> tuple[float, float] | None:
+def seen_at(maps: DepthMaps, which: int, occluders: Sequence[int]) -> tuple[float, float] | None:
     """Return a place at which a surface is seen, (right, up), as far inside of what is seen of it as there is one.
 
     Where some of it lies before nothing else, the place is there.
     """
-    seen = maps.visible(which, others)
-    alone = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
-    inside = alone if alone.sum() > ALONE * seen.sum() else seen
+    seen = maps.visible(which, occluders)
+    unobstructed = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
+    inside = unobstructed if unobstructed.sum() > UNOBSTRUCTED_SHARE * seen.sum() else seen
     if not inside.any():
         return None
     while (smaller := eroded(inside)).any():

@@ -264,7 +264,7 @@ def arrange(
     eye.matrix_world = matrix_of_axes(axes, axes @ np.array([*at, high[2] + room]))
     camera.type = "ORTHO"
     camera.ortho_scale = unit * max(figure.size) / page.pixels_per_mm
-    suns, world = _lights_of(style, alone=len(cells) == 1)
+    suns, world = _lights_of(style, single_cell=len(cells) == 1)
     sun = next(iter(suns.values()))
     towards = sun_axes(sun, style.azimuth, style.elevation)[:, 2]
     step_back = _shadow_free_step(axes, towards, (size_mm[0] * unit, size_mm[1] * unit), extent[2], sun.angle)
@@ -289,14 +289,14 @@ def arrange(
     _annotate(figure, layout, cells, style, board)
 
 
-def _lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float]:
+def _lights_of(style: FigureStyle, single_cell: bool) -> tuple[Mapping[str, Sun], float]:
     """Return the suns of a style, the one with a shadow first, and the strength of the light from all sides.
 
     A rim light stands behind the surfaces, so behind one that is not alone stand others, which would shade it.
     """
     if style.style != "illustration" or style.distances is not None:
         return SUNS, WORLD
-    suns = {name: sun if alone or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
+    suns = {name: sun if single_cell or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
     return suns, FROM_ALL_SIDES
 
 
@@ -363,7 +363,7 @@ def _annotate(
     if style.distances is not None:
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
-    elif layout.named_beside:
+    elif layout.has_name_columns:
         draw_callouts(board, layout, _callouts_of(figure, cells[0], style, board))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]

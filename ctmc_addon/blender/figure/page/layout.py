@@ -43,7 +43,7 @@ class SheetLayout:
     caption: tuple[str, ...]
     legend_columns: int = 1
     legend_above_mm: float = 0.0  # from the footer's bottom to a legend above scale bar and axes; 0 where it is beside
-    named_beside: bool = False  # names stand beside the picture, and none in the footer
+    has_name_columns: bool = False  # names stand beside the picture, and none in the footer
 
     def center(self, which: int) -> tuple[float, float]:
         """Return the middle of a cell's picture."""
@@ -87,7 +87,7 @@ def make_layout(
     rows = math.ceil(len(cells) / columns)
     inner = page.printed_width_mm - 2 * MARGIN_MM
     names = [surface.name for surface in cells[0].surfaces if surface.name]
-    aside = 0.0 if turning or len(cells) > 1 else _names_beside_mm(names, style, board, inner)
+    aside = 0.0 if turning or len(cells) > 1 else _name_columns_mm(names, style, board, inner)
     width = (inner - (columns - 1) * GAP_MM) / columns - 2 * aside
     font, cap = page.font_mm, CAP * page.font_mm
     texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
@@ -96,11 +96,11 @@ def make_layout(
     caption = tuple(board.lines_of(style.caption, inner)) if style.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
     names = [] if aside else names
-    beside = (
+    bar_and_axes_mm = (
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
     )  # the scale bar and the axes
     widths = [board.width_of(name) for name in names]
-    legend_columns, legend_above = _columns_of_legend(widths, inner - beside, cap), 0.0
+    legend_columns, legend_above = _columns_of_legend(widths, inner - bar_and_axes_mm, cap), 0.0
     footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
     across = _columns_of_legend(widths, inner, cap)
     above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
@@ -159,11 +159,11 @@ def make_layout(
         caption=caption,
         legend_columns=legend_columns,
         legend_above_mm=legend_above,
-        named_beside=aside > 0,
+        has_name_columns=aside > 0,
     )
 
 
-def _names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
+def _name_columns_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
     """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
     if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0

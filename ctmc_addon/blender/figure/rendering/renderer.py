@@ -54,7 +54,7 @@ class Renderer(Protocol):
 
 
 @contextmanager
-def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterator[Renderer]:
+def renderer_of(figure: FigureScene, output: Path, own_process: bool) -> Iterator[Renderer]:
     """Give a renderer of a figure's scene, whose hidden folder stands beside a path.
 
     A process of its own has a copy of the scene: the figure is removed from this file as soon as that is written.
@@ -64,12 +64,12 @@ def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterato
     OutputError
         If the folder cannot be made, or no process can be started.
     """
-    folder = beside.with_name(temporary_name())
+    folder = output.with_name(temporary_name())
     try:
         try:
             folder.mkdir(0o700)
         except OSError as error:
-            raise refused(beside, error) from error
+            raise refused(output, error) from error
         if not own_process:
             yield _ThisProcess(figure.scene, folder)
             return

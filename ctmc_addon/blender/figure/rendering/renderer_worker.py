@@ -87,8 +87,8 @@ def _share_of(text: str) -> float | None:
     >>> share_of("Remaining: 00:02.79 | Mem: 25M | Sample 320/400"), share_of("Finished")
     (0.8, None)
     """
-    found = SAMPLES.search(text)
-    return None if found is None else int(found[1]) / max(int(found[2]), 1)
+    match = SAMPLES.search(text)
+    return None if match is None else int(match[1]) / max(int(match[2]), 1)
 
 
 def line(words: dict[str, Any]) -> bytes:

@@ -47,10 +47,10 @@ class DepthMaps:
         covered = self.depths[by][seen] > self.depths[which][seen] + TOUCHING * self.cell
         return float(covered.mean())
 
-    def visible(self, which: int, others: Sequence[int]) -> NDArray[np.bool_]:
+    def visible(self, which: int, occluders: Sequence[int]) -> NDArray[np.bool_]:
         """Return the cells, (rows, columns), in which a surface lies behind none of the others."""
         own = self.depths[which]
-        front = self.depths[list(others)].max(axis=0) if len(others) else np.full_like(own, -np.inf)
+        front = self.depths[list(occluders)].max(axis=0) if len(occluders) else np.full_like(own, -np.inf)
         return np.isfinite(own) & (front <= own + TOUCHING * self.cell)
 
     def position(self, row: int, column: int) -> tuple[float, float]:

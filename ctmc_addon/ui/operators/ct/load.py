@@ -101,14 +101,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 reading = replace(reading, series=asked.series, time=None)
             if asked.time:
                 reading = replace(reading, time=asked.time)
-            if reading == _known_reading(scene):
+            if reading == _scene_reading(scene):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
         chosen = len(self.files) if path == self.directory else 0
-        wanted = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
-        wanted = [(key, source) for key, source in wanted if expected and source.name]
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, wanted)
+        sources = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
+        sources = [(key, source) for key, source in sources if expected and source.name]
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, sources)
 
     def steps(
         self,
@@ -117,13 +117,13 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene: int,
         expected: str,
         chosen: int,
-        wanted: Sequence[tuple[str, Path]],
+        sources: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
 
         `chosen` is the number of chosen files; the whole folder is read. Read the label sources `wanted` with it.
         """
-        stages = Stages(STAGES | ({LABELS: 40} if wanted else {}))
+        stages = Stages(STAGES | ({LABELS: 40} if sources else {}))
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
         selected = source.selected_series(reading.series)
@@ -159,8 +159,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             stride,
         )
         labels: list[tuple[str, structures.PlacedLabels | str]] = []
-        if wanted and statistics.fingerprint == expected:
-            labels = yield from stages.run(LABELS, structures.read_again_steps(wanted, volume))
+        if sources and statistics.fingerprint == expected:
+            labels = yield from stages.run(LABELS, structures.read_again_steps(sources, volume))
         return lambda: conclude(loaded, scene, expected, labels)
 
 
@@ -171,7 +171,7 @@ def last_folder(scene: bpy.types.Scene) -> Path | None:
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
 
 
-def _known_reading(scene: bpy.types.Scene) -> ReadingOptions:
+def _scene_reading(scene: bpy.types.Scene) -> ReadingOptions:
     """Return how the CT of the scene was read."""
     loaded = volumes.loaded(scene)
     return options_of_scene(scene.ctmc) if loaded is None else loaded.reading
@@ -190,15 +190,15 @@ def conclude(
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
     before = stored.volume_fingerprint if loaded.has_samples_of(volumes.loaded(scene)) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
-    is_known = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
-    if is_another_ct and not is_known:
+    is_restored = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
+    if is_another_ct and not is_restored:
         scans.park(scene)
         scans.forget(scene, loaded.statistics.fingerprint)
     volumes.keep(loaded, scene)
     show_options(stored, loaded.reading)
     if holds_region:
         stored.region_for = stored.volume_fingerprint
-    if is_another_ct and not is_known:
+    if is_another_ct and not is_restored:
         stored.volume_name = stored.volume_name if is_another_time else ""
         goes_by_number = is_another_time or not len(stored.labels)
         if not goes_by_number:

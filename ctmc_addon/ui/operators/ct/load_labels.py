@@ -80,15 +80,15 @@ def conclude(placed: Sequence[structures.PlacedLabels], uid: int) -> str:
     if scene is None:
         raise ReadError("the scene was deleted while the labels were read; load them into another")
     stored = scene.ctmc
-    known = {source.key for source in stored.label_sources}
+    earlier_keys = {source.key for source in stored.label_sources}
     count = 0
     for path, labels, key in placed:
         structures.put(key, labels)
-        if key not in known:
+        if key not in earlier_keys:
             count += len(structures.add_labels(scene, labels, key, path))
     new = {called(item) for item in list(stored.labels)[len(stored.labels) - count :]}
-    wanted = new & session.of(scene).ticked_names or new
-    tick(stored, lambda item: item.chosen or called(item) in wanted)
+    ticked = new & session.of(scene).ticked_names or new
+    tick(stored, lambda item: item.chosen or called(item) in ticked)
     follow_ticks(stored)
     return translate("{count} structures added").format(count=count)
 

@@ -72,11 +72,11 @@ class _Edit(jobs.LongOperator):
 
 def edit_steps(work: Steps[Flags], window: Window, target: DrawTarget) -> Steps[jobs.Conclusion]:
     """Make the mask, then change the structure at once."""
-    made = yield from work
+    mask = yield from work
 
     def conclude() -> str:
         scene, item = require(target)
-        masks.replace(scene, item, window, made)
+        masks.replace(scene, item, window, mask)
         session.of(scene).message = ""
         return named_volume_text(scene, item)
 
@@ -163,8 +163,8 @@ class CTMC_OT_draw_combine(_Edit, bpy.types.Operator):
         """Return the work on the whole CT: the other one may lie anywhere."""
         scene, how = context.scene, context.scene.ctmc_draw.combination
         item, volume, name = drawings.active(scene), volume_of(scene), scene.ctmc_draw.other
-        others = [line for line in scene.ctmc.labels if item is not None and line.source != item.key]
-        line = next((line for line in others if name and line.name == name and line.kind == LABEL), None)
+        lines = [line for line in scene.ctmc.labels if item is not None and line.source != item.key]
+        line = next((line for line in lines if name and line.name == name and line.kind == LABEL), None)
         if item is None or line is None:
             raise SettingsError("choose another structure to combine with, drawn or a label")
         first, second = masks.of(scene, item).mask.copy(), _mask_of(scene, line)

@@ -78,8 +78,8 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
             return _conclusion_steps(work, target_of(scene, item), None)
-        known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
-        clicks = (*known, Click(sample, 0 if self.surroundings else 1))
+        earlier_clicks = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
+        clicks = (*earlier_clicks, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
         work = _compete_click_steps(volume, clicks, how, grown)
@@ -147,11 +147,11 @@ def _connected_click_steps(
     if takes:
         if before is None or not before[sample]:
             raise SettingsError("the structure does not reach this point; Alt click where it has leaked")
-        found = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
-        return _Grown(window, np.zeros_like(found), found, None)
+        connected = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
+        return _Grown(window, np.zeros_like(connected), connected, None)
     allowed = yield from range_mask_steps(volume, *limits)
-    found = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
-    return _Grown(window, found, np.zeros_like(found), None)
+    connected = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
+    return _Grown(window, connected, np.zeros_like(connected), None)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_grow,))

@@ -31,7 +31,7 @@ def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direct
     return None if way is None else origin + direction * way
 
 
-def _found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
+def _hit_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
     """The object under the mouse, None for the slice that is drawn, and the place in RAS+ mm; None for nothing."""
     ray = ray_under(area, event)
     if ray is None:
@@ -41,7 +41,7 @@ def _found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Are
     if area.spaces.active.overlay.show_overlays:
         place = _drawn_slice_hit(context.scene, volume, *ray)
         hits.append(None if place is None else (None, place))
-    nearest = min(filter(None, hits), key=lambda found: (found[1] - origin).length, default=None)
+    nearest = min(filter(None, hits), key=lambda hit_point: (hit_point[1] - origin).length, default=None)
     return None if nearest is None else (nearest[0], patient_mm(*nearest, machine().scale))
 
 
@@ -100,11 +100,11 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         is_click = event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK")
         if event.type != "MOUSEMOVE" and not is_click:
             return {"PASS_THROUGH"}
-        found = _found_under(context, ct.volume, area, event)
-        self.say(context, "" if found is None else _point_text(ct.volume, found[1]))
-        if found is None or not is_click:
+        hit_point = _hit_under(context, ct.volume, area, event)
+        self.say(context, "" if hit_point is None else _point_text(ct.volume, hit_point[1]))
+        if hit_point is None or not is_click:
             return {"PASS_THROUGH"}
-        self.pick(context, *found)
+        self.pick(context, *hit_point)
         bpy.ops.ed.undo_push(message=translate(self.bl_label))
         return {"RUNNING_MODAL"}
 

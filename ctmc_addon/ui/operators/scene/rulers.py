@@ -59,16 +59,16 @@ class _RulerClicks(Clicks):
             self.cancel(context)
             return {"CANCELLED"}
         if event.type == "MOUSEMOVE":
-            found = self.under(context, area, event)
-            rulers.pending.next_point = None if found is None else found[1]
+            surface_hit = self.under(context, area, event)
+            rulers.pending.next_point = None if surface_hit is None else surface_hit[1]
             area.tag_redraw()
         elif event.type == "LEFTMOUSE" and event.value == "PRESS" and window_under(area, event):
-            found = self.under(context, area, event)
-            if found is None:
+            surface_hit = self.under(context, area, event)
+            if surface_hit is None:
                 self.report({"WARNING"}, translate("There is no surface under the mouse"))
                 return {"RUNNING_MODAL"}
-            self.points.append(patient_mm(found[0], found[1], machine().scale))
-            rulers.pending.world_points.append(found[1])
+            self.points.append(patient_mm(surface_hit[0], surface_hit[1], machine().scale))
+            rulers.pending.world_points.append(surface_hit[1])
             if len(self.points) < KINDS[self.kind]:
                 self.ask(context)
                 return {"RUNNING_MODAL"}

@@ -72,11 +72,11 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
         if event.type != "LEFTMOUSE" or event.value not in ("PRESS", "DOUBLE_CLICK"):
             return {"PASS_THROUGH"}
         ray = ray_under(area, event)
-        found = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
-        if found is None or not surfaces.is_surface(found[0]):
+        surface_hit = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+        if surface_hit is None or not surfaces.is_surface(surface_hit[0]):
             return {"PASS_THROUGH"}
         try:
-            text = picked(context, found[0], patient_mm(*found, machine().scale), self.action)
+            text = picked(context, surface_hit[0], patient_mm(*surface_hit, machine().scale), self.action)
         except CtmcError as error:
             jobs.refuse(self, context.scene.session_uid, error)
             return {"RUNNING_MODAL"}

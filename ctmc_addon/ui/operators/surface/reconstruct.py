@@ -92,7 +92,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 labels = structures.require_volume_of(scene, run)
                 require_labels(labels)
         items = [scene.ctmc.structure_of(run) for run in runs]
-        beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
+        has_neighbors = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
             ObjectRequest(
                 run,
@@ -102,7 +102,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 fingerprint,
                 kind,
                 volume_name,
-                chosen_opacity(item) if beside else None,
+                chosen_opacity(item) if has_neighbors else None,
                 drawings.hash_of(scene, item),
             )
             for run, item in zip(runs, items, strict=True)
@@ -126,10 +126,10 @@ def surfaces_steps(
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
-    wanted = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
-    making = make_surfaces_steps(volume, wanted, budget, labels=labels, all_needed=True)
-    made = yield from stages.run(reconstructing, making)
-    finished = yield from stages.run(measuring, measured_steps(requests, made, budget.thread_count))
+    surface_requests = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
+    making = make_surfaces_steps(volume, surface_requests, budget, labels=labels, all_needed=True)
+    outcomes = yield from stages.run(reconstructing, making)
+    finished = yield from stages.run(measuring, measured_steps(requests, outcomes, budget.thread_count))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
     def conclude() -> str:
@@ -144,7 +144,7 @@ def surfaces_steps(
 
 
 def measured_steps(
-    requests: Sequence[ObjectRequest], made: Sequence[MadeSurface | CtmcError], threads: int
+    requests: Sequence[ObjectRequest], outcomes: Sequence[MadeSurface | CtmcError], threads: int
 ) -> Steps[list[TimedSurface]]:
     """Measure surfaces, several at a time; Blender is not asked, so that threads may do this."""
 
@@ -156,9 +156,9 @@ def measured_steps(
         measurement, seconds = yield from timed_steps(measuring)
         return TimedSurface(request, full, result, measurement, seconds)
 
-    surfaces_made = [surface for surface in made if isinstance(surface, MadeSurface)]
-    pairs = list(zip(requests, surfaces_made, strict=True))
-    weights = [1.0 + len(surface.result.mesh.faces) for surface in surfaces_made]
+    made_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
+    pairs = list(zip(requests, made_surfaces, strict=True))
+    weights = [1.0 + len(surface.result.mesh.faces) for surface in made_surfaces]
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 

@@ -41,7 +41,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         """Return the surface as it shows, where the patient has it: moving the object is not a deviation."""
         scene, obj = context.scene, context.view_layer.objects.active
-        full = surfaces.known_full(obj, scene)
+        full = surfaces.full_of_last_run(obj, scene)
         mesh = as_shown(obj, scene).mesh
         return measure_steps(mesh, full, obj.session_uid, measurements.mesh_state(obj))
 
@@ -64,7 +64,7 @@ def measure_steps(
 def _has_full(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the full surface of the active one is in memory, with the reason if not."""
     obj = context.view_layer.objects.active
-    if surfaces.known_full(obj, context.scene) is None:
+    if surfaces.full_of_last_run(obj, context.scene) is None:
         operator.poll_message_set(
             "The full surface is not in memory; reconstruct again, at a larger stride if it does not fit"
         )
@@ -89,7 +89,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
         """Distances of the object's own vertices."""
         scene, obj = context.scene, context.view_layer.objects.active
         require_editable(obj)
-        full = surfaces.known_full(obj, scene)
+        full = surfaces.full_of_last_run(obj, scene)
         assert full is not None, "has_full asks for it"
         return deviation_steps(own_mesh(obj), full, obj.session_uid)
 

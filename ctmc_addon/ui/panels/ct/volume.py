@@ -17,7 +17,7 @@ from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
 
 LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
-MOST_BESIDE = 6  # buttons for labels that lie with the CT
+MOST_LABEL_BUTTONS = 6  # buttons for labels that lie with the CT
 SIDES_OF_AXES = {"x": "L - R", "y": "A - P", "z": "S - I"}
 NAMES = 0.32  # of the width: three spacings with four digits each have room beside them
 
@@ -108,17 +108,17 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         )
     for note in volume.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
-    _draw_labels_beside(layout, context, loaded)
+    _draw_label_files(layout, context, loaded)
 
 
-def _draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Draw a button for labels that lie with the CT and are not in its list yet, by name where they are several."""
-    known = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
-    found = [path for path in loaded.labels_beside if str(path) not in known]
-    for path in found[:MOST_BESIDE]:
-        text = "Load Its Labels" if len(found) == 1 else path.name
+    added_paths = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
+    paths = [path for path in loaded.labels_beside if str(path) not in added_paths]
+    for path in paths[:MOST_LABEL_BUTTONS]:
+        text = "Load Its Labels" if len(paths) == 1 else path.name
         button = layout.operator(
-            "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(found) == 1
+            "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(paths) == 1
         )
         button.filepath = str(path)
 
@@ -156,7 +156,7 @@ def _draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
 
 def _series_text(series: Series) -> str:
     """Number and kernel as the scanner has them, spacing and number of slices, size, folder."""
-    known = {
+    facts = {
         "no. {number}": series.dicom_number,
         "kernel {kernel}": series.kernel,
         "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
@@ -169,7 +169,7 @@ def _series_text(series: Series) -> str:
         translate(text).format(
             number=value, kernel=value, gap=value, count=value, folder=value, columns=columns, rows=rows
         )
-        for text, value in known.items()
+        for text, value in facts.items()
         if value
     ]
     return ", ".join(words)
