@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface out of Blender, in the patient's millimeters.
+"""Export surfaces from Blender in the patient's millimeters.
 
 STL and PLY are written by `core/files/mesh_files.py` and OBJ, GLB, 3MF and HTML by `core/files/structures`, the same
 bytes as without Blender; a .blend opens with the live object, a camera framed on it and lights. Neither the user's
@@ -35,7 +35,7 @@ RENDER_SAMPLES = 64  # of F12 in a .blend
 def export(
     obj: bpy.types.Object, path: str | os.PathLike[str], space: str = "ras", scene: bpy.types.Scene | None = None
 ) -> None:
-    """Write the evaluated surface to `path`, whole or not at all; the suffix chooses the format.
+    """Write the evaluated surface of one object, as `export_together` does for several.
 
     As `export_together` writes one object.
     """

@@ -86,7 +86,7 @@ def rounded_up(value: float) -> float:
 
 
 def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write a distance on every vertex of a mesh, which the map shows.
+    """Write distances as the vertex attribute that the map shows.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> N
 
 
 def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Keep distances on the mesh, and colors up to the largest; solid view shows them as Attribute.
+    """Write distances and colors from 0 to the largest on the mesh; solid view shows them as Attribute.
 
     Parameters
     ----------
@@ -121,7 +121,7 @@ def painted_mm(obj: bpy.types.Object | None) -> float | None:
 
 
 def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(n, 4) float32 linear RGBA of (n,) distances, from none to the largest of them."""
+    """Return linear RGBA, (n, 4) float32, of (n,) distances, from 0 to the largest of them."""
     share = distances_mm / (float(distances_mm.max(initial=0.0)) or 1.0)
     stops = np.array([linear(color) for color in DISTANCE_COLORS])
     along = np.linspace(0.0, 1.0, len(stops))
@@ -136,7 +136,7 @@ def linear(color: str) -> tuple[float, float, float, float]:
 
 
 def distance_material(scale: ColorScale) -> bpy.types.Material:
-    """The colors over the attribute `DISTANCE`; no light and no shadow changes them but for a little at the rim."""
+    """Return a material that shows the attribute `DISTANCE`, unlit but slightly darker at the rim."""
     material = bpy.data.materials.new("CTMC Distance")
     use_nodes(material)
     tree = material.node_tree

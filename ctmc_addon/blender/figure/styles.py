@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Style of a figure: its engine, and the materials of its surfaces."""
+"""Apply the style of a figure: its engine, and the materials of its surfaces."""
 
 from __future__ import annotations
 
@@ -34,9 +34,9 @@ RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 
 
 def require_engine(engine: str, distances: bool = False) -> None:
-    """Raise `OutputError` for an engine that does not work here, before Blender would end the process.
+    """Raise `OutputError` for an engine that does not work here; Blender would end the process.
 
-    `distances` asks for one that shows a distance map.
+    With `distances` the engine must show a distance map.
     """
     if engine == "workbench" and distances:
         raise OutputError("workbench shows no distance map; choose cycles or eevee")
@@ -78,10 +78,9 @@ def assign_materials(
     pictures: SlicePictures,
     layers: int = 1,
 ) -> list[bpy.types.ID]:
-    """Give a surface its material on a page whose millimeter is `unit` scene units; returns what was made for it.
+    """Assign a surface its material on a page whose millimeter is `unit` scene units; return new data-blocks.
 
-    The caps of a surface that was cut open keep their `pictures`. Of transparent surfaces the first `layers` that a ray
-    meets are seen.
+    The caps of a surface that was cut open keep their `pictures`. A ray sees the first `layers` transparent surfaces.
     """
     face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
     mesh = obj.data
@@ -116,9 +115,9 @@ def label_of(obj: bpy.types.Object) -> int | None:
 
 
 def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.float32]:
-    """Return how wide the lines of each face are, (F,) scene units; 0 where its edges are too short to be seen.
+    """Return the line width of the edges of each face, (F,) scene units; 0 where edges are too short to be seen.
 
-    Edges of less than `LEAST_EDGE` pixels, on average of the face, would be grain.
+    Edges that are on average shorter than `LEAST_EDGE` pixels would look like grain.
 
     Parameters
     ----------
@@ -175,7 +174,7 @@ def _inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -
 
 
 def _make_matte(material: bpy.types.Material) -> None:
-    """Take the gloss away that leaves white spots on light surfaces."""
+    """Remove the gloss, which leaves white spots on light surfaces."""
     shader = principled(material)
     shader.inputs["Roughness"].default_value, shader.inputs["Specular IOR Level"].default_value = 0.6, 0.15
 
@@ -186,7 +185,7 @@ def shown_color(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle) 
 
 
 def mean_edge(obj: bpy.types.Object) -> float:
-    """Mean length of the triangles' first edges, scene units."""
+    """Return the mean length of the triangles' first edges, scene units."""
     faces = meshes.read_triangles(obj.data)
     positions = meshes.read_positions(obj.data)
     edges = positions[faces[:, 1]] - positions[faces[:, 0]]
@@ -194,16 +193,16 @@ def mean_edge(obj: bpy.types.Object) -> float:
 
 
 def scale_in_scene(obj: bpy.types.Object) -> float:
-    """Return how many times larger an object stands in the scene than its mesh is."""
+    """Return the scale of an object in the scene relative to its mesh."""
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
 def _transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
-    """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
+    """Return a veil of a color, unlit: `opacity` where it faces the camera, more at the rim.
 
-    Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
-    others are clear: at a rim, where a ray passes many small ones, they would show as shards and as moire. No light
-    falls on it, as a ray that is lit or passes by chance is noise; the illustration's is shaded by its nodes.
+    A ray sees the first `layers` transparent surfaces; behind the first one, only those that face the camera. All
+    further ones are invisible: at a rim, a ray passes many small ones, which would show as shards and moire. No light
+    falls on the material, because random shadow rays are noise; the illustration's is shaded by its nodes.
     """
 
     def seen(tree: Any) -> Any:
@@ -233,9 +232,9 @@ def _transparent_material(color: Color, opacity: float, layers: int, style: Figu
 
 
 def _add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
-    """Triangle edges as bars of their own material; returns that.
+    """Add triangle edges as bars with their own material; return the material.
 
-    For Workbench, which has no nodes, and for EEVEE, whose wireframe node leaves dark stains from Blender 5.0 on.
+    Workbench has no nodes, and EEVEE's wireframe node leaves dark stains from Blender 5.0 on.
     """
     material = surface_material("CTMC Edges", edge)
     obj.data.materials.append(material)

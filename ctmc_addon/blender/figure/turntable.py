@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface turning about the patient's vertical axis: pictures, one a frame, and a video made of them.
+"""Render a surface turning about the patient's vertical axis: one picture a frame, and a video of them.
 
-The loop is seamless: of n frames, frame k stands at k/n of the turn, so the first follows the last as any other does.
+The loop is seamless: of n frames, frame k stands at k/n of the turn.
 Camera, light and letters stand still; the patient's axes turn with the surface. Every picture is written whole or not
-at all, with a note of what it shows beside it, so that work which was stopped can go on.
+at all, with a note of its settings next to it, so that interrupted work can resume.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def turntable_steps(
     overwrite: bool = False,
     own_process: bool = False,
 ) -> Steps[tuple[tuple[int, int], int]]:
-    """Render a turn to a video, or a folder of PNG; returns the size in pixels and how many frames were rendered now.
+    """Render a turn to a video or a folder of PNG; return the size in pixels and the number of newly rendered frames.
 
     Parameters
     ----------
@@ -112,12 +112,11 @@ def is_video(path: Path) -> bool:
 
 
 def _frames_folder(path: Path) -> Path:
-    """Return where the pictures of a turntable are."""
     return path.with_name(path.stem + FRAMES_FOLDER) if is_video(path) else path
 
 
 def _add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
-    """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last; returns their pivot."""
+    """Add a pivot that turns the surfaces and the patient's axes with the frame, 1 to the last; return it."""
     pivot = bpy.data.objects.new("CTMC Turntable", None)
     figure.blocks.append(pivot)
     pivot.location = center_of(all_positions(figure)).tolist()
@@ -139,7 +138,7 @@ def _add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
 
 
 def _frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
-    """Render the frames that are missing; says how long the rest takes once one is done.
+    """Render the missing frames; the message has the time left after the first one.
 
     Parameters
     ----------
@@ -177,7 +176,7 @@ def _video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, siz
 
 
 def _duration_left(seconds: float) -> str:
-    """Return in words how long it will still take.
+    """Return the remaining time in words.
 
     Examples
     --------
@@ -190,7 +189,7 @@ def _duration_left(seconds: float) -> str:
 
 
 def _is_complete_png(path: Path) -> bool:
-    """Return whether a PNG is there from its first to its last chunk."""
+    """Return whether a PNG has its first and its last chunk."""
     try:
         with path.open("rb") as file:
             start = file.read(8)
@@ -201,7 +200,7 @@ def _is_complete_png(path: Path) -> bool:
 
 
 def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) -> dict[str, Any]:
-    """Return what tells one turntable from another: the surfaces, page, style and turn."""
+    """Return a note that identifies a turntable: surfaces, page, style and turn."""
     surfaces = hashlib.sha256()
     for copy in figure.copies[0]:
         surfaces.update(meshes.read_positions(copy.data).tobytes())
@@ -222,7 +221,7 @@ def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) ->
 
 
 def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> None:
-    """Raise `OutputError` for a video this Blender cannot write, or a place that is taken.
+    """Raise `OutputError` for a video format this Blender cannot write, or an occupied output path.
 
     A folder that holds anything but a turntable is never touched.
     """
@@ -247,7 +246,7 @@ def is_finished_video(path: Path) -> bool:
 
 
 def _require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
-    """Raise `OutputError` if the folder has frames of another turntable; remove them if it may be overwritten."""
+    """Raise `OutputError` if the folder has frames of another turntable; with `overwrite` remove them."""
     if overwrite:
         older = [*folder.glob("frame_*.png"), folder / NOTE]
         for file in older:

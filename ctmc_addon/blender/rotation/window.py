@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rotation test drawn in a viewport of a window, which is redrawn as a whole."""
+"""Draw the rotation test in a viewport of a window, which is redrawn as a whole."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .levels import Level, show_only
 
 
 class ViewportDrawing:
-    """A viewport as a way to draw: comes back once the picture is on the screen, and puts the eye back at the end.
+    """Draw in a viewport: return once the picture is on the screen, and restore the view at the end.
 
     The test turns the level about z; zoom and pan move the eye out and back by the same share of a round instead.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Camera, light and background for one surface, in Blender units.
+"""Set up camera, light and background for one surface, in Blender units.
 
 The camera is orthographic, so lengths can be compared across a picture. It looks from the patient's front,
 a little from the left and from above, the head upwards.
@@ -91,7 +91,7 @@ def prepare_scene(
 
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
-    """Return all vertices of an object as it is shown, (n, 3), in the scene."""
+    """Return all vertices of an object as shown, (n, 3), in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
@@ -217,7 +217,7 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
 
 
 def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points around what points sweep when they turn about a vertical axis.
+    """Return points around the volume that points sweep when they turn about a vertical axis.
 
     Parameters
     ----------
@@ -234,7 +234,7 @@ def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.
 
 
 def _page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORLD) -> bpy.types.World:
-    """Return a world of one color to the camera, and a soft white of some strength to what it lights."""
+    """Return a world of one color to the camera that lights objects with a soft white of this strength."""
     world = bpy.data.worlds.new("CTMC World")
     use_nodes(world)
     tree = world.node_tree
@@ -253,7 +253,7 @@ def _page_world(paper: tuple[float, float, float] = WHITE, strength: float = WOR
 
 
 def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
-    """Cycles on the CPU, which every machine has, with true colors and nothing about this machine in the file."""
+    """Render with Cycles on the CPU, which every machine has, with true colors and no machine data in the file."""
     render = scene.render
     render.engine = "CYCLES"
     scene.cycles.device = "CPU"

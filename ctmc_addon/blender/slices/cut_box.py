@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from which a box takes what lies inside or outside it, by a modifier that stays live.
+"""Remove the inside or outside of a box from surfaces with a live modifier.
 
-Moving, turning or scaling the box changes what is taken away; `remove_cut_away` leaves the surface as it was.
+Moving, turning or scaling the box changes the cut; `remove_cut_away` restores the surface.
 
 The modifier is a node group with Blender's Mesh Boolean. The Boolean modifier would keep the normals that the surface
 was given; the cut has none there, and 5.0 would draw it black.
@@ -30,7 +30,7 @@ FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (
 
 
 def near_half(surfaces: Iterable[bpy.types.Object], towards: Sequence[float]) -> NDArray[np.float64]:
-    """Return the box of the half of surfaces that is nearest to a viewer, (8, 3) world space.
+    """Return the box around the half of surfaces that is nearest to a viewer, (8, 3) world space.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def near_half(surfaces: Iterable[bpy.types.Object], towards: Sequence[float]) ->
 
 
 def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprint: str = "") -> bpy.types.Object:
-    """Return a new box, which is drawn as lines and not rendered.
+    """Return a new box that is drawn as lines and not rendered.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprin
 
 
 def cut_away(surfaces: Iterable[bpy.types.Object], box: bpy.types.Object) -> None:
-    """Take what lies inside a box away from surfaces; one that it cuts already stays as it is.
+    """Remove the inside of a box from surfaces; one that it cuts already stays as it is.
 
     Raises
     ------
@@ -92,7 +92,7 @@ def nodes_of(box: bpy.types.Object) -> bpy.types.NodeTree | None:
 
 
 def _box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
-    """Return a new node group that takes away what lies inside a box."""
+    """Return a new node group that removes the inside of a box."""
     tree = bpy.data.node_groups.new(box.name, "GeometryNodeTree")
     tree.is_modifier = True
     for way in ("INPUT", "OUTPUT"):
@@ -127,7 +127,7 @@ def _box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
 
 
 def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any:
-    """Return what is left of a surface, and of the box inside it."""
+    """Return the remaining surface, and the part of the box inside it."""
     # The other solvers leave holes or refuse open surfaces, which Hole Tolerant caps.
     node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver="EXACT")
     node.inputs["Hole Tolerant"].default_value = True
@@ -138,20 +138,20 @@ def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> An
 
 
 def _cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
-    """Return the modifiers of an object that cut with a box, in their order."""
+    """Return the modifiers of an object that cut with a box, in order."""
     cuts = [modifier for modifier in obj.modifiers if modifier.type == "NODES" and modifier.node_group is not None]
     return [cut for cut in cuts if is_cut_box(cut.node_group.get(CUT_AWAY))]
 
 
 def cut_box_of(obj: bpy.types.Object | None) -> bpy.types.Object | None:
-    """Return the box that an object is, or the last that cuts it, or None."""
+    """Return the object if it is a box, else the last box that cuts it, or None."""
     if obj is None or is_cut_box(obj):
         return obj
     return next((cut.node_group[CUT_AWAY] for cut in reversed(_cuts_away(obj))), None)
 
 
 def flip_cut_away(box: bpy.types.Object) -> None:
-    """Take away outside a box what was taken away inside it, or inside what was outside, of every surface."""
+    """Remove the outside of a box instead of the inside, or back, for every surface."""
     tree = nodes_of(box)
     for node in tree.nodes if tree is not None else ():
         if node.label == OUTSIDE:
@@ -159,7 +159,7 @@ def flip_cut_away(box: bpy.types.Object) -> None:
 
 
 def remove_cut_away(box: bpy.types.Object) -> None:
-    """Remove a box, and make every surface that it cuts as it was."""
+    """Remove a box, and restore every surface that it cuts."""
     tree = nodes_of(box)
     for obj in bpy.data.objects:
         for cut in _cuts_away(obj):

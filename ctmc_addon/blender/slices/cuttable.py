@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that can be cut open: meshes, but neither slices nor the boxes that cut."""
+"""Find objects that can be cut open: meshes that are neither slices nor cutting boxes."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Geometry Nodes written as an expression: a call makes a node, links what it is given and returns its output."""
+"""Write Geometry Nodes as an expression: a call adds a node, links its inputs and returns its output."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ COLUMN = 8  # nodes one below the other
 
 
 class Nodes:
-    """Builds the nodes of a tree; sockets go in, sockets come out."""
+    """Builder of a tree's nodes; sockets go in, sockets come out."""
 
     def __init__(self, tree: bpy.types.NodeTree) -> None:
         self.tree = tree
@@ -25,14 +25,14 @@ class Nodes:
         return node
 
     def link(self, source: Any, socket: Any) -> None:
-        """Give a socket a value: of another socket, or a number."""
+        """Link a socket to another, or set it to a number."""
         if isinstance(source, bpy.types.NodeSocket):
             self.tree.links.new(source, socket)
         else:
             socket.default_value = source
 
     def of(self, kind: str, *sources: Any, **properties: str) -> Any:
-        """Return the first output of a new node whose inputs are these in turn; None leaves one as it is."""
+        """Return the first output of a new node with these inputs in order; None keeps an input's value."""
         node = self.add(kind, **properties)
         # A node has sockets for every type it knows; those of other types than its own are disabled.
         inputs = [socket for socket in node.inputs if socket.enabled]
@@ -88,7 +88,7 @@ class Nodes:
         return self.of("GeometryNodeFieldOnDomain", condition, data_type="BOOLEAN", domain="FACE")
 
     def captured(self, geometry: Any, condition: Any) -> tuple[Any, Any]:
-        """Return a geometry whose vertices keep a condition as it is here, and that condition."""
+        """Return a geometry whose vertices store a condition as evaluated here, and that condition."""
         node = self.add("GeometryNodeCaptureAttribute", domain="POINT")
         node.capture_items.new("BOOLEAN", "Condition")
         self.link(geometry, node.inputs[0])
@@ -107,7 +107,7 @@ class Nodes:
         return self.of("GeometryNodeVertexOfCorner", self.of("GeometryNodeOffsetCornerInFace", corner, steps))
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:
-        """Return the parts of a geometry that meet a condition, and the others."""
+        """Return the part of a geometry that meets a condition, and the remaining part."""
         node = self.add("GeometryNodeSeparateGeometry", domain=domain)
         self.link(geometry, node.inputs["Geometry"])
         self.link(condition, node.inputs["Selection"])
@@ -121,13 +121,13 @@ class Nodes:
         return node.outputs[0]
 
     def transform_of(self, obj: bpy.types.Object) -> Any:
-        """Return where an object is, in the space of the one that has the modifier."""
+        """Return the transform of an object, in the space of the object with the modifier."""
         info = self.add("GeometryNodeObjectInfo", transform_space="RELATIVE")
         info.inputs["Object"].default_value = obj
         return info.outputs["Transform"]
 
     def stored(self, geometry: Any, name: str, value: Any) -> Any:
-        """Return a geometry whose corners keep a place on a picture under a name."""
+        """Return a geometry whose corners store a position on a picture under a name."""
         node = self.add("GeometryNodeStoreNamedAttribute", data_type="FLOAT2", domain="CORNER")
         node.inputs["Name"].default_value = name
         self.link(geometry, node.inputs["Geometry"])
@@ -135,6 +135,6 @@ class Nodes:
         return node.outputs[0]
 
     def arrange(self) -> None:
-        """Give every node a place, so that the editor shows them beside each other."""
+        """Arrange the nodes side by side in the editor."""
         for number, node in enumerate(self.tree.nodes):
             node.location = (220 * (number // COLUMN), -180 * (number % COLUMN))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A slice as a plane at its place in the patient, with the CT on it."""
+"""Add a slice of the CT as a plane at its position in the patient."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def add_slice(
 
 
 def outside_body(volume: Volume, values: NDArray[Any], corners_mm: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-    """Return where a slice shows air around the body; None where its values are not HU.
+    """Return which samples of a slice are air around the body; None where the values are not HU.
 
     Parameters
     ----------

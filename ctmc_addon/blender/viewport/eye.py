@@ -35,14 +35,14 @@ MOST = 0.6  # of a view that bars may cover on one side; what they cover more is
 
 
 def _rotation_from(side: str) -> Any:
-    """Return how a viewport is turned that looks from a side, one letter of A P L R S I."""
+    """Return the rotation of a viewport that looks from a side, one letter of A P L R S I."""
     back, up = (Vector(axis) for axis in SIDES[side])
     right = up.cross(back)
     return Matrix((right, up, back)).transposed().to_quaternion()
 
 
 def is_held(space: Any, view: Any) -> bool:
-    """Whether a camera, an object or the cursor holds a viewport: it must not be moved unless someone asks for it."""
+    """Return whether a camera, an object or the cursor holds a viewport, which then moves only on request."""
     return bool(view.view_perspective == "CAMERA" or space.lock_object is not None or space.lock_cursor)
 
 
@@ -53,14 +53,14 @@ def region_of(area: Any, view: Any) -> Any:
 
 
 def clip(window: Any, area: Any, view: Any) -> None:
-    """Begin Blender's own clipping of a view, of more than is ever seen; `show_from` says what it hides."""
+    """Enable Blender's clipping of a view, with planes beyond everything; `show_from` moves one."""
     if not view.use_clip_planes:  # the property alone clips nothing
         with bpy.context.temp_override(window=window, area=area, region=region_of(area, view)):
             bpy.ops.view3d.clip_border(xmin=-FAR, xmax=FAR, ymin=-FAR, ymax=FAR)
 
 
 def show_from(view: Any, point: Sequence[float]) -> None:
-    """Hide what lies between the eye and the plane through a point, in Solid and Wireframe of a view that clips."""
+    """Hide everything between the eye and the plane through a point, in Solid and Wireframe of a view that clips."""
     away = view.view_rotation @ Vector((0.0, 0.0, -1.0))
     view.clip_planes = [(*away, NEAR - away.dot(Vector(point)))] * 6
 
@@ -80,7 +80,7 @@ def _covered_in(area: Any, region: Any) -> dict[str, float]:
 
 
 def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: str = "") -> None:
-    """Bring a box into the part of a viewport that no bar covers, seen from `side`, else as it is seen now.
+    """Frame a box in the part of a viewport that no bar covers, from `side` or from the present direction.
 
     Parameters
     ----------

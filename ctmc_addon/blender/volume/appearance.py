@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of a Volume object, with ramps in the volume's own values, HU of a CT.
+"""Make materials of a Volume object, with ramps in the volume's own values, HU of a CT.
 
 Below the threshold nothing is seen; above it the volume grows dense within a few HU. The color follows window and
 level, so threshold, window and level of the sidebar are all there is to turn.
@@ -134,7 +134,7 @@ def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.type
 
 
 def adjust(material: bpy.types.Material, **numbers: float) -> None:
-    """Set numbers of a volume's material by the nodes' labels in lower case: threshold, window, level."""
+    """Set threshold, window or level of a volume's material, by the nodes' labels in lower case."""
     for node in material.node_tree.nodes:
         value = numbers.get(node.label.lower())
         if node.type == "VALUE" and value is not None:
@@ -160,7 +160,7 @@ def _math(tree: Any, operation: str, first: Any, second: Any) -> Any:
 
 
 def _share(tree: Any, value: Any, low: Any, width: Any) -> Any:
-    """The socket of (value - low) / width, 0 below and 1 above."""
+    """Return the socket of (value - low) / width, clipped to 0 and 1."""
     share = _math(tree, "DIVIDE", _math(tree, "SUBTRACT", value, low), width)
     share.node.use_clamp = True
     return share

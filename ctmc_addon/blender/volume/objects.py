@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A Volume object at its place in the patient."""
+"""Add a Volume object at its position in the patient."""
 
 from __future__ import annotations
 

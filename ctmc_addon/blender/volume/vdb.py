@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gray values as a grid of OpenVDB in a file, the only way into Blender's Volume objects.
+"""Write gray values as a grid of OpenVDB in a file, the only way into Blender's Volume objects.
 
 The grid's index (x, y, z) is the volume's, and its transform leads to Blender's units around the volume's middle: what
 is left to the object's location is exact in float32. A sample is a grid point, so nothing is half a voxel off.
@@ -28,9 +28,9 @@ SLICES = 16  # copied between two steps
 
 @cache
 def vdb_writer() -> Any | None:
-    """OpenVDB's Python module of this Blender; None where it has none.
+    """Return OpenVDB's Python module of this Blender; None without one.
 
-    Looked for once: the panel asks at every draw.
+    The result is kept, because the panel asks at every draw.
     """
     # Blender as a module does not look where its own packages are.
     inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
@@ -49,7 +49,7 @@ def vdb_writer() -> Any | None:
 
 
 def middle_mm(volume: Volume, beyond: float = 0.0) -> tuple[float, float, float]:
-    """Return where the middle of a volume lies, RAS+ mm.
+    """Return the middle of a volume, RAS+ mm.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The letters of figures: a font in which 1, I and l differ, the same in every Blender.
+"""Write the letters of figures in a font in which 1, I and l differ, the same in every Blender.
 
 `ctmc-letters.woff2` is made by tools/make_font.py from GNU FreeFont's FreeSans (COPYING.txt), in which a text object
 leaves no holes. Characters that it lacks are taken from Blender's own font, which has other fonts behind it.
@@ -29,7 +29,7 @@ CHARACTERS = frozenset(
 
 
 def text_curve(body: str, size: float) -> Any:
-    """Return a text in letters of a size; the font is inside the file."""
+    """Return a text of this size as a curve; the font is stored in the file."""
     import bpy
 
     curve: Any = bpy.data.curves.new("CTMC Text", "FONT")
@@ -42,7 +42,7 @@ def text_curve(body: str, size: float) -> Any:
 
 
 def font() -> Any:
-    """Return the font as a block of the file, packed: a .blend names no folder of this machine."""
+    """Return the font as a packed data-block, so that a .blend names no folder of this machine."""
     import bpy
 
     for block in bpy.data.fonts:

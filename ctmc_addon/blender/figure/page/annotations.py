@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
+"""Write letters, scale bars and legends on a figure, as objects in front of its camera.
 
 They are placed in page space (see spec.py) and stand still before the camera, so that the .blend shows what the picture
 shows.
@@ -33,7 +33,7 @@ LEADING = 1.3  # from line to line over the size of the letters
 
 @dataclass
 class Board:
-    """The plane before a figure's camera on which is written.
+    """The plane in front of a figure's camera that holds the writing.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class Board:
     def put(
         self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None, behind: float = 0.0
     ) -> Any:
-        """An object of `shape`, drawn in millimeters, whose origin lies at (x, y) of the page, mm `behind` it."""
+        """Add an object of `shape`, drawn in millimeters, with its origin at (x, y) of the page, mm `behind` it."""
         obj = bpy.data.objects.new(name, shape)
         if material is not None:
             shape.materials.append(material)
@@ -84,7 +84,7 @@ class Board:
         return obj
 
     def local(self, x: float, y: float, behind: float = 0.0) -> Vector:
-        """(x, y) of the page in the camera's space, `behind` mm behind the board."""
+        """Return (x, y) of the page in the camera's space, `behind` mm behind the board."""
         width, height = self.size_mm
         return Vector((x - width / 2, y - height / 2, -behind)) * self.unit - Vector((0.0, 0.0, self.depth))
 
@@ -98,13 +98,13 @@ class Board:
         size: float = 1.0,
         ink: bpy.types.Material | None = None,
     ) -> Any:
-        """Letters at (x, y), `size` times the page's."""
+        """Write letters at (x, y), `size` times the page's."""
         shape = text_curve(body, size * self.font_mm)
         shape.align_x, shape.align_y, shape.resolution_u = across, along, 4
         return self.put("CTMC Text", shape, x, y, ink or self.ink())
 
     def width_of(self, body: str, size: float = 1.0) -> float:
-        """Width of one line of letters, mm."""
+        """Return the width of one line of letters, mm."""
         shape = text_curve(body, size * self.font_mm)
         obj = bpy.data.objects.new("CTMC Text", shape)
         self.scene.collection.objects.link(obj)
@@ -208,7 +208,7 @@ def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: floa
 
 
 def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
-    """A bar of the colors in a box of the page, its title above and its distances below."""
+    """Draw a color bar in a box of the page, with its title above and its distances below."""
     left, bottom, right, _ = box
     font = board.font_mm
     inset = board.width_of(_last_label(scale)) / 2
@@ -234,5 +234,5 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
 
 
 def _last_label(scale: ColorScale) -> str:
-    """Return the text at the end of the color bar: its largest distance."""
+    """Return the text of the largest distance, at the end of the color bar."""
     return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm / scale.unit.size:g}"

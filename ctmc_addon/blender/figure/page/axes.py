@@ -46,7 +46,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     Parameters
     ----------
     rotation : Matrix
-        How the patient is rotated in the scene, 3 x 3.
+        Rotation of the patient in the scene, 3 x 3.
     flat : bool
         The engine has no nodes: letters that point away are left out, and do not come when the axes turn.
     clear : bool
@@ -88,7 +88,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
 
 
 def _depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types.Material:
-    """Return a flat color that becomes another, or clear, from one distance before the camera to the next."""
+    """Return a flat color that changes to another, or to transparent, between two distances from the camera."""
     material = surface_material("CTMC Ink by Depth", near)
     share = _depth_share(material, limits)
     last = _clear_socket(material) if far is None else emission(material, far)
@@ -97,7 +97,7 @@ def _depth_ink(near: Color, far: Color | None, limits: list[float]) -> bpy.types
 
 
 def _page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
-    """Return a material like the page, None for an empty one, that hides what is behind; clear where letters fade."""
+    """Return a material like the page that hides what is behind; transparent on an empty page or where letters fade."""
     material = flat_material("CTMC Page", paper or WHITE)
     tree = material.node_tree
     page = emission(material, paper) if paper else tree.nodes.new("ShaderNodeHoldout").outputs[0]
@@ -107,7 +107,7 @@ def _page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
 
 
 def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
-    """Return the socket of 0 at the first distance before the camera to 1 at the second."""
+    """Return a socket that rises from 0 at the first distance from the camera to 1 at the second."""
     tree = material.node_tree
     camera, share = tree.nodes.new("ShaderNodeCameraData"), tree.nodes.new("ShaderNodeMapRange")
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits
@@ -116,12 +116,11 @@ def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
 
 
 def _clear_socket(material: bpy.types.Material) -> Any:
-    """Return the socket of a shader that is fully transparent."""
     return material.node_tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
 
 
 def _axis_lines(reach_mm: float) -> Any:
-    """Three crossing lines of a visible width."""
+    """Return three crossing lines of a visible width."""
     lines = bpy.data.curves.new("CTMC Axes", "CURVE")
     lines.dimensions, lines.bevel_depth, lines.bevel_resolution = "3D", 0.7 * LINE_MM, 2
     for _, direction in LETTERS:

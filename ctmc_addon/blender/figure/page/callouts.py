@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names beside the structures: in a column left and right of a picture, each with a line to where it is seen."""
+"""Write names in a column left and right of a picture, each with a line to its structure."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ STUB_MM = 1.5  # of a line before it turns
 
 @dataclass(frozen=True)
 class Callout:
-    """A name, its color, and where its structure is seen, mm on the page; None where it is not."""
+    """A name, its color, and the position of its visible structure, mm on the page; None if it is hidden."""
 
     name: str
     color: Color
@@ -33,9 +33,9 @@ class Callout:
 
 
 def seen_at(maps: DepthMaps, which: int, occluders: Sequence[int]) -> tuple[float, float] | None:
-    """Return a place at which a surface is seen, (right, up), as far inside of what is seen of it as there is one.
+    """Return a position, (right, up), as far inside the visible part of a surface as possible; None if it is hidden.
 
-    Where some of it lies before nothing else, the place is there.
+    A part with no other surface behind or in front of it is preferred.
     """
     seen = maps.visible(which, occluders)
     unobstructed = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
@@ -72,7 +72,7 @@ def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]
 
 
 def _draw_callout(board: Board, callout: Callout, outer: float, height: float, side: int) -> None:
-    """Write one name at a height, from the outer edge of its column, a square of its color and its line inwards."""
+    """Write one name at a height, with a square of its color and a line inwards."""
     square, cap = CAP * board.font_mm, CAP * board.font_mm
     base = height - cap / 2
     start = outer if side < 0 else outer - square

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells with surfaces, arranged on a page before one camera.
+"""Arrange cells with surfaces on a page in front of one camera.
 
 The camera is orthographic, so cells side by side in one scene are seen from the same side and at the same scale. They
 stand far behind each other, so that no shadow of one falls on another.
@@ -41,7 +41,7 @@ from .slice_pictures import SlicePictures
 
 @dataclass
 class FigureScene:
-    """A scene made for a figure: where it is, what is in it, what is to be removed again.
+    """A scene made for a figure, with its contents and everything to remove afterwards.
 
     Parameters
     ----------
@@ -60,9 +60,9 @@ class FigureScene:
     pictures : list of SlicePictures
         The slices of every cell.
     asides : list of (3,) float64
-        How far every cell was moved, Blender units.
+        Offset of every cell, Blender units.
     blocks : list of ID
-        What was made, but the scene.
+        Everything that was made, except the scene.
     written_rows : int
         Rows of pixels at the bottom with text and bars only.
     """
@@ -84,7 +84,7 @@ class FigureScene:
     removed: bool = False
 
     def shown(self, cell: int) -> list[bpy.types.Object]:
-        """Return what stands in a cell, surfaces first."""
+        """Return the objects of a cell, surfaces first."""
         outlines = self.outlines[cell] if self.outlines else []
         return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
 
@@ -123,7 +123,7 @@ def compose_steps(
     turning: bool = False,
     even: bool = False,
 ) -> Steps[FigureScene]:
-    """Return a new scene with copies of what the cells show, camera, light and everything that is written.
+    """Return a new scene with copies of the cells' objects, camera, light and all writing.
 
     Parameters
     ----------
@@ -186,12 +186,12 @@ def _add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene
 
 
 def _has_outlines(style: FigureStyle) -> bool:
-    """Return whether surfaces get outlines; Workbench knows no material that is clear from behind."""
+    """Return whether surfaces get outlines; Workbench has no material that is transparent from behind."""
     return style.style == "illustration" and style.distances is None and style.engine != "workbench"
 
 
 def _add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
-    """Give every solid surface its outline."""
+    """Add an outline to every opaque surface."""
     ink = outline_material()
     figure.blocks.append(ink)
     for cell, copies in zip(cells, figure.copies, strict=True):
@@ -240,7 +240,7 @@ def arrange(
     even: bool,
     turning: bool = False,
 ) -> None:
-    """Lay the page out, put the camera before it and every cell in its place, and write what is to be written."""
+    """Lay the page out, place camera and cells, and add all writing."""
     page = page.wide(sum(bool(surface.name) for surface in cells[0].surfaces))
     scene, axes = figure.scene, view_axes(style.azimuth, style.elevation)
     seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
@@ -292,7 +292,7 @@ def arrange(
 def _lights_of(style: FigureStyle, single_cell: bool) -> tuple[Mapping[str, Sun], float]:
     """Return the suns of a style, the one with a shadow first, and the strength of the light from all sides.
 
-    A rim light stands behind the surfaces, so behind one that is not alone stand others, which would shade it.
+    A rim light stands behind the surfaces, so other cells behind one would shade it.
     """
     if style.style != "illustration" or style.distances is not None:
         return SUNS, WORLD
@@ -336,7 +336,7 @@ def _shadow_free_step(
 def _annotate(
     figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], style: FigureStyle, board: Board
 ) -> None:
-    """Captions, scale bar, legend or color bar, and the patient's axes."""
+    """Draw captions, scale bar, legend or color bar, and the patient's axes."""
     down = LEADING * board.font_mm
     for which, text in enumerate(layout.texts):
         x, y = layout.caption_at(which)
@@ -377,7 +377,7 @@ def _annotate(
 
 
 def _callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Board) -> list[Callout]:
-    """Return the names of the first cell's surfaces, and where on the page each is seen past those that are solid."""
+    """Return the names of the first cell's surfaces and their positions on the page, looking past transparent ones."""
     into_camera = np.array(figure.scene.camera.matrix_world.inverted())
     copies = figure.copies[0]
     maps = depth_maps(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where everything stands on the page: rows of cells with their captions, a footer, a caption for the whole."""
+"""Lay out a page: rows of cells with their captions, a footer, and a caption for the whole."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ LEAST_SHARE = 0.36  # of the width, which names leave the picture
 
 @dataclass(frozen=True)
 class SheetLayout:
-    """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
+    """Positions of a page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
 
     height_mm: float
     unit: float
@@ -51,7 +51,7 @@ class SheetLayout:
         return (left + right) / 2, (bottom + top) / 2
 
     def caption_at(self, which: int) -> tuple[float, float]:
-        """Middle of the first baseline of a cell's caption."""
+        """Return the middle of the first baseline of a cell's caption."""
         left, bottom, right, _ = self.pictures[which]
         return (left + right) / 2, bottom - self.captions_top - self.cap_mm
 
@@ -164,7 +164,7 @@ def make_layout(
 
 
 def _name_columns_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
-    """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
+    """Return the width of the columns of names left and right of a picture; 0 without such columns."""
     if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0
     wide = max(board.width_of(name) for name in names) + CAP * board.font_mm + LEADER_MM
@@ -172,7 +172,7 @@ def _name_columns_mm(names: Sequence[str], style: FigureStyle, board: Board, inn
 
 
 def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:
-    """Columns of a legend with names of these widths: one for a few, else as many as there is room for.
+    """Return the columns of a legend with names of these widths: one for a few, else as many as fit.
 
     Examples
     --------
@@ -191,7 +191,6 @@ def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: floa
 
 
 def _legend_mm(rows: int, font: float) -> float:
-    """Return the height of a legend with some rows, mm."""
     return (rows - 1) * LEADING * font + font
 
 
@@ -220,7 +219,7 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
 
 
 def _columns_for(count: int) -> int:
-    """Cells side by side: all of up to three, else as many as make the sheet about square.
+    """Return the cells per row: all of up to three, else as many as make the sheet about square.
 
     Examples
     --------

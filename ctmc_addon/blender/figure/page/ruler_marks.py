@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances and angles on a figure: a line with ends, or with an arc, and the value beside it.
+"""Draw distances and angles on a figure: a line with ends, or with an arc, and the value next to it.
 
 They are drawn on the page, before the surfaces, with a white border, so that they are read on any ground.
 """
@@ -68,7 +68,7 @@ def ends(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
 
 
 def arc(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc of an angle, the shorter way round."""
+    """Return the arc of an angle below 180 degrees."""
     sides = points[[0, 2]] - points[1]
     first, last = np.arctan2(sides[:, 1], sides[:, 0])
     way = (last - first + math.pi) % (2 * math.pi) - math.pi
@@ -80,7 +80,7 @@ def arc(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def value_position(
     points: NDArray[np.float64], wide: float, tall: float, page_mm: tuple[float, float]
 ) -> tuple[float, float]:
-    """Middle of the baseline of a value: beside the middle of a line, or beyond the corner of an angle.
+    """Return the middle of a value's baseline: next to the middle of a line, or beyond the corner of an angle.
 
     It is on the other side where that would leave the page.
     """
@@ -113,7 +113,7 @@ def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_line(board: Board, line: NDArray[np.float64], width: float, color: Color, behind: float) -> bpy.types.Object:
-    """Return a line through places of the page, its ends half its width beyond the first and the last."""
+    """Return a line through positions of the page, extended at both ends by half its width."""
     steps = np.diff(line, axis=0)
     along = steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None] * width / 2
     across = np.column_stack([-along[:, 1], along[:, 0]])

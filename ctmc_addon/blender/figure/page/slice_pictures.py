@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices of the CT in a figure: their planes, and the caps of surfaces that were cut open at them.
+"""Show slices of the CT in a figure: their planes, and the caps of surfaces that were cut at them.
 
 The picture of a slice lies where its plane lies (blender/slices). A figure's copies move on the page and may turn, so
 the pictures hang on copies of the planes, or on empties where a plane itself is not shown.
@@ -19,14 +19,14 @@ from ...surface.evaluate import evaluated_copy
 
 @dataclass
 class SlicePictures:
-    """The objects that carry the pictures of a cell: a copy of the plane, or an empty, for each slice."""
+    """Objects that carry the pictures of a cell: a copy of the plane, or an empty, for each slice."""
 
     scene: bpy.types.Scene
     blocks: list[bpy.types.ID]
     anchors: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
 
     def add_plane(self, plane: bpy.types.Object, scene: bpy.types.Scene | None) -> None:
-        """Show a slice."""
+        """Add a copy of a slice's plane that shows its picture."""
         mesh, evaluated = evaluated_copy(plane, scene)
         self.blocks.append(mesh)
         copy = self.add_anchor(plane, mesh)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The style illustration: a soft key light, a rim light, light from all sides, outlines, and organs like glass.
+"""Render the style illustration: a soft key light, a rim light, light from all sides, outlines, glassy organs.
 
 Light from all sides reaches what is open and not what is recessed, so recesses are shaded (ambient occlusion). An
 outline is a shell around the surface, one line wide, of which only the side that faces away is seen: it looks out
@@ -43,7 +43,7 @@ SHELL = "CTMC Outline"
 
 
 def outline_shell(obj: bpy.types.Object, width: float) -> bpy.types.Mesh:
-    """Return a mesh around an object's surface, its sides exchanged, `width` units of the object away from it."""
+    """Return a mesh around an object's surface with reversed normals, `width` units of the object away from it."""
     mesh = obj.data
     normals = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertex_normals.foreach_get("vector", normals)
@@ -57,7 +57,7 @@ def outline_shell(obj: bpy.types.Object, width: float) -> bpy.types.Mesh:
 
 
 def outline_material() -> bpy.types.Material:
-    """Return dark ink that is clear from behind."""
+    """Return dark ink that is transparent from behind."""
     material = flat_material(SHELL, OUTLINE)
     tree = material.node_tree
     clear = tree.nodes.new("ShaderNodeBsdfTransparent").outputs[0]
@@ -87,7 +87,7 @@ def glass_material(
     Parameters
     ----------
     seen : callable
-        Gives the socket that says, in a tree, whether the surface is seen at all: 0 or 1.
+        Returns, for a node tree, the socket of 0 or 1: whether the surface is visible.
     opacity : float
         Of what faces the camera.
     azimuth, elevation : float

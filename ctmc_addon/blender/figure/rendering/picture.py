@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One picture of a scene as it stands: rendered, its page cleaned, written as a PNG.
+"""Render one picture of a scene, clean its page, and write it as a PNG.
 
-The PNG knows its resolution and nothing of this machine.
+The PNG stores its resolution and nothing of this machine.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ class RenderRequest(NamedTuple):
     Parameters
     ----------
     path : str
-        A PNG that is there and empty.
+        An existing, empty PNG.
     name : str
-        What people call it.
+        Name in messages.
     dpi : float
     paper : (red, green, blue) float
         Color of the page.
@@ -53,7 +53,7 @@ class RenderRequest(NamedTuple):
     angle: float = 0.0
 
     def make(self, scene: bpy.types.Scene) -> None:
-        """Render it.
+        """Render the picture.
 
         Raises
         ------
@@ -107,7 +107,7 @@ def tiles_of(size: tuple[int, int], written: int = 0) -> list[tuple[int, int]]:
 
 
 def pillow() -> Any:
-    """Return the module `PIL.Image`, or an `OutputError`."""
+    """Return the module `PIL.Image`, or raise an `OutputError`."""
     try:
         from PIL import Image
     except ImportError as error:
@@ -117,7 +117,7 @@ def pillow() -> Any:
 
 @contextmanager
 def opened_png(path: Path, name: str) -> Iterator[Any]:
-    """A PNG with all of its pixels, or an `OutputError`."""
+    """Return a PNG with all of its pixels, or raise an `OutputError`."""
     try:
         with pillow().open(path) as picture:
             picture.load()
@@ -127,7 +127,7 @@ def opened_png(path: Path, name: str) -> Iterator[Any]:
 
 
 def render_to(scene: bpy.types.Scene, path: Path) -> None:
-    """Render a scene to a file, or an `OutputError`."""
+    """Render a scene to a file, or raise an `OutputError`."""
     scene.render.filepath = str(path.resolve())
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
+"""Render figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
 
 Rendered in a scene of its own; the user's scene and settings are left as they are.
 """
@@ -91,7 +91,7 @@ def render_figure_steps(
     chosen: Sequence[float | None] = (),
     own_process: bool = False,
 ) -> Steps[tuple[int, int]]:
-    """Render the plain picture that stands beside a reconstruction, with nothing written on it.
+    """Render the plain picture next to a reconstruction, with nothing written on it.
 
     Returns its size in pixels.
 
@@ -140,7 +140,7 @@ def require_png(path: Path) -> None:
 
 
 def require_own_blend(path: Path) -> None:
-    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
+    """Raise `OutputError` for an existing .blend that is not a figure's: it may be somebody's work."""
     if path.exists() and path.stat().st_size:
         try:
             with bpy.data.libraries.load(str(path)) as (there, _):

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that renders a figure's scene, from inside: a task in a line of JSON, until the input ends.
+"""Run the process that renders a figure's scene: one task per line of JSON, until the input ends.
 
-Its end means that whoever asked is gone: then this process removes its folder and goes too, in the midst of a picture
-if need be.
+The input ends when the parent process ends: then this process removes its folder and exits, even in the middle of a
+picture.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ REMOVALS = 100  # Blender may be writing into its folder while that is removed.
 
 
 def serve(blend: str) -> None:
-    """Open a .blend, and do tasks with its only scene.
+    """Open a .blend, and render tasks with its only scene.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def serve(blend: str) -> None:
 
 
 def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
-    """Take tasks from standard input; at its end remove the folder and leave at once."""
+    """Read tasks from standard input; at its end remove the folder and exit at once."""
     for task in requests():
         tasks.put(task)
     for _ in range(REMOVALS):
@@ -66,7 +66,7 @@ def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
 
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
-    """Do a task, and return what came of it."""
+    """Do a task and return the answer to it."""
     task = TASKS[request["task"]](**request["fields"])
     try:
         task.make(bpy.data.scenes[0])
@@ -80,7 +80,7 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _share_of(text: str) -> float | None:
-    """Return how much of a picture is rendered; None where Blender does not tell.
+    """Return the rendered share of a picture; None where Blender does not report it.
 
     Examples
     --------
@@ -92,5 +92,5 @@ def _share_of(text: str) -> float | None:
 
 
 def line(words: dict[str, Any]) -> bytes:
-    """Return a line for the other side, at the beginning of one."""
+    """Return a line for the parent process, with the mark at its beginning."""
     return b"\n" + MARK + json.dumps(words).encode("ascii") + b"\n"

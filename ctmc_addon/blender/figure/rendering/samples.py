@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose the samples Cycles takes per pixel: a few with a denoiser, or as many as the picture's noise needs.
+"""Choose the samples Cycles takes per pixel: a few with a denoiser, else as many as the noise needs.
 
 The soft light of illustrations is what is noisy. The other styles are lit by suns, and have as many samples as smooth
 outlines need; a denoiser would smear their triangle edges.
@@ -41,7 +41,7 @@ def can_denoise() -> bool:
 
 
 def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
-    """Have Cycles take the samples of a style; without a number of them as many as a picture without noise needs."""
+    """Set the samples of a style in Cycles; without a number, as many as a picture without noise needs."""
     cycles = scene.cycles
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.sampling_pattern = PATTERN
@@ -61,13 +61,13 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
 
 
 def _samples_of_edges(dpi: float) -> int:
-    """Return how many samples of a pixel make edges smooth."""
+    """Return the samples per pixel that make edges smooth."""
     return COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES
 
 
 @contextmanager
 def without_noise(scene: bpy.types.Scene, dpi: float) -> Iterator[None]:
-    """Have Cycles take the samples of edges alone, for a part of the page where no light falls on anything."""
+    """Set the samples that smooth edges need, for a part of the page without lit surfaces."""
     cycles = scene.cycles
     before = cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = _samples_of_edges(dpi), False, False
@@ -83,7 +83,7 @@ def is_denoised(scene: bpy.types.Scene) -> bool:
 
 
 def clean_page(rows: Any, paper: Color) -> Any:
-    """Return rows of a picture, a Pillow image, whose page is of one color again, as it was before the denoiser."""
+    """Return rows of a picture, a Pillow image, whose page has one color again, as before the denoiser."""
     from PIL import Image
 
     levels = np.array(rows)
@@ -94,7 +94,7 @@ def clean_page(rows: Any, paper: Color) -> Any:
 
 
 def clean_border(picture: Any, paper: Color) -> None:
-    """Give the empty border of a picture, a Pillow image, the color of the page again."""
+    """Restore the page's color in the empty border of a picture, a Pillow image."""
     width, height = picture.size
     empty = srgb(paper) if picture.mode == "RGB" else (*srgb(paper), 0)
     for box in ((0, 0, width, BORDER), (0, height - BORDER, width, height),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work out which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
+"""Find which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
 
 The camera is orthographic, so a surface is seen as its points (right, up, backward) in the camera's axes. Triangles are
 sampled so densely that no cell of a map is left out; the sample that is farthest backward, which is nearest to the
@@ -40,7 +40,7 @@ class DepthMaps:
     cell: float
 
     def hidden_share(self, which: int, by: int) -> float:
-        """Return how much of one surface's picture lies behind another surface, 0 to 1."""
+        """Return the share of one surface's picture that lies behind another surface, 0 to 1."""
         seen = np.isfinite(self.depths[which])
         if not seen.any():
             return 0.0
@@ -48,7 +48,7 @@ class DepthMaps:
         return float(covered.mean())
 
     def visible(self, which: int, occluders: Sequence[int]) -> NDArray[np.bool_]:
-        """Return the cells, (rows, columns), in which a surface lies behind none of the others."""
+        """Return the cells, (rows, columns), in which a surface lies behind none of the occluders."""
         own = self.depths[which]
         front = self.depths[list(occluders)].max(axis=0) if len(occluders) else np.full_like(own, -np.inf)
         return np.isfinite(own) & (front <= own + TOUCHING * self.cell)
@@ -91,7 +91,7 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
 
 
 def _barycentric(pieces: int) -> NDArray[np.float64]:
-    """Return the corners of a triangle whose sides are cut into some pieces, (S, 3) shares of its corners.
+    """Return barycentric coordinates, (S, 3), of the corners of a triangle with subdivided sides.
 
     Examples
     --------
@@ -107,13 +107,13 @@ def _barycentric(pieces: int) -> NDArray[np.float64]:
 
 
 def hiding(maps: DepthMaps, lesions: Sequence[bool]) -> list[bool]:
-    """Return which surfaces hide a lesion from the camera; where none is one, which hides everything else.
+    """Return which surfaces hide a lesion from the camera; without lesions, which one hides all other surfaces.
 
     Parameters
     ----------
     maps : DepthMaps
     lesions : sequence of bool
-        Which surfaces are lesions: no lesion gives way to another.
+        Whether each surface is a lesion; a lesion never counts as hiding another.
     """
     every = range(len(lesions))
     if any(lesions):
