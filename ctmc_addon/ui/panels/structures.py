@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of structures in the panel Surface: their source, look and ticks."""
+"""Draw the list of structures in the panel Surface: their source, look and ticks."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ ROWS = (3, 6)  # lines of the list, at least and at most
 
 
 def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The list, what can be done with it, and what the marked structure is."""
+    """Draw the list, its buttons, and the facts of the marked structure."""
     if not len(settings.labels):
         _draw_none(layout, context, settings)
         return
@@ -38,7 +38,7 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 
 def _draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Draw what can be added while the list is empty."""
+    """Draw the buttons of an empty list."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         layout.prop(settings, "label")
@@ -67,7 +67,6 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
 
 
 def _label_text(item: Any) -> str:
-    """Return what a label is: its number and its name."""
     number = translate("Label {number}").format(number=item.value)
     return f"{number}, {item.name}" if item.name else number
 
@@ -84,7 +83,7 @@ def surface_volume_text(scene: bpy.types.Scene, item: Any) -> str:
 
 
 class CTMC_UL_labels(bpy.types.UIList):
-    """A structure in a line: whether it is made, its eye, color, name, and volume once made."""
+    """A line of a structure: tick, eye, color, name, and volume once made."""
 
     bl_idname = "CTMC_UL_labels"
 
@@ -100,7 +99,6 @@ class CTMC_UL_labels(bpy.types.UIList):
         index: int,
         _flag: int,
     ) -> None:
-        """Draw the line of a structure."""
         row = layout.row(align=True)
         row.use_property_split = False
         row.prop(item, "chosen", text="")

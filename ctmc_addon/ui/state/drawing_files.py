@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write drawings for other programs: a `.seg.nrrd` beside the .blend, whenever that is saved.
+"""Write drawings for other programs: a `.seg.nrrd` next to the .blend, whenever that is saved.
 
 The .blend itself holds the drawing, so this file may be moved or deleted; 3D Slicer opens it, and so does Load Labels.
 """
@@ -27,9 +27,9 @@ _written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and pa
 
 
 def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
-    """Return where the drawing on a CT of a scene goes: after the .blend, and scene and CT where several have one.
+    """Return the path of the drawing on a CT of a scene: named after the .blend, and scene and CT if there are several.
 
-    CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
+    CTs may share a name, such as that of a file in each patient's folder, so the fingerprint tells them apart.
     """
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
     fingerprint = ct.volume_fingerprint
@@ -39,7 +39,7 @@ def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
 
 
 def after_save(blend: str, *_: Any) -> None:
-    """Write the drawings of a .blend that was saved, on every CT in memory; what goes wrong is said in the panel."""
+    """Write the drawings of a saved .blend, on every CT in memory; the panel shows errors."""
     for scene in bpy.data.scenes if blend else ():
         for ct in scans.all_of(scene):
             loaded = volumes.ct_of(ct.volume_fingerprint)
@@ -52,7 +52,7 @@ def after_save(blend: str, *_: Any) -> None:
 
 
 def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
-    """Write what was drawn on a CT of a scene, unless it is written there already; an empty drawing writes nothing."""
+    """Write the drawing on a CT of a scene, unless it is empty or written already."""
     items = [(item, masks.of(scene, item)) for item in drawings.structures_of(ct)]
     items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
     lines = [next(line for line in ct.labels if line.source == item.key) for item, _ in items]

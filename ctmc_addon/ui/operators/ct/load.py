@@ -87,7 +87,6 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             lines.label(text=line, translate=False)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Read the file, and look through it."""
         scene = context.scene
         scene_session, stored, expected = session.of(scene), scene.ctmc, ""
         scene_session.message = scene_session.load_message = ""
@@ -119,9 +118,9 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         chosen: int,
         sources: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
-        """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
+        """Return the work: series, values, statistics. `expected` is the fingerprint of the CT to find there, if any.
 
-        `chosen` is the number of chosen files; the whole folder is read. Read the label sources `wanted` with it.
+        `chosen` is the number of chosen files; the whole folder is read. The label `sources` are read with it.
         """
         stages = Stages(STAGES | ({LABELS: 40} if sources else {}))
         headers, values, counting = STAGES
@@ -165,7 +164,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
 
 def last_folder(scene: bpy.types.Scene) -> Path | None:
-    """Return where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    """Return the folder of the last CT, of this file or of the one open before; None if it is not known."""
     stored = scene.ctmc.volume_path
     path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
@@ -180,7 +179,7 @@ def _scene_reading(scene: bpy.types.Scene) -> ReadingOptions:
 def conclude(
     loaded: volumes.Loaded, uid: int, expected: str, labels: Sequence[tuple[str, structures.PlacedLabels | str]] = ()
 ) -> str:
-    """Make a volume the scene's, with the labels that were read again for it."""
+    """Make a volume the scene's, with its reloaded labels."""
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
@@ -249,7 +248,7 @@ def conclude(
 def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> None:
     """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU.
 
-    The number of the label that was chosen before holds where it `goes_by_number`: a preset's, or that of another time.
+    The previously chosen label keeps its number if it `goes_by_number`: a preset's, or that of another time.
     """
     labels = [value for value, _ in loaded.statistics.labels]
     if loaded.volume.kind == ValueKind.LABEL and labels:
@@ -261,7 +260,7 @@ def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> N
 
 
 def _tick_by_name(stored: Any, names: frozenset[str]) -> None:
-    """Tick the labels of a label volume whose names were ticked in the list before; without any it stays as it is."""
+    """Tick the labels of a label volume whose names were ticked before; without a match the list stays as it is."""
     if stored.use_label and any(called(item) in names for item in stored.labels):
         tick(stored, lambda item: called(item) in names)
         follow_ticks(stored)
@@ -299,7 +298,7 @@ class CTMC_FH_stack(bpy.types.FileHandler):
 
 
 def import_entry(menu: Any, _context: bpy.types.Context) -> None:
-    """The entry in File > Import."""
+    """Draw the entry in File > Import."""
     menu.layout.operator("ctmc.load", text="CT Stack")
 
 
@@ -313,6 +312,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Unregister them."""
     bpy.types.TOPBAR_MT_file_import.remove(import_entry)
     _unregister()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Three slices at once, each from its own side, beside the view that turns: the operator `ctmc.quad_view`."""
+"""Show three slices at once, each from its own side, next to the turnable view: the operator `ctmc.quad_view`."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
 
 
 def has_room(area: bpy.types.Area) -> bool:
-    """Return whether Blender has given the views of a viewport their sizes; until then each has that of the whole."""
+    """Return whether Blender has given the views of a viewport their sizes; before, each has that of the whole."""
     views = [region for region in area.regions if region.type == "WINDOW"]
     return 0.5 < sum(view.width * view.height for view in views) / (area.width * area.height) <= 1
 

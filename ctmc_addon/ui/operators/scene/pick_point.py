@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Click on a place: the slices meet there, and the status bar says its value. The operator `ctmc.pick_point`."""
+"""Make the slices meet at a clicked point and show its value in the status bar: the operator `ctmc.pick_point`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 
 def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
-    """Return where a ray meets the slice that is drawn, world space; None where it passes."""
+    """Return where a ray meets the drawn slice, world space; None if it does not."""
     view = scene.ctmc_view
     if not view.show_slice:
         return None
@@ -32,7 +32,7 @@ def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direct
 
 
 def _hit_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
-    """The object under the mouse, None for the slice that is drawn, and the place in RAS+ mm; None for nothing."""
+    """Return the object under the mouse, None for the drawn slice, and the position in RAS+ mm; None without a hit."""
     ray = ray_under(area, event)
     if ray is None:
         return None
@@ -46,7 +46,7 @@ def _hit_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area,
 
 
 def _point_text(volume: Volume, point_mm: Sequence[float]) -> str:
-    """Return where a point is, and the value of the CT there."""
+    """Return the position of a point and the value of the CT there."""
     place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
     value = value_at(volume, point_mm)
     if value is None:
@@ -87,12 +87,11 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         self.say(context, "")
 
     def say(self, context: bpy.types.Context, text: str) -> None:
-        """Write into the status bar."""
         help_text = translate("Click: the slices meet there. Esc: done")
         context.workspace.status_text_set(f"{text}   |   {help_text}" if text else help_text)
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse; navigation and all else passes through."""
+        """Follow the mouse; navigation and all other events pass through."""
         area, ct = viewport_at(context, self.area), volumes.loaded(context.scene)
         if area is None or ct is None or is_end(event):
             self.cancel(context)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that stay in the scene, and surfaces cut open at them."""
+"""Add slices that stay in the scene, and cut surfaces open at them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
 
 def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
-    """Return the slice of each plane that the sidebar has chosen."""
+    """Return the slice of each plane as set in the sidebar."""
     volume, chosen = volumes.require_loaded(scene).volume, zip(PLANES, positions_of(scene.ctmc_view), strict=True)
     return {plane: slice_at(volume, plane, position) for plane, position in chosen}
 
@@ -96,7 +96,7 @@ def _existing_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Ob
 
 
 def _new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.types.Object:
-    """Add a slice of the scene's CT, with window and level as the sidebar has them."""
+    """Add a slice of the scene's CT, with window and level of the sidebar."""
     ct = volumes.require_loaded(scene)
     window, level = window_and_level(scene.ctmc_view)
     volume = replace(ct.volume, name=volumes.called(scene))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and the work that Simplify shares with it."""
+"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and work that Simplify shares with it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
 
 def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
+    """Return whether the cost estimate found a surface that fits into memory, with the reason if not."""
     cost = session.of(context.scene).cost
     if cost is not None and cost.refusal and list(cost.settings) == _settings_or_none(context.scene):
         operator.poll_message_set(translate_sentence(cost.refusal))
@@ -50,7 +50,7 @@ def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def _settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
-    """Return the settings of every surface of the panel; None while they contradict each other."""
+    """Return the settings of every surface of the panel; None if they contradict each other."""
     try:
         settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
     except SettingsError:
@@ -78,7 +78,6 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume, _is_possible)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return every surface the panel asks for."""
         scene = context.scene
         loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
@@ -119,9 +118,9 @@ def surfaces_steps(
     *,
     labels: Volume | None = None,
 ) -> Steps[jobs.Conclusion]:
-    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction.
+    """Make all surfaces, then put them into the scene at once; `full` replaces extraction.
 
-    Those of labels are made from `labels`, where they are not in the volume itself.
+    Surfaces of labels are made from `labels` if these are not in the volume itself.
     """
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
@@ -146,7 +145,7 @@ def surfaces_steps(
 def measured_steps(
     requests: Sequence[ObjectRequest], outcomes: Sequence[MadeSurface | CtmcError], threads: int
 ) -> Steps[list[TimedSurface]]:
-    """Measure surfaces, several at a time; Blender is not asked, so that threads may do this."""
+    """Measure surfaces, several at a time; no Blender data is used, so threads may do this."""
 
     def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[TimedSurface]:
         result, full = surface

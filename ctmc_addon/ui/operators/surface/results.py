@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
+"""Work on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the surface as it shows, where the patient has it: moving the object is not a deviation."""
+        """Return the work on the surface at its position in the patient: moving the object is not a deviation."""
         scene, obj = context.scene, context.view_layer.objects.active
         full = surfaces.full_of_last_run(obj, scene)
         mesh = as_shown(obj, scene).mesh
@@ -49,7 +49,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
 def measure_steps(
     mesh: TriangleMesh, full: Reconstruction | None, uid: int, state: measurements.State
 ) -> Steps[jobs.Conclusion]:
-    """Measure, and compare with the full surface where that is known."""
+    """Measure a surface, and compare it with the full surface if that is known."""
     measurement = yield from measurement_steps(mesh, None if full is None else full.mesh)
 
     def conclude() -> str:
@@ -86,7 +86,6 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change, _has_full)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Distances of the object's own vertices."""
         scene, obj = context.scene, context.view_layer.objects.active
         require_editable(obj)
         full = surfaces.full_of_last_run(obj, scene)
@@ -95,7 +94,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
 
 
 def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once; the message has the largest distance that is painted."""
+    """Measure every vertex, then write once; the message has the largest painted distance."""
     distances = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
 
     def conclude() -> str:
@@ -138,7 +137,7 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
 
 
 class CTMC_OT_adopt_settings(bpy.types.Operator):
-    """Take the settings of the active surface into the panel."""
+    """Copy the settings of the active surface to the panel."""
 
     bl_idname = "ctmc.adopt_settings"
     bl_label = "Copy Settings to Panel"

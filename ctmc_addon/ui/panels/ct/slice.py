@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Slice: which slice stands in the viewport, and how its gray values are shown."""
+"""Draw the closed panel Slice: the position of the shown slice, its window and level."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.
 
 
 class CTMC_PT_slice(SubPanel, bpy.types.Panel):
-    """The slice that stands in the viewport."""
+    """Panel for the slice in the viewport."""
 
     bl_idname = "CTMC_PT_slice"
     bl_label = "Slice"
@@ -27,7 +27,6 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         return volumes.current(context.scene) is not None
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """The switch stands beside the title."""
         self.layout.enabled = not jobs.locked()
         self.layout.prop(context.scene.ctmc_view, "show_slice", text="")
 

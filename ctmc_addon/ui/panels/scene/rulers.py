@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Below Results: distances and angles, and the buttons that measure them."""
+"""Draw the panel below Results: distances and angles, and the buttons that measure them."""
 
 from __future__ import annotations
 
