@@ -29,7 +29,7 @@ from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
-RENDER_SAMPLES = 64  # of F12 in a .blend
+RENDER_SAMPLES = 64  # Samples of F12 in an exported .blend.
 
 
 def export(

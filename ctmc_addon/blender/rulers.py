@@ -20,7 +20,7 @@ PROPERTY = "ctmc_ruler"
 KINDS: Mapping[str, int] = {"distance": 2, "angle": 3}
 """How many points each kind has."""
 UNITS: Mapping[str, str] = {"distance": "mm", "angle": "\N{DEGREE SIGN}"}
-WIRE_MM = 0.4  # radius
+WIRE_MM = 0.4  # Radius of the wire.
 COLOR = (1.0, 0.72, 0.05, 1.0)
 BEHIND = 1e-4  # Blender units by which a ray starts again behind a wire
 Point = Sequence[float]

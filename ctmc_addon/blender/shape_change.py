@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.volume import determinant
 from .surface import placement_of, read_provenance
 
-SAME = 1e-4  # a factor that differs less from 1 is rounding
+SAME = 1e-4  # A factor that differs less from 1 is rounding.
 
 
 class ShapeChange(NamedTuple):

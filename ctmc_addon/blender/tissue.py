@@ -18,7 +18,7 @@ from .materials import surface_material
 
 CHOSEN = "ctmc_opacity"
 """The material's custom property: an opacity that its anatomical name or a person has chosen."""
-NODES = "CTMC Opacity"  # how the names of the nodes begin that opacity adds
+NODES = "CTMC Opacity"  # Prefix of the names of the nodes that opacity adds.
 
 
 class _MaterialFinish(NamedTuple):

@@ -7,7 +7,7 @@ import math
 
 import bpy
 
-NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # in a file that Blender has made
+NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # Units of a new file.
 
 
 def set_units(scene: bpy.types.Scene, scale: float) -> None:

@@ -23,7 +23,7 @@ from ...core import (
 )
 from ...reporting.captions import smoothing_phrase, stride_phrase
 
-MOST_CELLS = 26  # of a sheet: there is a letter for each
+MOST_CELLS = 26  # A sheet labels its cells with the 26 letters.
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from ...core.mesh import ReferenceSurface, mean_longest_edge_steps, subdivided_s
 from ..materials import headlight, show_flat, use_nodes
 from .spec import ColorScale
 
-DISTANCE = "deviation_mm"  # on every vertex, for the map
-COLORS = "deviation"  # for the solid view of a viewport
-LARGEST = "ctmc_deviation_mm"  # the mesh's custom property: the distance of its last color
+DISTANCE = "deviation_mm"  # Vertex attribute that the map shows.
+COLORS = "deviation"  # Attribute for the solid view of a viewport.
+LARGEST = "ctmc_deviation_mm"  # Custom property of the mesh: the distance of its last color.
 # From light to dark in even steps, so that what is right is light and large errors stand out, to the color-blind too:
 # the lighter part of magma (Smith and van der Walt 2015), sRGB.
 DISTANCE_COLORS = ("fcfdbf", "feca8d", "fd9668", "f1605d", "cd4071", "9e2f7f", "721f81", "440f76")
-RIM = 0.72  # of the lightness where a surface turns away: it shows form, and is no distance's color
+RIM = 0.72  # Share of the lightness at the rim: it shows form, and its color is not in the scale.
 
 
 @dataclass(frozen=True)

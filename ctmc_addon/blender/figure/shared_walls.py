@@ -17,8 +17,8 @@ from ..surface.placement import matrix_of
 from .spec import Cell
 from .styles import mean_edge
 
-WALL_GAP_MM = 0.02  # in the patient
-POINTS = 10_000  # looked up in a step
+WALL_GAP_MM = 0.02  # Gap in the patient.
+POINTS = 10_000  # Points looked up in a step.
 SETTING_UP = Step(0.0, "Setting up the figure")
 
 

@@ -15,16 +15,16 @@ from .comparison import Comparison as Comparison
 
 MM_PER_INCH = 25.4
 POINT_MM = MM_PER_INCH / 72
-PIXELS = 80_000_000  # what Cycles can hold on a usual machine
+PIXELS = 80_000_000  # Limit of Cycles' memory on a usual machine.
 COLUMN_MM = 85.0  # A column of most journals.
 FEW_STRUCTURES = 14  # Up to this many are named beside a picture; a page with more is two columns wide.
-AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
+AZIMUTH, ELEVATION = 30.0, 20.0  # Camera position, degrees.
 
 WHITE: Color = (1.0, 1.0, 1.0)
-NIGHT: Color = (0.010, 0.011, 0.014)  # of a dark page
-CHALK: Color = (0.82, 0.82, 0.82)  # of letters on it
+NIGHT: Color = (0.010, 0.011, 0.014)  # Color of a dark page.
+CHALK: Color = (0.82, 0.82, 0.82)  # Color of letters on a dark page.
 
-Box = tuple[float, float, float, float]  # left, bottom, right, top, mm from the page's lower left corner
+Box = tuple[float, float, float, float]  # Left, bottom, right and top, mm from the page's lower left corner.
 
 # Container and codec, Blender's names, for every suffix of a video.
 VIDEO_FORMATS = {

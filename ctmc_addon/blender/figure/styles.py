@@ -22,12 +22,12 @@ from .rendering.illustration import glass_material, opaque_material
 from .spec import ENGINES, STYLES, FigureStyle, Page, ShownSurface
 
 NAME = "CTMC Figure"
-LEAST_EDGE = 3.0  # pixels
-LAYERS = 256  # of transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black
-FAR_SIDE = 0.35  # of the density of its near side, that of the far side of a translucent organ in illustrations
-RIM_SHADE = 0.6  # how light a transparent surface is at its rim
-EDGE_MM = 0.12  # on the page
-EDGE_WIDTH = "ctmc_edge_width"  # attribute of the triangles
+LEAST_EDGE = 3.0  # Shortest visible edge, pixels.
+LAYERS = 256  # Transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black.
+FAR_SIDE = 0.35  # Density of a translucent organ's far side relative to its near side, in illustrations.
+RIM_SHADE = 0.6  # Lightness of a transparent surface at its rim.
+EDGE_MM = 0.12  # Width of an edge on the page.
+EDGE_WIDTH = "ctmc_edge_width"  # Attribute of the triangles.
 # The width of a triangle's lines over the radius of its inscribed circle, where that is so many mm on the page: what is
 # too small to be seen one by one keeps the color of its face.
 RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)

@@ -36,7 +36,7 @@ from .video import Video, require_video
 NOTE = "turntable.json"
 FRAME = "frame_{:05d}.png"
 FIRST_OF_EEVEE = ": Blender compiles shaders first and does not answer meanwhile"
-FRAMES_FOLDER = ".frames"  # beside a video, until it is done
+FRAMES_FOLDER = ".frames"  # Folder next to a video until it is done.
 
 
 def turntable_steps(

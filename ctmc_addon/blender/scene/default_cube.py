@@ -6,7 +6,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-TYPES = ["CAMERA", "LIGHT", "MESH"]  # of the objects of a new file
+TYPES = ["CAMERA", "LIGHT", "MESH"]  # Types of the objects of a new file.
 
 
 def untouched_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:

@@ -21,7 +21,7 @@ from ..materials import use_nodes
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
 NAME = "CTMC Studio"
-BACKGROUND = 0.1  # linear gray: light bone and dark liver both stand out before it
+BACKGROUND = 0.1  # Linear gray on which light bone and dark liver both stand out.
 AMBIENT = 0.35
 
 

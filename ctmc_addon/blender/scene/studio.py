@@ -25,7 +25,7 @@ from ..surface.placement import matrix_of
 SIZE = (1200, 900)
 MARGIN = 1.12
 SAMPLES = 9
-WORLD = 0.25  # from all sides
+WORLD = 0.25  # Strength of the light from all sides.
 WHITE = (1.0, 1.0, 1.0)
 
 

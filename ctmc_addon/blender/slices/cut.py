@@ -24,8 +24,8 @@ from .material import picture_coordinates
 from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
-IN_PLANE = 1e-4  # of a slice's diagonal: nearer to its plane lies in it
-ARROW = 0.1  # length of the arrow, of the slice's diagonal
+IN_PLANE = 1e-4  # Points nearer to a slice's plane than this share of its diagonal lie in it.
+ARROW = 0.1  # Length of the arrow, as a share of the slice's diagonal.
 
 
 def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], plane: bpy.types.Object) -> None:

@@ -23,8 +23,8 @@ from .cuttable import BOX, is_cut_box, require_cuttable
 from .node_builder import Nodes
 
 CUT_AWAY = "CTMC Cut Away"
-OUTSIDE = "Outside"  # label of the node that chooses which side is taken away
-MARGIN = 0.01  # of the diagonal: how far the first box reaches beyond the surfaces, so that no faces coincide
+OUTSIDE = "Outside"  # Label of the node that chooses which side is removed.
+MARGIN = 0.01  # The first box extends this share of the diagonal beyond the surfaces, so that no faces coincide.
 # Corner n has the upper end along x, y, z where bit 0, 1, 2 of n is set; the faces point outwards.
 FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 

@@ -27,9 +27,9 @@ from numpy.typing import NDArray
 from .material import UV
 from .node_builder import Nodes
 
-NEAR = 1e-6  # of the reach of the slice: closer to the plane is on it; a few roundings of float32
-OFFSET = 1e-5  # of the reach: the cut lies so far below the slice, on whose samples many vertices of a surface lie
-EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same point are so close
+NEAR = 1e-6  # Points nearer to the plane than this share of the slice's reach lie on it; a few roundings of float32.
+OFFSET = 1e-5  # The cut lies this share of the reach below the slice, on whose samples many vertices of a surface lie.
+EQUAL = 5e-7  # Ends of the section's edges nearer than this share of the reach are the same point.
 
 
 def cut_nodes(

@@ -8,7 +8,7 @@ import bpy
 from ...core import MeshError
 from .plane import is_slice
 
-BOX = "ctmc_cut_box"  # property of a box that cuts
+BOX = "ctmc_cut_box"  # Custom property of a box that cuts.
 
 
 def is_cut_box(obj: bpy.types.Object | None) -> bool:

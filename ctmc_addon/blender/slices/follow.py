@@ -15,7 +15,7 @@ from ...core.volume import AIR, ValueKind, resliced, slice_corners, slice_normal
 from .material import pack, paint, picture_of, set_window, show_in_solid
 from .plane import PLANE, SHOWN, SLICE, is_slice, outside_body
 
-STILL = 1e-3  # mm that a slice may be off before its picture is taken again
+STILL = 1e-3  # Distance in mm that a slice may move before its picture is updated.
 
 
 def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:

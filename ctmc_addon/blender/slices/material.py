@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 from ...core.volume import windowed
 from ..materials import use_nodes
 
-VALUES, SOLID, WINDOW = "Values", "Solid Shading", "Window and Level"  # labels of nodes
+VALUES, SOLID, WINDOW = "Values", "Solid Shading", "Window and Level"  # Labels of nodes.
 UV = "UVMap"
-DISPLAY_GAMMA = 2.2  # grays are to look as in the sidebar's slice: a render takes them for amounts of light
+DISPLAY_GAMMA = 2.2  # Makes grays look as in the sidebar's slice, because a render takes them as linear.
 
 
 def slice_material(

@@ -8,7 +8,7 @@ from typing import Any
 
 import bpy
 
-COLUMN = 8  # nodes one below the other
+COLUMN = 8  # Nodes in a column.
 
 
 class Nodes:

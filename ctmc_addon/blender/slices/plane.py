@@ -14,9 +14,9 @@ from ...core.volume import SliceIndex, ValueKind, ends_of_body, outside_air, sli
 from ..scene.ct_box import link_beside_ct
 from .material import UV, slice_material
 
-SLICE = "ctmc_slice_of"  # property of the object: the fingerprint of its CT
-PLANE = "ctmc_slice_plane"  # which of `PLANES` it was made in
-SHOWN = "ctmc_slice_shown"  # where its picture was taken: its corners, RAS+ mm
+SLICE = "ctmc_slice_of"  # Custom property of the object: the fingerprint of its CT.
+PLANE = "ctmc_slice_plane"  # Custom property: the plane of `PLANES` in which it was made.
+SHOWN = "ctmc_slice_shown"  # Custom property: the corners of its picture, RAS+ mm.
 CORNERS_UV = (0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0)
 
 

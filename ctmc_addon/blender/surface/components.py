@@ -15,7 +15,7 @@ from .objects import require_updatable, update_reconstruction
 from .provenance import Provenance, require_provenance
 from .readback import own_mesh, read_back, reconstruction_of
 
-ON_SURFACE = 1e-2  # mm that the place of a click may be off
+ON_SURFACE = 1e-2  # Tolerance in mm for a click on the surface.
 PICKED = "Components were picked by hand."
 """The note of a surface that settings alone do not make again."""
 

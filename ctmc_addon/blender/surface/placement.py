@@ -18,8 +18,8 @@ from ...core.volume import determinant, product, to_index, transform_faces, tran
 
 SCALE = 0.01
 ROUNDING = 4 * float(np.finfo(np.float32).eps)
-FIT_SAMPLES = 10_000  # vertices that decide whether a transform was applied to a mesh
-FEW = 0.1  # of them may have been left in place by chance: on the axis of a rotation, in the plane of a mirror
+FIT_SAMPLES = 10_000  # Vertices tested for a transform that was applied to a mesh.
+FEW = 0.1  # Share of vertices that may stay in place by chance: on the axis of a rotation, in the plane of a mirror.
 FLAT = 1e-15  # Volume of the unit cube moved by a matrix, over its largest number cubed, that is rounding.
 Rows = tuple[tuple[float, ...], ...]
 

@@ -21,7 +21,8 @@ from .evaluate import evaluated_object
 from .placement import Placement, is_close, moved_mesh, present_placement
 from .provenance import Provenance, read_provenance, require_provenance
 
-POSITIONS_MM = ".ctmc_positions_mm"  # of the midpoints where the surface has the key `alpha`
+POSITIONS_MM = ".ctmc_positions_mm"
+"""Attribute of the positions, or of the midpoints if the surface has the key `alpha`."""
 LINEAR_MM = ".ctmc_linear_mm"
 
 

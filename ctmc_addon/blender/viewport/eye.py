@@ -24,14 +24,14 @@ SIDES = {
     "S": ((0, 0, 1), (0, 1, 0)),
     "I": ((0, 0, -1), (0, 1, 0)),
 }
-SENSOR = 36.0  # mm; half of what a viewport's lens sees along its longer side at its own focal length
-FAR = 20_000  # pixels beyond which nobody zooms
+SENSOR = 36.0  # Half of the length in mm that a viewport's lens sees along its longer side at its own focal length.
+FAR = 20_000  # Pixels beyond any usual zoom.
 NEAR = 1e-4  # Blender units: what lies in the plane is shown
-AIR = 1.08  # room around what is framed
-LETTERS = 1.2  # and where letters stand beside it
+AIR = 1.08  # Room around a framed box.
+LETTERS = 1.2  # Room around a framed box with letters around it.
 # Where a bar lies on a viewport: right and up.
 BARS = {"RIGHT": (1.0, 0.0), "LEFT": (-1.0, 0.0), "TOP": (0.0, 1.0), "BOTTOM": (0.0, -1.0)}
-MOST = 0.6  # of a view that bars may cover on one side; what they cover more is not made room for
+MOST = 0.6  # Bars may cover this share of a view on one side; more is not compensated.
 
 
 def _rotation_from(side: str) -> Any:

@@ -9,7 +9,7 @@ import bpy
 
 from .overlay import FONT
 
-BAR = (16.0, 150.0)  # pixels at Blender's usual size
+BAR = (16.0, 150.0)  # Width and height, pixels at Blender's usual size.
 LEFT, BOTTOM, GAP, LETTERS = 70.0, 40.0, 6.0, 12.0
 TICKS = 4
 

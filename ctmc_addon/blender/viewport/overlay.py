@@ -20,11 +20,11 @@ Box = tuple[float, float, float, float]
 FONT = 0
 # Pixels; a letter nearer to the middle than this would say nothing.
 NEAREST_LETTER = 24.0
-PLATE = 4.0  # pixels of a dark box around letters
-FAINT = 0.25  # how much of a line is seen through what hides it
+PLATE = 4.0  # Border in pixels of a dark box around letters.
+FAINT = 0.25  # Opacity of the hidden part of a line.
 
 
-NEARER = 5e-4  # of the distance to the eye: more than the steps of the depth buffer
+NEARER = 5e-4  # Share of the distance to the eye, more than the steps of the depth buffer.
 
 # Before Blender 5 a viewport's draw handlers write linear light, since then the colors as they appear.
 FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"

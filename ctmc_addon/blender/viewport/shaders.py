@@ -27,7 +27,7 @@ void main() {
     if (beyond > 0.0) { discard; }
     shown = vec4(color.rgb * (0.18 + 0.72 * abs(dot(normalize(shade), eye))), 1.0);
 }"""
-WHOLE = (0.0, 0.0, 0.0, 0.0)  # a plane with nothing beyond it
+WHOLE = (0.0, 0.0, 0.0, 0.0)  # A plane with nothing beyond it.
 _shader: list[Any] = []
 
 

@@ -17,9 +17,9 @@ from .overlay import FONT, Color
 
 # Pixels at Blender's usual size, from the lower edge up.
 GAP, TICKS, PLOT, BANDS, NAMES, TITLE = 8, 18, 96, 18, 15, 20
-SIDE = 14  # beside the axis
+SIDE = 14  # Margin left and right of the axis.
 LETTERS = 11
-REACH = 9  # how far from a line the mouse still takes it
+REACH = 9  # Distance from a line at which the mouse still grabs it.
 NARROWEST = 120
 
 BACKGROUND, PLOT_BACKGROUND = (0.10, 0.10, 0.11, 0.92), (0.05, 0.05, 0.06, 1.0)
@@ -27,7 +27,7 @@ OUTSIDE, INSIDE = (0.42, 0.42, 0.45, 1.0), (0.90, 0.58, 0.25, 1.0)
 LINE, LINE_HELD, FAINT, TEXT = (1.0, 1.0, 1.0, 1.0), (1.0, 0.95, 0.45, 1.0), (1.0, 1.0, 1.0, 0.12), (0.9, 0.9, 0.9, 1.0)
 Width = Callable[[str], float]
 """How wide a text is, pixels."""
-BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # one beside the other
+BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # Neighboring bands alternate between two colors.
 
 
 @dataclass(frozen=True)

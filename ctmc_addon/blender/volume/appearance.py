@@ -18,8 +18,8 @@ from .vdb import GRID
 
 THRESHOLD, WINDOW, LEVEL = "Threshold", "Window", "Level"
 """Labels of the nodes that hold them."""
-GLOW = 0.22  # of the light that a part scatters at most
-BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends it
+GLOW = 0.22  # Largest share of the light that a part scatters.
+BACK = -0.3  # Anisotropy: more light returns to the eye, as from a surface.
 
 
 @dataclass(frozen=True)

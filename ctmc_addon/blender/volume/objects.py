@@ -15,7 +15,7 @@ from .vdb import middle_mm
 
 # Before Blender 5.0 Cycles shows a sample, and Volume to Mesh has it, half a voxel beyond its place along each axis.
 RENDERED_OFF = -0.5 if bpy.app.version < (5, 0, 0) else 0.0
-CT = "ctmc_volume_of"  # property of the object: the fingerprint of its CT
+CT = "ctmc_volume_of"  # Custom property of the object: the fingerprint of its CT.
 
 
 def add_volume(

@@ -23,7 +23,7 @@ from ...core.volume import transform_points
 
 GRID = "HU"
 """The grid's name, also where the values are not HU: materials ask for it."""
-SLICES = 16  # copied between two steps
+SLICES = 16  # Slices copied per step.
 
 
 @cache

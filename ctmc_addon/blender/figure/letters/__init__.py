@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 FILE = Path(__file__).with_name("ctmc-letters.woff2")
-CAP = 0.729  # height of a capital letter over the size of the letters, which is that of the em
+CAP = 0.729  # Height of a capital letter, as a share of the em.
 EM = 1.2660  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
 CHARACTERS = frozenset(
     chr(code)

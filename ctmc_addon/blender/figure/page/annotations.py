@@ -26,9 +26,9 @@ from ..spec import WHITE, Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
-COLUMN_GAP_MM = 3.0  # between columns of a legend
+COLUMN_GAP_MM = 3.0  # Gap between columns of a legend.
 NO_BREAK = "\N{NO-BREAK SPACE}"
-LEADING = 1.3  # from line to line over the size of the letters
+LEADING = 1.3  # Line spacing, in letter sizes.
 
 
 @dataclass

@@ -20,12 +20,12 @@ from .annotations import LINE_MM, Board, disc
 LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
 OPPOSITE = {"R": "L", "A": "P", "S": "I"}
 PIVOT = "CTMC Orientation"
-REACH = 1.6  # from the middle to the letters, over their size
-ARM = 0.6  # of the reach
-SIZE = 0.9  # of the letters, over the page's
-CLEARING = 0.58  # around a letter, over its size: what lies behind leaves it room
-FADE = (0.1, 0.3)  # how far behind the middle a letter begins to fade and is gone, over the reach
-SHADES = (-0.2, 0.4)  # how far behind the middle an arm begins to become lighter and is as light as it gets
+REACH = 1.6  # Distance from the middle to the letters, in letter sizes.
+ARM = 0.6  # Length of an arm, as a share of the reach.
+SIZE = 0.9  # Size of the letters, relative to the page's.
+CLEARING = 0.58  # Radius around a letter that stays clear of what lies behind, in letter sizes.
+FADE = (0.1, 0.3)  # Distances behind the middle at which a letter begins to fade and is invisible, in reaches.
+SHADES = (-0.2, 0.4)  # Distances behind the middle at which an arm begins to get lighter and is lightest.
 FAR: Color = (0.55, 0.55, 0.55)
 
 

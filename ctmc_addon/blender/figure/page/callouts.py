@@ -17,10 +17,11 @@ from .layout import SheetLayout
 from .ruler_marks import add_line
 
 LINE_MM = 0.18
-BORDER_MM = 0.22  # of paper around a line, so that it is seen on any ground
-DOT_MM = 0.9  # at its end
-UNOBSTRUCTED_SHARE = 0.15  # of what is seen of a structure: so much of it before nothing else is where its line ends
-STUB_MM = 1.5  # of a line before it turns
+BORDER_MM = 0.22  # Border of paper around a line, so that it shows on any ground.
+DOT_MM = 0.9  # Diameter of the dot at a line's end.
+UNOBSTRUCTED_SHARE = 0.15
+"""A line ends on the unobstructed part of a structure if it is more than this share of the visible part."""
+STUB_MM = 1.5  # Length of a line before it bends.
 
 
 @dataclass(frozen=True)

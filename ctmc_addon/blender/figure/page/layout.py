@@ -13,17 +13,17 @@ from ..spec import FEW_STRUCTURES, Box, Cell, FigureStyle, Page
 from .annotations import COLUMN_GAP_MM, LEADING, Board
 
 MARGIN_MM = 2.5
-GAP_MM = 3.0  # between cells side by side
+GAP_MM = 3.0  # Gap between cells side by side.
 ROW_GAP_MM = 4.0
 MOST_IN_A_COLUMN = 6
 FOOTER_GAP_MM = 2.0
-ROOM = 1.04  # around what a cell shows
-HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
-MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
+ROOM = 1.04  # Room for a cell's contents, as a multiple of their size.
+HEIGHTS = (0.4, 1.25)  # Lowest and highest ratio of height to width of a cell, if the page's height is free.
+MOST_HEIGHT_MM = 230.0  # Height of a journal's page: the limit if the height is free.
 LEAST_OF_REST = 1.07  # A picture is at least this much taller than its legend and all else on the page.
-SMALLEST_MM = 8.0  # a picture
-LEADER_MM = 4.0  # from a name to the picture, at least
-LEAST_SHARE = 0.36  # of the width, which names leave the picture
+SMALLEST_MM = 8.0  # Smallest picture.
+LEADER_MM = 4.0  # Shortest line from a name to the picture.
+LEAST_SHARE = 0.36  # Smallest share of the width that names leave for the picture.
 
 
 @dataclass(frozen=True)
@@ -34,16 +34,17 @@ class SheetLayout:
     unit: float
     margin: float
     pictures: tuple[Box, ...]
-    texts: tuple[tuple[str, ...], ...]  # lines under every picture
-    captions_top: float  # below a picture, to the top of its caption's first capital
+    texts: tuple[tuple[str, ...], ...]  # Lines under every picture.
+    captions_top: float  # Distance from a picture down to the top of its caption's first capital.
     cap_mm: float
     footer_bottom: float
     footer_mm: float
     caption_top: float
     caption: tuple[str, ...]
     legend_columns: int = 1
-    legend_above_mm: float = 0.0  # from the footer's bottom to a legend above scale bar and axes; 0 where it is beside
-    has_name_columns: bool = False  # names stand beside the picture, and none in the footer
+    legend_above_mm: float = 0.0
+    """Distance from the footer's bottom to a legend above scale bar and axes; 0 for a legend at their side."""
+    has_name_columns: bool = False  # Names are in columns left and right of the picture, and not in the footer.
 
     def center(self, which: int) -> tuple[float, float]:
         """Return the middle of a cell's picture."""

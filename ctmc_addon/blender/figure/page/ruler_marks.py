@@ -18,12 +18,12 @@ from ...surface import mesh_data as meshes
 from ..letters import CAP, text_curve
 from .annotations import Board
 
-WIDTH_MM = 0.35  # of lines
-BORDER_MM = 0.25  # of white around lines and letters
-END_MM = 1.6  # length of a line's ends
-ARC_MM = 3.5  # radius of an angle's arc, or half of its shorter side
-ROOM_MM = 1.2  # from a line to its value
-PAGE_EDGE_MM = 1.0  # which values stay clear of
+WIDTH_MM = 0.35  # Width of lines.
+BORDER_MM = 0.25  # White border around lines and letters.
+END_MM = 1.6  # Length of a line's ends.
+ARC_MM = 3.5  # Largest radius of an angle's arc; short sides have half of their length.
+ROOM_MM = 1.2  # Distance from a line to its value.
+PAGE_EDGE_MM = 1.0  # Values keep this distance from the page's edge.
 
 
 def ruler_mark(board: Board, points_mm: Sequence[tuple[float, float]], text: str) -> None:

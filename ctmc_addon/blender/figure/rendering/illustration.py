@@ -35,10 +35,10 @@ SUNS = {
     "CTMC Fill": Sun(-40.0, 0.0, 0.10, 0.0, False, (0.90, 0.95, 1.0)),
     "CTMC Rim": Sun(-152.0, 32.0, 0.75, 8.0, True, (0.96, 0.98, 1.0)),
 }
-FROM_ALL_SIDES = 0.44  # white
-OUTLINE_MM = 0.14  # on the page
+FROM_ALL_SIDES = 0.44  # Strength of the white light from all sides.
+OUTLINE_MM = 0.14  # Width of an outline on the page.
 OUTLINE: Color = (0.012, 0.010, 0.012)
-TINT = 0.4  # of the color of a translucent organ, in what is seen through it
+TINT = 0.4  # Share of a translucent organ's color in everything seen through it.
 SHELL = "CTMC Outline"
 
 

@@ -20,7 +20,7 @@ from ...colors import Color
 from ...output_files import require_room
 from .samples import OVERLAP, clean_border, clean_page, is_denoised, without_noise
 
-TILE_PIXELS = 1_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
+TILE_PIXELS = 1_000_000  # A large picture is rendered in tiles of this size to limit the denoiser's memory.
 WRITTEN_PIXELS = 100_000  # A written part of fewer pixels is not worth a tile of its own.
 
 

@@ -25,8 +25,8 @@ from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
 
 PICTURE_SAMPLES = 9
-PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
-PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
+PICTURE_SIZE = (1200, 900)  # Size of the plain picture next to a reconstruction, pixels.
+PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # Makes triangle edges two pixels wide.
 
 
 def figure_steps(

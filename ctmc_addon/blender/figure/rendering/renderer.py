@@ -32,9 +32,9 @@ from .picture import RenderRequest
 
 Task = RenderRequest | Video
 WORKER = Path(__file__).with_name("renderer_worker.py")
-MARK = b"ctmc-renderer "  # begins what the process says: Blender prints to the same stream
+MARK = b"ctmc-renderer "  # Begins each answer of the process, because Blender prints to the same stream.
 SCENE = "scene.blend"
-TICK = 0.02  # seconds between two looks whether there is an answer
+TICK = 0.02  # Seconds between two checks for an answer.
 
 
 class Renderer(Protocol):

@@ -26,7 +26,7 @@ from .picture import RenderRequest
 from .renderer import MARK
 
 TASKS = {task.__name__: task for task in (RenderRequest, Video)}
-SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # as Cycles tells them
+SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # The progress that Cycles reports.
 REMOVALS = 100  # Blender may be writing into its folder while that is removed.
 
 

@@ -17,18 +17,18 @@ import numpy as np
 from ...colors import Color, srgb
 from ..spec import FigureStyle
 
-DENOISED = 32  # samples of a pixel before the denoiser, at most; how smooth edges are comes from them
-NOISE_DENOISED = 0.05  # the page and even surfaces have no more after 16 samples, which is most of a picture
+DENOISED = 32  # Most samples of a pixel before the denoiser; they decide how smooth edges are.
+NOISE_DENOISED = 0.05  # The page and even surfaces, most of a picture, are below this noise after 16 samples.
 FIRST_LOOK = 8  # Cycles looks at every 16th sample, and not while it has this many: with 16 it would look at the 32nd
-SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and seen from afar
-NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
+SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # A picture of fewer pixels is a thumbnail, and gets fewer samples.
+NOISE = 0.02  # Noise of a pixel, as Cycles measures it, at which it stops without a denoiser.
 FEWEST, MOST = 16, 512
-COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
+COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # Visible pixels need more samples.
 PATTERN = "TABULATED_SOBOL"  # Spreads few samples of a pixel evenly: edges of letters are smooth with 16.
-LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
-OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
-PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
-BORDER = 3  # pixels along the sides of a page, which are empty, and where it leaves more
+LONGEST_S = 600.0  # Time limit for a picture or a tile of a large one; the remaining noise then stays.
+OVERLAP = 24  # Rows that tiles share, because a denoiser looks at the surroundings of a pixel.
+PAGE_LEVELS = 4  # Noise that a denoiser leaves on an empty page, of 255.
+BORDER = 3  # Width in pixels of a page's empty border, where the denoiser leaves more noise.
 
 
 def can_denoise() -> bool:

@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-CELLS = 200  # along the longer side of what is seen
-HIDES = 0.25  # of a tumor's picture: what covers more of it hides it
+CELLS = 200  # Cells along the longer side of the visible part.
+HIDES = 0.25  # A surface hides a tumor if it covers more than this share of the tumor's picture.
 HIDES_ALL = 0.9
-MOST_SAMPLES = 2_000_000  # at once
-TOUCHING = 2.0  # cells: surfaces that lie this near to each other, such as shared walls, hide nothing
+MOST_SAMPLES = 2_000_000  # Samples processed at once.
+TOUCHING = 2.0  # Surfaces this near to each other in cells, such as shared walls, hide nothing.
 
 
 @dataclass(frozen=True)
