@@ -29,11 +29,11 @@ Conclusion = Callable[[], str]
 
 TAB = "CTMC"
 """The tab in the sidebar."""
-TICK = 0.04  # seconds of work between two looks at the events
+TICK = 0.04  # Seconds of work between two checks for events.
 # While a job keeps objects of its own in the file, only these events get past it: navigation changes nothing there.
 NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
 START = Step(0.0, "Starting")
-INTERVAL = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
+INTERVAL = 0.005  # Seconds between the end of one tick and the next, in which the window draws and responds.
 NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
 
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Translate our strings to German and Simplified Chinese, through `bpy.app.translations`.
 
-The tables are TOML, English on the left. Missing strings are shown in English; `make translations` lists them. Sentences of
-errors and notes carry names and numbers: the tables hold them with fields in their place.
+The tables are TOML, English on the left. Missing strings are shown in English; `make translations` lists them.
+Sentences of errors and notes carry names and numbers: the tables hold them with fields in their place.
 """
 
 from __future__ import annotations
@@ -19,7 +19,7 @@ TABLES = Path(__file__).with_name("languages")
 LOCALES = {"de_DE.toml": ("de_DE", "de"), "zh_HANS.toml": ("zh_HANS", "zh_CN")}
 OURS = "CTMC"
 """Our own context: in it, Blender's words for other things do not stand before ours, as "Schneiden" for a slice."""
-CONTEXTS = ("*", "Operator", OURS)  # buttons of operators are looked up in a context of Blender's
+CONTEXTS = ("*", "Operator", OURS)  # Blender looks up buttons of operators in a context of its own.
 
 FIELD = re.compile(r"(\{\w+\})")
 LEAST_WORDS = 8

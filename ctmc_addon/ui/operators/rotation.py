@@ -59,7 +59,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         "Time how long the active surface takes to turn once around in this viewport, at several levels of "
         "simplification. Esc stops it and puts everything back"
     )
-    locks = True  # its levels stand in the scene meanwhile
+    locks = True  # The levels are in the scene meanwhile.
 
     needs = (_is_mesh, jobs.idle)
 

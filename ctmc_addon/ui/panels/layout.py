@@ -17,11 +17,11 @@ from ..state import surfaces, volumes
 from ..state.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
-FONT, POINTS = 0, 11.0  # of Blender's panels at its usual size
-LETTER = 6.3  # pixels of a letter, where Blender measures no text
-MARGIN = 84.0  # pixels of a panel beside a text that has an icon and stands in a box
-NARROWEST = 100.0  # pixels of a text
-NARROW = 250.0  # pixels below which buttons and facts stand one below the other
+FONT, POINTS = 0, 11.0  # Blender's font and its size in panels at the usual scale.
+LETTER = 6.3  # Width of a letter in pixels, if Blender measures no text.
+MARGIN = 84.0  # Pixels of a panel next to a text in a box with an icon.
+NARROWEST = 100.0  # Least width of a text, pixels.
+NARROW = 250.0  # Width in pixels below which buttons and facts are stacked.
 
 
 class SidePanel:

@@ -28,8 +28,8 @@ LABEL, THRESHOLD = "label", "threshold"
 Line = tuple[int, str, tuple[float, float, float]]
 """Of the list: a label's value, name and color."""
 
-_ticking: list[bool] = []  # not empty while ticks are set by code
-_filling: list[bool] = []  # not empty while code fills the list
+_ticking: list[bool] = []  # Not empty while code sets ticks.
+_filling: list[bool] = []  # Not empty while code fills the list.
 
 
 @contextmanager

@@ -21,9 +21,9 @@ from ...core.segmentation import layers_of
 from ..properties.structures import called
 from . import drawings, masks, scans, session, volumes
 
-SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
-SHORT = 4  # letters of a fingerprint
-_written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
+SUFFIX = " drawn.seg.nrrd"  # A segmentation of a user next to the .blend has another name and is not overwritten.
+SHORT = 4  # Letters of a fingerprint in a file name.
+_written: dict[tuple[int, str], Any] = {}  # The written state, by session_uid of the scene, and path.
 
 
 def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:

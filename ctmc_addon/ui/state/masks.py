@@ -22,7 +22,7 @@ from . import change_events, volumes
 from .drawn import Drawn
 
 _revisions = count(1)
-_strokes: list[Any] = []  # the operator whose stroke is being drawn
+_strokes: list[Any] = []  # The operator whose stroke is being drawn.
 
 
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:

@@ -30,7 +30,8 @@ from ...core.mesh import (
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
 State = list[Any]
-UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")  # settings that change no mesh
+UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")
+"""Beginnings of the names of settings that change no mesh."""
 STAGES = {"Measuring": 2, "Looking for self-intersections": 2, "Comparing with the full surface": 3}
 
 

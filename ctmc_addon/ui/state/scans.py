@@ -17,7 +17,7 @@ from ..properties.scans import take_over
 from ..properties.structures import filling
 from . import change_events
 
-_seen: dict[int, tuple[Any, ...]] = {}  # by the scene's session_uid: the object and collection that were active last
+_seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
 
 
 def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:

@@ -237,7 +237,7 @@ def stored_path(path: Path, blend_path: str = "") -> str:
         return str(path)
 
 
-_absolute: list[str] = []  # where the noted paths lead, while the file is saved
+_absolute: list[str] = []  # Absolute form of the stored paths, while the file is saved.
 
 
 def noted() -> list[tuple[str, Callable[[str], None]]]:

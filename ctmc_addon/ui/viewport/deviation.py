@@ -14,7 +14,7 @@ from ..state import session
 from ..translations import translate
 
 ATTRIBUTE, USUAL = "VERTEX", "MATERIAL"
-_before: dict[int, tuple[str, str]] = {}  # how each viewport was shaded, by its address
+_before: dict[int, tuple[str, str]] = {}  # Earlier shading of each viewport, by its address.
 
 
 def _shadings() -> list[Any]:

@@ -21,8 +21,8 @@ from ..state.tools import tool_of
 from ..translations import translate
 from .slice_hits import SliceHit, brush_along, brush_under, slice_under
 
-CIRCLE = 64  # corners
-WATCH = 0.3  # seconds between two looks whether the tool is still active
+CIRCLE = 64  # Corners of the circle.
+WATCH = 0.3  # Seconds between two checks whether the tool is still active.
 HELP = {
     "ctmc.grow": "Click: grow. Alt click: surroundings",
     "ctmc.brush": "Drag: draw. Ctrl: erase. F: radius",
@@ -30,8 +30,8 @@ HELP = {
     "ctmc.scissors": "Drag: remove what is inside. Ctrl: keep it",
 }
 BRUSHES = ("ctmc.brush", "ctmc.eraser")
-_held: list[SliceHit] = []  # where the circle stays while its radius changes
-_status: list[str] = []  # names of the workspaces whose status bar has a text of ours
+_held: list[SliceHit] = []  # Position of the circle while its radius changes.
+_status: list[str] = []  # Names of the workspaces whose status bar shows our text.
 
 
 def _keys_of(operator: str, modifier: str, switch: str, state: bool = False) -> tuple[Any, ...]:

@@ -26,15 +26,15 @@ from ..state.tools import tool_of
 from .slice_hits import slices_in
 
 DISPLAY_GAMMA = 2.2
-SOON = 0.01  # seconds from a change to the surface
-CROP_MM = 4.0  # around a structure, for its surface
-EDGE = 0.17  # cosine: nobody draws on a slice that is seen nearly from its edge, 10 degrees, so it ends no surface
-CUTTING = "ctmc.scissors"  # cuts through everything, so the whole surface is shown
+SOON = 0.01  # Seconds from a change to the surface.
+CROP_MM = 4.0  # Margin around a structure for its surface.
+EDGE = 0.17  # Cosine: a slice seen at less than 10 degrees is not drawn on, so it ends no surface.
+CUTTING = "ctmc.scissors"  # Scissors cut through everything, so the whole surface is shown.
 
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, OverlayPicture | None]] = {}
 """The picture of each scene, structure and slice, with the state that it shows."""
-_surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
+_surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # Revision and surface by scene and structure.
 
 
 def _seen_color(item: Any) -> tuple[float, ...]:

@@ -54,7 +54,7 @@ class Open:
     held: bool | None = None
 
 
-_open: list[Open] = []  # at most one
+_open: list[Open] = []  # Holds at most one.
 
 
 def current() -> Open | None:

@@ -23,9 +23,9 @@ from ..state import change_events, label_looks, masks, session, structures, volu
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, drawn, preview
 
-IDLE = 0.25  # seconds without a change after which costs are counted and the preview is refined
-TICK = 0.03  # seconds of work between two looks at the events
-SOON = 0.01  # seconds to the next tick
+IDLE = 0.25  # Seconds without a change before costs are counted and the preview is refined.
+TICK = 0.03  # Seconds of work between two checks for events.
+SOON = 0.01  # Seconds to the next tick.
 
 
 @dataclass

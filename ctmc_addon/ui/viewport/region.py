@@ -26,7 +26,7 @@ from ...core.volume import (
 from ..properties.preferences import machine
 from ..state import volumes
 
-COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
+COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # Colors of x, y and z as everywhere in Blender.
 
 
 class _RegionFace:

@@ -13,7 +13,7 @@ from ...blender.rulers import place_of, points_of, rulers_of, text_of
 from ...blender.viewport import draw_labels, draw_lines, draw_path
 
 COLOR = (1.0, 0.85, 0.35, 1.0)
-LETTERS = 13.0  # pixels
+LETTERS = 13.0  # Height in pixels.
 WIDTH = 2.0
 
 

@@ -14,8 +14,8 @@ from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import change_events, session, volumes
 
-STRAIGHT = 0.999  # cosine
-MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # what colors Solid shading
+STRAIGHT = 0.999  # Smallest cosine that counts as straight.
+MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # Color types of Solid shading.
 
 
 def show(scene: bpy.types.Scene, *, again: bool = False) -> None:

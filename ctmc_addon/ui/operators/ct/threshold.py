@@ -17,7 +17,7 @@ from ...needs import Needs
 from ...state import volumes
 from ...translations import translate
 
-PICTURE = (144, 120)  # pixels
+PICTURE = (144, 120)  # Size in pixels.
 NAME = "histogram"
 
 _pictures: dict[str, Any] = {}

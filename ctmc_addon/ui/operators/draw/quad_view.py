@@ -18,8 +18,8 @@ from ...translations import translate
 from ...viewport import slice_objects
 from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
 
-SOON = 0.01  # seconds between two looks whether the views have their sizes
-LONGEST = 1.0  # seconds to wait for them
+SOON = 0.01  # Seconds between two checks whether the views have their sizes.
+LONGEST = 1.0  # Seconds to wait for the views' sizes.
 
 
 class CTMC_OT_quad_view(Needs, bpy.types.Operator):

@@ -15,7 +15,7 @@ from ...viewport import draw_tools
 from ...viewport.slice_hits import brush_under
 from .needs import can_draw
 
-DOUBLE = 120.0  # pixels at Blender's usual size, to the right, that double the radius
+DOUBLE = 120.0  # Pixels at Blender's usual size, to the right, that double the radius.
 ACCEPT, CANCEL = ("LEFTMOUSE", "RET", "NUMPAD_ENTER"), ("ESC", "RIGHTMOUSE")
 
 

@@ -23,8 +23,8 @@ from ...viewport.mouse import window_under
 from .edits import edit_steps
 from .needs import can_draw, has_structure, require_active, target_of, volume_of, whole
 
-STEP = 3.0  # pixels between two corners of the lasso
-FEWEST = 3  # corners
+STEP = 3.0  # Pixels between two corners of the lasso.
+FEWEST = 3  # Fewest corners of a lasso.
 
 
 class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):

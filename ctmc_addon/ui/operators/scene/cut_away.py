@@ -25,7 +25,7 @@ from ...state import volumes
 from ...translations import translate
 from .slice_object import in_object_mode
 
-FRONT = Vector((0.0, 1.0, 0.0))  # of the patient, RAS
+FRONT = Vector((0.0, 1.0, 0.0))  # Axis to the front of the patient, RAS.
 
 
 def _has_box(operator: Any, context: bpy.types.Context) -> bool:

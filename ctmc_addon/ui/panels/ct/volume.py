@@ -17,9 +17,9 @@ from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
 
 LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
-MOST_LABEL_BUTTONS = 6  # buttons for labels that lie with the CT
+MOST_LABEL_BUTTONS = 6  # Buttons for label files next to the CT.
 SIDES_OF_AXES = {"x": "L - R", "y": "A - P", "z": "S - I"}
-NAMES = 0.32  # of the width: three spacings with four digits each have room beside them
+NAMES = 0.32  # Share of the width for names; three spacings with four digits each fit in the rest.
 
 
 def draw_load(layout: Any, context: bpy.types.Context) -> None:
