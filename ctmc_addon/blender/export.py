@@ -35,10 +35,7 @@ RENDER_SAMPLES = 64  # Samples of F12 in an exported .blend.
 def export(
     obj: bpy.types.Object, path: str | os.PathLike[str], space: str = "ras", scene: bpy.types.Scene | None = None
 ) -> None:
-    """Write the evaluated surface of one object, as `export_together` does for several.
-
-    As `export_together` writes one object.
-    """
+    """Write the evaluated surface of one object to `path`, as `export_together` does for several."""
     export_together([obj], path, space, scene)
 
 
@@ -59,11 +56,11 @@ def export_together(
     space : {"ras", "lps"}
         Axes of an STL, PLY, OBJ or 3MF: x to the patient's right or left, y to the front or back, z to the head.
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     collection : str
         The name of a collection that holds the objects of a .blend; empty for none.
     frames : sequence of int
-        At which each object of a .blend is shown, and the others are not; empty for all at once.
+        Frames at which only one object of a .blend is shown, in order; empty shows all at once.
 
     Raises
     ------

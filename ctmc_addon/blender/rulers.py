@@ -116,7 +116,7 @@ def add_ruler(
     points_mm : sequence of (x, y, z), optional
         The same points in the patient; without them `world_points` by the scale.
     fingerprint : str
-        Of the CT that it is a measure of.
+        Fingerprint of the measured CT.
 
     Raises
     ------

@@ -29,7 +29,7 @@ class _MaterialFinish(NamedTuple):
     scattered : float
         Share of the light that goes below the surface.
     scatter_mm : (red, green, blue) float
-        How far that goes.
+        Distance that this light travels.
     roughness, specular, coat : float
     grain_mm : float
         Size of fine unevenness; 0 for none.
@@ -63,7 +63,7 @@ def tissue_material(
     scale : float
         Blender units of 1 mm.
     opacity : float, optional
-        From 0 to 1; None for an opaque surface for which nobody has chosen one.
+        Opacity from 0 to 1; None for an opaque surface without a choice.
     """
     material, about = surface_material(name, color), FINISHES[finish]
     shader = _principled(material)

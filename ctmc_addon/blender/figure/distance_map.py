@@ -63,7 +63,7 @@ def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> C
     ----------
     maps : sequence of DistanceMap
     limit_mm : float, optional
-        Where the colors end; by default the 99th percentile of the distances, rounded up.
+        Distance at which the colors end; by default the 99th percentile of the distances, rounded up.
     """
     every = np.concatenate([distance_map.distances_mm for distance_map in maps])
     most = float(every.max())

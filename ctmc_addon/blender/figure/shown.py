@@ -35,7 +35,7 @@ def shown_surfaces(
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     names : sequence of str
         For legend and anatomy; by default those of the objects, and no legend.
     chosen : sequence of float or None

@@ -243,7 +243,7 @@ class FigureStyle(Described):
     distances : ColorScale or None
         Colors for the distances on the surfaces, instead of the style's.
     samples : int or None
-        Of Cycles, without denoising; None takes what the noise needs.
+        Samples of Cycles, without denoising; None takes as many as the noise needs.
 
     Raises
     ------

@@ -105,11 +105,11 @@ def rotation_test_steps(
     Parameters
     ----------
     simplified : sequence of (per cent, mesh)
-        As `simplified_steps` makes them, RAS+ mm.
+        Result of `simplified_steps`, RAS+ mm.
     engine : {"BLENDER_WORKBENCH", "CYCLES"}
         Workbench needs EGL on Linux; without it Blender would end the process.
     size : (width, height) int, optional
-        Of a frame, pixels; by default that of `SIZES`.
+        Size of a frame, pixels; by default that of `SIZES`.
     """
     size = size or SIZES[engine]
     scene = bpy.data.scenes.new(NAME)

@@ -62,11 +62,11 @@ def show_box(
     Parameters
     ----------
     corners : (8, 3) float64
-        Of the volume, Blender units.
+        Corners of the volume, Blender units.
     name : str
-        What the CT is called.
+        Name of the CT.
     folder : (path, name)
-        Where the CT lies: its collection is found by the path and called by the name.
+        Folder of the CT: its collection is found by the path and has the name.
     """
     obj = box_of(scene, fingerprint, path)
     is_new = obj is None

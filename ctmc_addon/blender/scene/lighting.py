@@ -35,7 +35,7 @@ class _Lamp(NamedTuple):
     away, size : float
         Distance and side, in radii of the subject.
     share : float
-        Of white, what a white surface that faces it gets.
+        Brightness of a white surface that faces it, as a share of white.
     tint : (red, green, blue) float
     """
 

@@ -37,7 +37,7 @@ class Sun(NamedTuple):
     turn, rise : float
         Degrees from the camera's azimuth and elevation.
     share : float
-        Of white, what a white surface that faces it gets.
+        Brightness of a white surface that faces it, as a share of white.
     angle : float
         Width of its disc, degrees: the wider, the softer the edge of a shadow.
     shadow : bool
@@ -69,7 +69,7 @@ def prepare_scene(
     Parameters
     ----------
     size : (width, height) int
-        Of the picture, pixels.
+        Size of the picture, pixels.
     azimuth, elevation : float
         Camera position, degrees: from the patient's front towards the left, and up.
 
@@ -198,7 +198,7 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
     points : (n, 3) float64
         In Blender units.
     axes : (3, 3) float64
-        As `view_axes` has them.
+        Axes as `view_axes` returns them.
     size : (width, height) int
         Pixels.
     """

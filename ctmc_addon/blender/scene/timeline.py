@@ -21,7 +21,7 @@ def shown_in_turn(objects: Sequence[bpy.types.Object], frames: Sequence[int], sc
     objects : sequence of Object
         Without animation of their own, and shown; they are so again after the block.
     frames : sequence of int
-        Of each object, rising.
+        Frame of each object, rising.
     scene : Scene
         Gets its range and its present frame.
     """

@@ -88,7 +88,7 @@ def is_cut_in(scene: bpy.types.Scene, corners: NDArray[np.float64]) -> bool:
     ----------
     scene : bpy.types.Scene
     corners : (4, 3) float64
-        Of the slice, world space.
+        Corners of the slice, world space.
     """
     normal = slice_normal(corners)
     reach = float(np.linalg.norm(corners[2] - corners[0]))

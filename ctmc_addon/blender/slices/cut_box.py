@@ -54,7 +54,7 @@ def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprin
     corners : (8, 3) float64
         World space, as `region_corners` orders them.
     fingerprint : str
-        Of the CT beside which it is put.
+        Fingerprint of the CT whose collection takes the box.
     """
     middle = corners.mean(axis=0)
     # In a mirrored space the faces would point inwards.

@@ -44,7 +44,7 @@ def add_slice(
     plane : str
         Name: 'axial', 'coronal' or 'sagittal'.
     window, level : float
-        Of its material, in the volume's values.
+        Window and level of its material, in the volume's values.
     scale : float
         Blender units of 1 mm.
     """
@@ -73,7 +73,7 @@ def outside_body(volume: Volume, values: NDArray[Any], corners_mm: NDArray[np.fl
     volume : Volume
     values : (rows, columns) numbers
     corners_mm : (4, 3) float64
-        Of the slice, RAS+.
+        Corners of the slice, RAS+.
 
     Returns
     -------

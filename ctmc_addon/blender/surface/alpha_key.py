@@ -75,7 +75,7 @@ def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
     old : bpy.types.Key
     new : bpy.types.Key
     old_alpha : float
-        Of the settings; the key's value is carried over only where it differs or is animated.
+        Alpha of the settings; the key's value is kept only if it differs or is animated.
     """
     before, animation = old.key_blocks.get(KEY), old.animation_data
     if before is not None:

@@ -50,7 +50,7 @@ def new_mesh_steps(
     faces : (F, 3) int32
         Counter-clockwise seen from outside.
     edges : (2, E) and (3, F) int32
-        As `core.mesh.edges_steps` gives them.
+        Result of `core.mesh.edges_steps`.
     """
     ends, edge_of_corner = edges
     mesh = bpy.data.meshes.new(name)
@@ -136,7 +136,7 @@ def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
     ----------
     collection : bpy_prop_collection
     name : str
-        Of the vector property, such as 'co'.
+        Name of the vector property, such as 'co'.
     count : int
         Length of the collection.
     """

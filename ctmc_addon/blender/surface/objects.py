@@ -56,9 +56,9 @@ def add_reconstruction(
     structure : str
         Name of the structure, for the object's name; empty takes the volume's name of the label.
     fingerprint : str
-        Of the volume's values.
+        Fingerprint of the volume's values.
     opacity : float, optional
-        From 0 to 1; None for an opaque surface for which nobody has chosen one.
+        Opacity from 0 to 1; None for an opaque surface without a choice.
 
     Raises
     ------

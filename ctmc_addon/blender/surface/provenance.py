@@ -31,9 +31,9 @@ class Provenance:
     placement : Placement
         Transform from millimeters to the object's local space when it was made.
     version : str
-        Of this package.
+        Version of this package.
     name : str
-        Of the volume.
+        Name of the volume.
     threshold : float
         The gray value that was used.
     faces, vertices, full_faces : int
@@ -43,7 +43,7 @@ class Provenance:
     notes : tuple of str
         Assumptions.
     fingerprint : str
-        Of the volume's values; empty where it is not known.
+        Fingerprint of the volume's values; empty if not known.
     drawn : str
         A hash of the structure's drawing; empty if nothing was drawn by hand.
     """

@@ -86,7 +86,7 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
     ----------
     area, space, view : bpy.types.Area, bpy.types.SpaceView3D, bpy.types.RegionView3D
     corners : (8, 3) float64
-        Of the box, Blender units.
+        Corners of the box, Blender units.
     """
     if side and not view.lock_rotation:
         view.view_rotation = _rotation_from(side)

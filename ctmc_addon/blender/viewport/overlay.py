@@ -36,9 +36,9 @@ class OverlayPicture:
     Parameters
     ----------
     colors : (rows, columns, 4) float32
-        As they are to appear.
+        Display colors.
     corners : (4, 3)
-        Of row and column 0, the last column, the last column and row, the last row.
+        Corners at row and column 0, the last column, the last column and row, the last row.
     """
 
     def __init__(self, colors: NDArray[np.float32], corners: NDArray[Any]) -> None:
@@ -102,7 +102,7 @@ def draw_lines(
         Points that each line joins.
     color : Color
     size : (width, height) float
-        Of the viewport, pixels.
+        Size of the viewport, pixels.
     width : float
         Pixels.
     """

@@ -41,7 +41,7 @@ class Strip:
     low, high : float
         The values at the ends of its axis.
     scale : float
-        Of Blender's interface.
+        Scale of Blender's interface.
     names : int
         Rows above the bands, for names that do not fit into them.
     """
@@ -103,7 +103,7 @@ def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
     high : float
         Value at the right end.
     scale : float
-        Of the interface.
+        Scale of the interface.
     """
     region = next(region for region in area.regions if region.type == "WINDOW")
     left, right = 0.0, float(region.width)
@@ -185,7 +185,7 @@ def width_of(text: str, scale: float) -> float:
     ----------
     text : str
     scale : float
-        Of the interface.
+        Scale of the interface.
     """
     import blf
 
@@ -213,9 +213,9 @@ def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: 
     ----------
     text : str
     x : float
-        Of its left end, or of its middle, pixels.
+        Left end or middle of the text, pixels.
     y : float
-        Of its baseline, pixels.
+        Baseline of the text, pixels.
     room : (left, right) float
         Pixels into which it is pushed.
     middle : bool
@@ -247,7 +247,7 @@ class Shown:
     held : int or None
         The line that the mouse holds or would take, 0 or 1.
     title, hint : str
-        At the left and the right of the upper edge.
+        Texts at the left and the right of the upper edge.
     pointed : tuple of (value, text) or None
         Part of the strip under the mouse.
     """

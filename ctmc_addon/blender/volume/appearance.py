@@ -38,7 +38,7 @@ class Appearance:
     window, level : float
         HU of the dark to the light end of the colors.
     colors : two linear colors
-        Of the dark and the light end.
+        Colors of the dark and the light end.
     """
 
     label: str

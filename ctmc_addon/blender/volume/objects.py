@@ -27,14 +27,14 @@ def add_volume(
     ----------
     scene : bpy.types.Scene
     volume : Volume
-        What was written.
+        The written volume.
     path : Path
-        Of the .vdb.
+        Path of the .vdb.
     scale : float
         Blender units a millimeter.
     appearance : Appearance
     fingerprint : str
-        Of the CT.
+        Fingerprint of the CT.
     """
     name = f"{volume.name} {appearance.label}"
     data = bpy.data.volumes.new(name)

@@ -38,7 +38,7 @@ class Session:
     table : (tuple of StructureRow, ValueKind) or None
         Measures of all surfaces, and the kind of their CT's values.
     ticked_names : frozenset of str
-        Of the structures that were ticked in the last list, for the next one.
+        Names of the structures that were ticked in the last list, for the next one.
     """
 
     message: str = ""

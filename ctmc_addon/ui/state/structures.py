@@ -170,7 +170,7 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
     Parameters
     ----------
     labels : Volume
-        As `placed_labels_steps` returns them; its `label_names` and `label_colors` go to the list.
+        Result of `placed_labels_steps`; its `label_names` and `label_colors` go to the list.
     key : str
         A key that no other source of the scene has.
     path : Path, optional

@@ -31,7 +31,7 @@ class Loaded:
     Parameters
     ----------
     reading : ReadingOptions
-        How it was read.
+        Options with which it was read.
     geometry : bool
         Whether the files contain spacing and orientation; else the panel asks.
     series_number : int
@@ -161,7 +161,7 @@ def ct_and_labels(fingerprint: str) -> tuple[Volume | None, Volume | None]:
     Parameters
     ----------
     fingerprint : str
-        Of the volume that the surfaces were made from.
+        Fingerprint of the surfaces' volume.
     """
     own = _loaded.get(fingerprint)
     if own is None or own.volume.kind != ValueKind.LABEL:

@@ -42,11 +42,11 @@ class Board:
         Blender units of a millimeter on the page.
     size_mm : (width, height)
     depth : float
-        From the camera, Blender units.
+        Distance from the camera, Blender units.
     font_mm : float
         Size of the letters.
     pen, paper : (red, green, blue) float
-        Of letters and lines, and of the page behind them.
+        Colors of letters and lines, and of the page behind them.
     """
 
     scene: bpy.types.Scene
@@ -156,11 +156,11 @@ def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float
     ----------
     board : Board
     length_mm : float
-        In the patient.
+        Length in the patient.
     page_mm : float
-        On the page.
+        Length on the page.
     x : float
-        Of its left end, mm on the page.
+        Left end, mm on the page.
     y : float
     """
     board.rectangle((x, y, x + page_mm, y + 3 * LINE_MM))
@@ -191,9 +191,9 @@ def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: floa
     board : Board
     entries : sequence of (name, Color)
     x : float
-        Of the first column's left end, mm on the page.
+        Left end of the first column, mm on the page.
     y : float
-        Of the first column's last baseline.
+        Last baseline of the first column.
     columns : int
     """
     side = CAP * board.font_mm

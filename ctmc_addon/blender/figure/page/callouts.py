@@ -96,7 +96,7 @@ def _draw_callout(board: Board, callout: Callout, outer: float, height: float, s
 def spread(wished: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
     """Return heights at least a gap apart and between two limits, near the wished ones; rising, as these are.
 
-    Where the limits leave too little room, the gap is less.
+    The gap is less if the limits leave too little room.
 
     Examples
     --------

@@ -48,7 +48,7 @@ class FigureScene:
     size : (width, height) int
         Pixels.
     paper : (red, green, blue) float
-        Of the page.
+        Color of the page.
     unit : float
         Blender units of a millimeter on the page.
     scale : float
@@ -128,7 +128,7 @@ def compose_steps(
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     turning : bool
         Frame the surfaces for a turn about the z axis.
     even : bool
@@ -310,11 +310,11 @@ def _shadow_free_step(
     axes : (3, 3) float64
         The camera's right, up and backward axis as columns.
     sun : (3,) float64
-        Towards the sun.
+        Direction to the sun.
     size : (width, height)
         Blender units.
     depth : float
-        Of the deepest object, Blender units.
+        Depth of the deepest object, Blender units.
     angle : float
         Width of the sun, degrees.
 

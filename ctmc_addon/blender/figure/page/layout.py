@@ -71,13 +71,13 @@ def make_layout(
     Parameters
     ----------
     extent : (width, height)
-        What every cell must have room for, Blender units.
+        Room that every cell needs, Blender units.
     board : Board
         Measures letters.
     reach_mm : float
-        Of the patient's axes.
+        Reach of the patient's axes.
     turning : bool
-        What is shown will turn, so names cannot stand beside it.
+        The surfaces will turn, so names cannot be left and right of them.
 
     Raises
     ------
@@ -205,7 +205,7 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
     font : float
         Size of the letters, mm.
     reach_mm : float
-        From the middle of the patient's axes to their letters.
+        Distance from the middle of the patient's axes to their letters.
     """
     heights = [0.0]
     if style.scale_bar:

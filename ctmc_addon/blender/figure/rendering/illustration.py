@@ -89,9 +89,9 @@ def glass_material(
     seen : callable
         Returns, for a node tree, the socket of 0 or 1: whether the surface is visible.
     opacity : float
-        Of what faces the camera.
+        Opacity where the surface faces the camera.
     azimuth, elevation : float
-        Of the camera, degrees.
+        Angles of the camera, degrees.
     """
     material = surface_material(name, color)
     tree = material.node_tree

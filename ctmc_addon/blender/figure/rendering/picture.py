@@ -41,7 +41,7 @@ class RenderRequest(NamedTuple):
     pivot : str
         Name of the object that turns; empty where none does.
     angle : float
-        Of the pivot about the z axis, radians.
+        Angle of the pivot about the z axis, radians.
     """
 
     path: str

@@ -47,7 +47,7 @@ def figure_steps(
     blend : path, optional
         A .blend with the figure's own scene; nothing else of the present file goes in.
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     own_process : bool
         Render in a Blender of its own, which closing the steps ends at any moment.
 
@@ -98,7 +98,7 @@ def render_figure_steps(
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     size : (width, height) int
         Pixels.
     style : str

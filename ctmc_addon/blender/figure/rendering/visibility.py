@@ -30,7 +30,7 @@ class DepthMaps:
     depths : (n, rows, columns) float32
         Along the camera's backward axis; -inf where a surface is not seen.
     low : (right, up) float
-        Of the grid's first corner.
+        Position of the grid's first corner.
     cell : float
         Side of a cell.
     """

@@ -41,11 +41,11 @@ class ObjectRequest:
     structure : str
         Name of the label; empty for a threshold.
     fingerprint, kind : str
-        Of its CT; without a kind, an object that is updated keeps its name.
+        Fingerprint and kind of its CT; without a kind, an updated object keeps its name.
     prefix : str
         Name of the CT in the panel, before the name of the surface.
     opacity : float or None
-        Of a new object, from 0 to 1; None for an opaque one.
+        Opacity of a new object, 0 to 1; None for an opaque one.
     drawn : str or None
         A hash of the structure's drawing, empty without one; None keeps the object's own.
     """
