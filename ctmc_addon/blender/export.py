@@ -86,7 +86,7 @@ def export_together(
     with whole_file(target) as temporary:
         try:
             write_blend(objects, temporary, scene, collection, frames)
-        except RuntimeError as error:  # how Blender's operators report what they could not do
+        except RuntimeError as error:  # Blender's operators report their failures so.
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
 
 

@@ -39,7 +39,7 @@ def read_mesh(path: Path) -> TriangleMesh:
     with _added_data_removed():
         try:
             objects = _import_objects(path)
-        except RuntimeError as error:  # how Blender's operators report what they could not do
+        except RuntimeError as error:  # Blender's operators report their failures so.
             raise ReadError(f"{path.name} cannot be read: {' '.join(str(error).split())}") from error
         scene = bpy.data.scenes.new("CTMC Import")
         for obj in objects:

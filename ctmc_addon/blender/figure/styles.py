@@ -62,11 +62,11 @@ def set_engine(scene: bpy.types.Scene, engine: str, paper: Color) -> None:
         shading.show_object_outline = False
         scene.display.render_aa = "16"
         shading.background_type = "WORLD"
-        scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
+        scene.view_settings.exposure = 0.7  # Workbench's studio is darker than the suns; white stays white.
         scene.world.color = paper
     else:
         scene.cycles.transparent_max_bounces = LAYERS
-        scene.cycles.min_transparent_bounces = LAYERS  # or Cycles ends them by chance, which is noise
+        scene.cycles.min_transparent_bounces = LAYERS  # Else Cycles ends them at random, which is noise.
 
 
 def assign_materials(
@@ -88,7 +88,7 @@ def assign_materials(
     if style.distances is not None and DISTANCE in mesh.attributes:
         material = distance_material(style.distances)
     elif shown.opacity < 1.0:
-        obj.visible_shadow = False  # or walls that touch would speckle each other
+        obj.visible_shadow = False  # Else touching walls would speckle each other.
         material = _transparent_material(face, shown.opacity, layers, style)
     elif style.style == "illustration":
         material = opaque_material(NAME, face, finish_of(label_of(shown.obj), shown.name or shown.obj.name))
@@ -98,7 +98,7 @@ def assign_materials(
     if line and shown.opacity == 1.0 and not (style.distances is not None and DISTANCE in mesh.attributes):
         widths = edge_widths(obj, unit, unit / page.pixels_per_mm)
         width = float(np.median(widths))
-        if style.engine == "cycles":  # the others have geometry for edges
+        if style.engine == "cycles":  # The other engines have geometry for edges.
             mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
             add_edges(material, line, EDGE_WIDTH)
     pictures.keep_caps(mesh, material)
@@ -128,7 +128,7 @@ def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.
     scale = scale_in_scene(obj)
     positions, faces = meshes.read_positions(mesh), meshes.read_triangles(mesh)
     radii, edges = _inscribed_radii(positions, faces) * scale, mean_edges(positions, faces) * scale
-    if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
+    if len(radii) != len(mesh.polygons):  # Polygons of a modifier count by their smallest triangle.
         owners = np.empty(len(radii), np.int32)
         mesh.loop_triangles.foreach_get("polygon_index", owners)
         radii, edges = (_smallest_of(values, owners, len(mesh.polygons)) for values in (radii, edges))
@@ -210,7 +210,7 @@ def _transparent_material(color: Color, opacity: float, layers: int, style: Figu
         first = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], 0.5)
         among = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], layers - 0.5)
         front = math_node(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
-        if style.style == "illustration":  # outlines are passed too, so that layers cannot be counted
+        if style.style == "illustration":  # Rays pass outlines too, so layers cannot be counted.
             return math_node(tree, "MULTIPLY_ADD", front, 1.0 - FAR_SIDE, FAR_SIDE)
         return math_node(tree, "MAXIMUM", first, math_node(tree, "MULTIPLY", among, front))
 

@@ -74,7 +74,7 @@ def turntable_steps(
     require_turntable(target, page, resume, overwrite)
     if blend is not None:
         require_own_blend(Path(blend))
-    if is_video(target):  # the folder goes when the video is complete
+    if is_video(target):  # The folder is removed once the video is complete.
         for file in folder.rglob("*"):
             require_no_input(file)
     yield Step(0.0, "Setting up the turntable")

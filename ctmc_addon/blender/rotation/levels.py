@@ -61,7 +61,7 @@ def levels_in(
             scene.collection.objects.link(obj)
         yield levels
     finally:
-        remove_blocks(*(level.obj.data for level in levels))  # and the objects with them
+        remove_blocks(*(level.obj.data for level in levels))  # This removes the objects too.
         remove_blocks(material)
 
 

@@ -80,7 +80,7 @@ def rotation_steps(
         for level, times in zip(levels, seconds, strict=True):
             level.obj.rotation_euler.z = 0.0
             drawing.show(level)
-            drawing.draw(level)  # warms up
+            drawing.draw(level)  # Warm up.
             total = 0.0
             for angle in angles:
                 level.obj.rotation_euler.z = angle

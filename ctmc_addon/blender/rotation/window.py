@@ -43,7 +43,7 @@ class ViewportDrawing:
     def draw(self, level: Level) -> None:
         """Draw the window and wait for it."""
         if self.motion != "rotate":
-            share = math.sin(level.obj.rotation_euler.z / 2)  # out and back in a round
+            share = math.sin(level.obj.rotation_euler.z / 2)  # Move out and back within a round.
             level.obj.rotation_euler.z = 0.0
             if self.motion == "zoom":
                 self.eye.view_distance = self.distance * (1.0 - 0.5 * share)

@@ -85,7 +85,7 @@ def set_up_studio(
     scene.camera = eye
     lights = [_add_lamp(folder, name, lamp, middle, radius, azimuth, elevation) for name, lamp in LAMPS.items()]
     scene.world = _gray_world()
-    scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
+    scene.view_settings.view_transform = "Standard"  # Show colors of anatomy as in lists and files.
     scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
     if hasattr(scene, "cycles"):
         scene.cycles.max_bounces = max(scene.cycles.max_bounces, 4)

@@ -202,7 +202,7 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
     size : (width, height) int
         Pixels.
     """
-    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
+    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # Right, up, backward.
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     longest = max(size)
@@ -266,7 +266,7 @@ def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
     scene.view_settings.view_transform = "Standard"
     render.resolution_x, render.resolution_y = size
     render.resolution_percentage = 100
-    render.dither_intensity = 0.0  # white stays white
+    render.dither_intensity = 0.0  # White stays white.
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode = "RGB"
     render.filepath = "//"

@@ -133,7 +133,7 @@ def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> An
     node.inputs["Hole Tolerant"].default_value = True
     operands = [socket for socket in node.inputs if socket.enabled and socket.type == "GEOMETRY"]
     nodes.link(surface, operands[0])
-    nodes.link(box_mesh, operands[-1])  # which is the only one that INTERSECT has
+    nodes.link(box_mesh, operands[-1])  # INTERSECT has only this operand.
     return node.outputs[0]
 
 
@@ -167,4 +167,4 @@ def remove_cut_away(box: bpy.types.Object) -> None:
                 obj.modifiers.remove(cut)
     if tree is not None:
         bpy.data.node_groups.remove(tree)
-    bpy.data.meshes.remove(box.data)  # the object goes with it
+    bpy.data.meshes.remove(box.data)  # This removes the object too.

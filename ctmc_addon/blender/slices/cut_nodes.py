@@ -86,7 +86,7 @@ def cut_nodes(
     count = nodes.total(is_inside.values())
     islands, _ = nodes.separate(
         triangles, nodes.compare("GREATER_THAN", count, 0.5), "POINT"
-    )  # others have no corner inside
+    )  # Other triangles have no corner inside.
     pairs = (("own", "after"), ("own", "before"), ("before", "own"))
     to_after, to_before, from_before = (crossing_of(*pair) for pair in pairs)
     target = nodes.switch(is_inside["after"], to_before, to_after)
@@ -104,7 +104,7 @@ def cut_nodes(
     chained.inputs["Distance"].default_value = EQUAL * reach
     nodes.link(flat, chained.inputs["Geometry"])
     filled = nodes.of("GeometryNodeFillCurve", nodes.of("GeometryNodeMeshToCurve", chained.outputs[0]))
-    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")  # it is at z = 0
+    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")  # The slice: z = 0.
     in_surface = nodes.of("FunctionNodeTransformPoint", below_slice, to_surface)
     lifted = nodes.of("GeometryNodeSetPosition", filled, None, in_surface)
     material = nodes.add("GeometryNodeSetMaterial")

@@ -105,7 +105,7 @@ def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.
         raise MeshError("this is the only component; nothing would be left")
     new = obj.copy()
     new.data = obj.data.copy()
-    for slot, material in enumerate(obj.data.materials):  # its color is its own
+    for slot, material in enumerate(obj.data.materials):  # The new object's color is its own.
         new.data.materials[slot] = None if material is None else material.copy()
     for collection in obj.users_collection:
         collection.objects.link(new)

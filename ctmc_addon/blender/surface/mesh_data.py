@@ -61,7 +61,7 @@ def new_mesh_steps(
         if len(faces):
             _write_positions(mesh, positions)
             _write_numbers(mesh, ".edge_verts", ends.T)
-            yield Step(0.3, "Adding the surface")  # until here it is a mesh of edges alone, which is a mesh as well
+            yield Step(0.3, "Adding the surface")  # Until here it is a valid mesh of edges.
             mesh = mesh_of(uid)
             mesh.loops.add(faces.size)
             mesh.polygons.add(len(faces))

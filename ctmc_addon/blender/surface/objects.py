@@ -179,7 +179,7 @@ def refresh_normals(obj: bpy.types.Object) -> None:
 
 def _object_name(result: Reconstruction, structure: str = "") -> str:
     """Return the structure's name, else the file's stem and label, short enough that Blender keeps the label."""
-    room = NAME_BYTES - 4  # for the .001 of a second one
+    room = NAME_BYTES - 4  # Leave room for the .001 of a second one.
     if structure:
         return shortened(structure, room)
     label = "" if result.settings.label is None else f" label {result.settings.label}"

@@ -143,7 +143,7 @@ def is_close(
     placement : Placement
     """
     size = np.abs(kept) * np.float32(placement.scale)
-    if placement.applied is not None:  # every sum of a row rounds by the largest of its parts
+    if placement.applied is not None:  # Every sum of a row rounds by its largest term.
         size = size.max(axis=1, keepdims=True) * np.float32(max(1.0, np.abs(placement.applied).sum()))
     return (np.abs(local - expected) <= ROUNDING * (np.abs(expected) + size)).all(axis=1)
 
@@ -181,7 +181,7 @@ def fitted_affine(points: NDArray[np.float64], moved: NDArray[np.float64]) -> ND
     if is_flat(squares):
         return None
     matrix = np.eye(4)
-    matrix[:3, :3] = to_index(affine_of(squares), products)  # squares are symmetric
+    matrix[:3, :3] = to_index(affine_of(squares), products)  # The matrix of squares is symmetric.
     matrix[:3, 3] = moved_middle - transform_points(matrix, middle[None])[0]
     return matrix
 

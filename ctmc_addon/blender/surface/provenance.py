@@ -95,7 +95,7 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
         hashes = (stored.get("fingerprint", ""), stored.get("drawn", ""))
         return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *hashes)
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        return None  # no property, or another add-on's, of whatever kind
+        return None  # No property, or another add-on's of any kind.
 
 
 def require_provenance(obj: bpy.types.Object) -> Provenance:
@@ -106,7 +106,7 @@ def require_provenance(obj: bpy.types.Object) -> Provenance:
     return provenance
 
 
-@lru_cache(maxsize=256)  # panels ask at every redraw
+@lru_cache(maxsize=256)  # Panels ask at every redraw.
 def parsed(
     settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str, drawn: str
 ) -> Provenance | None:

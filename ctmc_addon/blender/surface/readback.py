@@ -66,7 +66,7 @@ def positions_mm(
     """
     stored_mm, linear = meshes.read_attribute(mesh, POSITIONS_MM), meshes.read_attribute(mesh, LINEAR_MM)
     if stored_mm is None:
-        return placement.to_mm(local), np.ones(len(local), bool)  # of an older version, or another's
+        return placement.to_mm(local), np.ones(len(local), bool)  # Made by an older version, or another add-on.
     expected = placement.to_local(stored_mm)
     if linear is not None:
         expected = blend(expected, placement.to_local(linear), alpha)
@@ -102,7 +102,7 @@ def _triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> T
     vertices, unmoved = positions_mm(mesh, meshes.read_positions(mesh), placement, alpha)
     faces, normals = meshes.read_triangles(mesh), meshes.kept_normals(mesh)
     if normals is not None and placement.applied is not None:
-        normals = vertex_normals(vertices, faces)  # whether Apply turns the kept ones depends on Blender's version
+        normals = vertex_normals(vertices, faces)  # Only some Blender versions rotate kept ones on Apply.
     elif normals is not None and not unmoved.all():
         normals = np.where(unmoved[:, None], normals, vertex_normals(vertices, faces))
     return TriangleMesh(vertices, faces, normals)
@@ -150,7 +150,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
             meshes.read_vectors(block.points, "co", len(mesh.vertices)),
             meshes.read_attribute(mesh, name),
         )
-        if stored_mm is None:  # a file of an older version
+        if stored_mm is None:  # The file is from an older version.
             ends.append(placement.to_mm(local))
         else:
             ends.append(_unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])

@@ -54,7 +54,7 @@ def region_of(area: Any, view: Any) -> Any:
 
 def clip(window: Any, area: Any, view: Any) -> None:
     """Enable Blender's clipping of a view, with planes beyond everything; `show_from` moves one."""
-    if not view.use_clip_planes:  # the property alone clips nothing
+    if not view.use_clip_planes:  # The property by itself clips nothing.
         with bpy.context.temp_override(window=window, area=area, region=region_of(area, view)):
             bpy.ops.view3d.clip_border(xmin=-FAR, xmax=FAR, ymin=-FAR, ymax=FAR)
 
@@ -98,7 +98,7 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
     height = max(region.height - covered["TOP"] - covered["BOTTOM"], 1.0)
     longer = max(region.width, region.height, 1)
     low, high = corners.min(axis=0), corners.max(axis=0)
-    if view.lock_rotation:  # one of Blender's quad view: as near as the box as it is seen fits
+    if view.lock_rotation:  # A view of quad view: move as near as the box fits.
         right_up = np.array([view.view_rotation @ Vector(axis) for axis in ((1, 0, 0), (0, 1, 0))])
         sides = np.maximum(np.ptp(corners @ right_up.T, axis=0), 1e-6) * LETTERS
         distance = float((sides / (width, height)).max()) * longer * space.lens / (2 * SENSOR)
@@ -107,7 +107,7 @@ def frame(area: Any, space: Any, view: Any, corners: NDArray[np.float64], side: 
         slope = SENSOR / space.lens * min(width, height) / longer
         radius = max(float(np.linalg.norm(corners - (low + high) / 2, axis=1).max()), 1e-6) * AIR
         distance = radius / (slope if view.view_perspective == "ORTHO" else math.sin(math.atan(slope)))
-    unit = 2 * distance * SENSOR / space.lens / longer  # of a pixel
+    unit = 2 * distance * SENSOR / space.lens / longer  # Size of a pixel.
     right, up = np.array([np.array(BARS[way]) * pixels for way, pixels in covered.items()]).sum(axis=0) / 2 * unit
     view.view_location = Vector((low + high) / 2) + view.view_rotation @ Vector((right, up, 0.0))
     view.view_distance = distance

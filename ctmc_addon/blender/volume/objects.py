@@ -48,7 +48,7 @@ def add_volume(
     obj[CT] = fingerprint
     link_beside_ct(scene, obj, fingerprint)
     if scene.eevee.volumetric_tile_size in {"8", "16"}:
-        scene.eevee.volumetric_tile_size = "2"  # pixels; EEVEE's own leaves blocks
+        scene.eevee.volumetric_tile_size = "2"  # Pixels; EEVEE's default leaves blocks.
     return obj
 
 

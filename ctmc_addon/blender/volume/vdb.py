@@ -34,7 +34,7 @@ def vdb_writer() -> Any | None:
     """
     # Blender as a module does not look where its own packages are.
     inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
-    for name in ("openvdb", "pyopenvdb"):  # since Blender 4.4, and before
+    for name in ("openvdb", "pyopenvdb"):  # Since Blender 4.4, and before.
         try:
             if importlib.util.find_spec(name):
                 return importlib.import_module(name)
@@ -87,7 +87,7 @@ def vdb_steps(volume: Volume, path: Path, scale: float) -> Steps[None]:
     matrix = np.array(volume.affine)
     matrix[:3, 3] -= middle_mm(volume)
     matrix[:3] *= scale
-    grid.transform = module.createLinearTransform(matrix.T.tolist())  # rows are the images of the axes
+    grid.transform = module.createLinearTransform(matrix.T.tolist())  # Rows are the images of the axes.
     values = volume.values
     for first in range(0, len(values), SLICES):
         yield Step(0.6 * first / len(values), "Copying the values")

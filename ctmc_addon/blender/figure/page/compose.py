@@ -94,7 +94,7 @@ class FigureScene:
         for shell in [shell for outlines in self.outlines for shell in outlines]:
             positions, faces = world_positions(shell), meshes.read_triangles(shell.data)
             a, b, c = positions[faces].transpose(1, 0, 2)  # (F, 3) each
-            sign = 1.0 if shell.matrix_world.determinant() > 0 else -1.0  # a mirrored object turns its triangles round
+            sign = 1.0 if shell.matrix_world.determinant() > 0 else -1.0  # A mirrored object reverses its triangles.
             towards = sign * (np.cross(b - a, c - a) * backward).sum(axis=1) > 0.0
             material, whole = shell.data.materials[0], shell.data
             shell.data = meshes.new_mesh(SHELL, meshes.read_positions(whole), faces[towards])
@@ -106,7 +106,7 @@ class FigureScene:
         if self.removed:
             return
         self.removed = True
-        self.scene.render.use_persistent_data = False  # or the engine keeps what it has of the scene
+        self.scene.render.use_persistent_data = False  # Else the engine keeps its data of the scene.
         bpy.data.batch_remove([*self.blocks, self.scene])
         self.blocks = []
         # Blender brings its own letters with the first text, and leaves them.
@@ -159,7 +159,7 @@ def compose_steps(
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
             layers = (
                 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1
-            )  # a ray enters and leaves each but the last
+            )  # A ray enters and leaves each but the last.
             for surface, copy in zip(cell.surfaces, copies, strict=True):
                 yield SETTING_UP
                 figure.blocks += assign_materials(copy, surface, style, page, figure.unit, pictures, layers)
@@ -197,7 +197,7 @@ def _add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[Non
     for cell, copies in zip(cells, figure.copies, strict=True):
         figure.outlines.append([])
         for surface, copy in zip(cell.surfaces, copies, strict=True):
-            if surface.opacity < 1.0:  # its far side would be seen through it; its rim is dark by itself
+            if surface.opacity < 1.0:  # Its far side would show through; its rim is dark anyway.
                 continue
             yield SETTING_UP
             shell = bpy.data.objects.new(SHELL, outline_shell(copy, OUTLINE_MM * figure.unit / scale_in_scene(copy)))
@@ -243,7 +243,7 @@ def arrange(
     """Lay the page out, place camera and cells, and add all writing."""
     page = page.wide(sum(bool(surface.name) for surface in cells[0].surfaces))
     scene, axes = figure.scene, view_axes(style.azimuth, style.elevation)
-    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
+    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # Right, up, backward.
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
@@ -258,7 +258,7 @@ def arrange(
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     figure.blocks += [eye, camera]
-    room = 30.0 * unit  # what is written stands in it
+    room = 30.0 * unit  # Room for the writing.
     first = layout.center(0)
     at = [middle[axis] + (size_mm[axis] / 2 - first[axis]) * unit for axis in range(2)]
     eye.matrix_world = matrix_of_axes(axes, axes @ np.array([*at, high[2] + room]))

@@ -99,14 +99,14 @@ def make_layout(
     names = [] if aside else names
     bar_and_axes_mm = (
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
-    )  # the scale bar and the axes
+    )  # Width of the scale bar and the axes.
     widths = [board.width_of(name) for name in names]
     legend_columns, legend_above = _columns_of_legend(widths, inner - bar_and_axes_mm, cap), 0.0
     footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
     across = _columns_of_legend(widths, inner, cap)
     above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
     stacked = above + _legend_mm(math.ceil(len(names) / across), font)
-    if names and style.distances is None and stacked < footer:  # a long legend takes the page's width
+    if names and style.distances is None and stacked < footer:  # A long legend takes the page's width.
         legend_columns, legend_above, footer = across, above, stacked
     below = (
         MARGIN_MM

@@ -87,7 +87,7 @@ def value_position(
     if len(points) == 2:
         along = unit(points[1] - points[0])
         away = np.array([-along[1], along[0]])
-        away = away if away[1] >= 0 else -away  # above
+        away = away if away[1] >= 0 else -away  # Put the value above.
         at = points.mean(axis=0)
     else:
         away = -unit(unit(points[0] - points[1]) + unit(points[2] - points[1]))

@@ -58,7 +58,7 @@ class SlicePictures:
         """Give a surface its material and leave the caps that show a slice as they are."""
         before = list(mesh.materials)
         caps = [slot for slot, old in enumerate(before) if old is not None and shows_slice(old)]
-        if not caps:  # a large mesh takes its time to be asked for its slots
+        if not caps:  # Reading the slots of a large mesh is slow.
             mesh.materials.clear()
             mesh.materials.append(material)
             if (numbers := mesh.attributes.get("material_index")) is not None:

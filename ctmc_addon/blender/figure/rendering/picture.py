@@ -122,7 +122,7 @@ def opened_png(path: Path, name: str) -> Iterator[Any]:
         with pillow().open(path) as picture:
             picture.load()
             yield picture
-    except (OSError, SyntaxError) as error:  # what Pillow raises for a file that ends too early
+    except (OSError, SyntaxError) as error:  # Pillow raises these for a truncated file.
         raise OutputError(f"{name} came out incomplete; free some space or choose another disk") from error
 
 
@@ -131,5 +131,5 @@ def render_to(scene: bpy.types.Scene, path: Path) -> None:
     scene.render.filepath = str(path.resolve())
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)
-    except RuntimeError as error:  # how Blender's operators report what they could not do
+    except RuntimeError as error:  # Blender's operators report their failures so.
         raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error

@@ -145,7 +145,7 @@ def require_own_blend(path: Path) -> None:
         try:
             with bpy.data.libraries.load(str(path)) as (there, _):
                 own = any(name.startswith(NAME) for name in there.scenes)
-        except (OSError, ValueError):  # not a .blend, or the one that is open
+        except (OSError, ValueError):  # Not a .blend, or the open one.
             own = False
         if not own:
             raise OutputError(f"{path.name} already exists and is not a figure; move it, or choose another name")

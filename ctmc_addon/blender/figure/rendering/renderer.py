@@ -168,7 +168,7 @@ class _RenderProcess:
 
     def _send(self, request: dict[str, Any]) -> None:
         assert self.process.stdin is not None
-        with suppress(OSError):  # it has ended, which the wait for its answer will say
+        with suppress(OSError):  # The process has ended; waiting for its answer reports that.
             self.process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
             self.process.stdin.flush()
 

@@ -38,7 +38,7 @@ def serve(blend: str) -> None:
     blend : str
         Its path, in the folder of this process.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process is interrupted too, and ends this one.
     tasks: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     listening = threading.Thread(target=listen, args=(tasks, Path(blend).parent), daemon=True)
     listening.start()
