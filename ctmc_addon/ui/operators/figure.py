@@ -222,7 +222,7 @@ class CTMC_OT_figure_sheet(_FigureOperator, bpy.types.Operator):
             parsed_numbers(panel.alphas, "alphas", "0 0.5 1") if panel.use_alphas else (),
             parsed_numbers(panel.levels, "levels", "0 50 90") if panel.use_levels else (),
         )
-        comparison.variants(settings)  # checks the limits of all before the work
+        comparison.variants(settings)  # Check all limits before the work.
         require_png(target)
         require_engine(panel.engine, panel.sheet_deviation)
         style, blend = style_of(panel), blend_of(panel, target)
@@ -293,7 +293,7 @@ class CTMC_OT_figure_turntable(_FigureOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         turn = Turn(**values_of(panel, Turn))
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
-        cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
+        cell = replace(cell_of(context)[0], rulers=())  # Rulers drawn on the page would not turn.
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
         style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite, "own_process": True}
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)

@@ -61,7 +61,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("ctmc.deviation_map", icon="COLOR")
         column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
-        column = layout.column(align=True)  # too many words to stand side by side
+        column = layout.column(align=True)  # Too many words to be side by side.
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         if provenance is not None:

@@ -25,7 +25,7 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
         return
     rows = min(ROWS[1], max(ROWS[0], len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
-    row = layout.row(align=True)  # not beside the list: names need the width
+    row = layout.row(align=True)  # Not next to the list, because names need the width.
     row.operator("ctmc.add_threshold", text="", icon="ADD")
     row.operator("ctmc.remove_structure", text="", icon="REMOVE")
     for which, text in (("all", "All"), ("none", "None"), ("invert", "Invert")):

@@ -61,7 +61,7 @@ class _SettingsMethods(StructureMethods):
         """Show these settings, except those named in `but`."""
         for name in (name for name in SETTINGS if name not in but):
             value = getattr(settings, name)
-            if value is not None and value not in SETTINGS[name].words:  # a word is for a script, such as auto
+            if value is not None and value not in SETTINGS[name].words:  # Words such as auto are for scripts.
                 setattr(self, name, value)
             if optional(name):
                 setattr(self, switch(name), value is not None)

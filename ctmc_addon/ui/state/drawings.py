@@ -204,7 +204,7 @@ def follow_file(*_: Any) -> None:
             elif masks.take(drawn, items[key]):
                 changed.add(key[0])
     for scene in scenes.values():
-        _connect_all(scene)  # a structure whose removal was undone
+        _connect_all(scene)  # Connect structures whose removal was undone.
     for uid in changed & scenes.keys():
         change_events.notify(scenes[uid].ctmc, change_events.DRAWN)
     if changed:

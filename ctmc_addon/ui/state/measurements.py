@@ -121,7 +121,7 @@ def _setting_text(modifier: bpy.types.Modifier, name: str) -> str:
         return str(getattr(value, "name", ""))
     if isinstance(value, (str, int, float, type(None))):
         return str(value)
-    return str(sorted(value) if isinstance(value, set) else list(value))  # the order of a set changes with every start
+    return str(sorted(value) if isinstance(value, set) else list(value))  # The order of a set changes with every start.
 
 
 def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
@@ -139,12 +139,12 @@ def of(obj: bpy.types.Object) -> Measurement | None:
         stored = parsed_json(obj[PROPERTY])
         if stored.pop("state") != mesh_state(obj):
             return None
-        if "small" not in stored["measures"]:  # files of 0.3 count components below 10 mm3
+        if "small" not in stored["measures"]:  # Files of 0.3 count components below 10 mm3.
             stored["measures"].pop("small_components", None)
-        if "quality" in stored:  # files of 0.3 and 0.4 have it beside the measures
+        if "quality" in stored:  # Files of 0.3 and 0.4 have it outside of the measures.
             stored["measures"]["quality"] = stored.pop("quality")
         measurement: Measurement = from_stored(Measurement, stored)
     except (KeyError, TypeError, ValueError):
-        return None  # of an older version, or another add-on's property
+        return None  # Made by an older version, or another add-on.
     # An open surface has no volume, and every other has one.
     return None if measurement.measures.closed == math.isnan(measurement.measures.volume) else measurement

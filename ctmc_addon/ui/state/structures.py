@@ -67,7 +67,7 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
     added = [(volume, offset) for volume, offset in sources if volume is not None]
     if not added:
         return own[0][0] if own else None
-    key = (*own, *added)  # the volumes themselves: the id of one that is gone may be another's
+    key = (*own, *added)  # Volumes, not ids, which Python reuses.
     combined = _combined.get(scene.session_uid)
     if combined is None or combined[0] != key:
         combined = (key, combined_labels(own + added))
@@ -139,11 +139,11 @@ def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
             what = labels.kind.plural
             raise LabelError(f"{labels.name} holds {what}, such as {value}, and not labels; load it as a CT")
         raise LabelError(f"{labels.name} holds {labels.kind} and not labels; load it as a CT")
-    if not source.has_geometry and labels.shape == ct.shape:  # such as slices painted over those of the CT
+    if not source.has_geometry and labels.shape == ct.shape:  # Such as slices painted over those of the CT.
         labels = replace(labels, affine=ct.affine)
     placed = yield from stages.run(placing, placed_labels_steps(labels, ct))
     statistics = yield from stages.run(counting, volume_statistics_steps(placed))
-    if not placed.label_names and len(statistics.labels) == 1:  # a mask, called after its file
+    if not placed.label_names and len(statistics.labels) == 1:  # A mask is named after its file.
         placed = replace(placed, label_names={statistics.labels[0][0]: labels.name})
     return PlacedLabels(path, placed, statistics.fingerprint)
 

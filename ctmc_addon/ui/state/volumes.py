@@ -101,7 +101,7 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     scene.ctmc.volume_path = stored_path(loaded.path)
     scene.ctmc.volume_fingerprint = fingerprint
     _loaded.pop(fingerprint, None)
-    _loaded[fingerprint] = loaded  # the last one loaded stands last
+    _loaded[fingerprint] = loaded  # The last one loaded comes last.
     used, room = _panel_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
         room = None if room is None else room - _loaded[earlier].nbytes
@@ -233,7 +233,7 @@ def stored_path(path: Path, blend_path: str = "") -> str:
         return str(path)
     try:
         return str(bpy.path.relpath(str(path), start=str(Path(blend).parent)))
-    except ValueError:  # another drive
+    except ValueError:  # The path is on another drive.
         return str(path)
 
 

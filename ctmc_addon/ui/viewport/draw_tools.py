@@ -70,7 +70,7 @@ class _BrushTool(Tool):
     @staticmethod
     def draw_cursor(context: Any, _tool: Any, xy: tuple[float, float]) -> None:
         """Draw the circle of the brush where the mouse is on a slice."""
-        if not hasattr(context.scene, "ctmc_draw"):  # the extension was disabled with the tool in the hand
+        if not hasattr(context.scene, "ctmc_draw"):  # The extension was disabled while its tool was active.
             return
         hit = _held[0] if _held else _hit_at(context, xy)
         if hit is not None:

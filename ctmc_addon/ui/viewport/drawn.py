@@ -194,7 +194,7 @@ def tick() -> float | None:
                 revision = masks.of(scene, item).revision
                 try:
                     surface = surface_of(scene, item)
-                except (CtmcError, MemoryError):  # none is shown until the next stroke
+                except (CtmcError, MemoryError):  # Show none until the next stroke.
                     surface = None
                 _surfaces[scene.session_uid, item.key] = (revision, surface)
                 session.redraw_viewports()

@@ -207,7 +207,7 @@ def draw() -> None:
     if opened is None or context.area is None or context.area.as_pointer() != opened.area:
         return
     if context.region != next(region for region in context.area.regions if region.type == "WINDOW"):
-        return  # in quad view, this is one of the other three regions
+        return  # In quad view, this is one of the other three regions.
     strip = strip_of(context.area, context.scene)
     if strip is not None:
         draw_strip(strip, shown_of(strip, context.scene))

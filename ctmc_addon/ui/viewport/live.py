@@ -147,7 +147,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
             session.redraw_panels()
         if live.work and time.perf_counter() > stop:
             return SOON
-    live.changed = None  # everything has followed: no timer is left
+    live.changed = None  # Everything is up to date, so no timer is left.
     return None
 
 

@@ -91,7 +91,7 @@ def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     labels, bands = requested_labels(settings), _ticked_bands(settings)
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
-    draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
+    draws = bool(tool_of(bpy.context))  # Drawings show best on gray.
     above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)

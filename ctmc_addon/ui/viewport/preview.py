@@ -155,7 +155,7 @@ def draw() -> None:
     context = bpy.context
     if state.shown is None or context.scene.session_uid != state.scene or volumes.current(context.scene) is None:
         return
-    if is_made(context) or tool_of(context):  # it would hide the slice that is drawn on
+    if is_made(context) or tool_of(context):  # The preview would hide the slice that is drawn on.
         return
     if state.key is not None and drawn.shows(context.scene, state.key[0]):
         return

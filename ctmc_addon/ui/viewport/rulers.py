@@ -48,7 +48,7 @@ def _draw_values() -> None:
     from bpy_extras.view3d_utils import location_3d_to_region_2d
 
     rulers = [ruler for ruler in rulers_of(context.scene) if ruler.visible_get()]
-    for ruler in rulers:  # its wire lies in the slice that was measured on, which hides half of it
+    for ruler in rulers:  # The measured slice hides half of its wire.
         places = [location_3d_to_region_2d(context.region, context.region_data, point) for point in points_of(ruler)]
         if None not in places:
             draw_path([(place.x, place.y) for place in places], COLOR)

@@ -73,7 +73,7 @@ def _after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
 
 def after_undo(scene: bpy.types.Scene, *_: Any) -> None:
     """Update all pictures: undo restores the positions of slices, but not their pictures."""
-    bpy.context.view_layer.update()  # the world matrices of what undo brought back are not there before
+    bpy.context.view_layer.update()  # Undo does not restore world matrices.
     show(scene, again=True)
     show_from_sides(scene)
 

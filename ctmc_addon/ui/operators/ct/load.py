@@ -135,7 +135,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
             stride = shown_stride(file, budget)
             volume = yield from stages.run(values, file.in_memory_steps(stride))
-        if reading.series and selected is not None:  # its number is stored, as a UID must not be
+        if reading.series and selected is not None:  # Store its number, because a UID must not be stored.
             reading = replace(reading, series=str(selected.number))
         if selected is not None:
             time, _ = source.selected_time(reading.series, reading.time)
@@ -227,7 +227,7 @@ def conclude(
             text = "The labels have changed since this file was saved: {name}"
             scene_session.load_message = translate(text).format(name=read.path.name)
     change_events.notify(stored, "volume")
-    cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
+    cube = untouched_cube(scene) if is_first else None  # Look before the CT's box is added.
     if cube is not None:
         put_out_of_view(cube, scene)
     _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
@@ -275,7 +275,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:
             obj.select_set(False)
-        box.select_set(True)  # not active: nothing of the panel or the status bar is about it
+        box.select_set(True)  # Select it, but keep it inactive for the panel.
     if (is_new or is_another_ct) and bpy.context.scene == scene:
         frame_everywhere(loaded.volume)
 

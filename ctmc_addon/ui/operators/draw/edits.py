@@ -64,7 +64,7 @@ class _Edit(jobs.LongOperator):
         window = masks.window_in(scene, item)
         if window is None:
             raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
-        reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
+        reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # Add a sample around it, for holes.
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
         mask = masks.of(scene, item).mask[window].copy()
         return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))

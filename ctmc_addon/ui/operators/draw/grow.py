@@ -118,7 +118,7 @@ def _compete_click_steps(
     limits, hu_per_mm, reach_mm = how
     allowed = None if limits is None else (yield from range_mask_steps(volume, *limits))
     if allowed is not None:
-        for click in clicks:  # earlier ones may lie outside of a range that was moved since
+        for click in clicks:  # Earlier clicks may be outside of a range that was moved.
             allowed[click.sample] |= bool(click.structure) and click is not clicks[-1]
     if not any(click.structure for click in clicks):
         raise SettingsError("click in the structure first; Alt click then removes leaks")

@@ -48,7 +48,7 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()
-        scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
+        scene.ctmc_view.show_slice = is_divided  # Slice objects would lie in the same plane.
         work = partial(arrange, scene.session_uid, area.as_pointer(), time.monotonic() + LONGEST)
         bpy.app.timers.register(work, first_interval=0.0)
         session.redraw_viewports()

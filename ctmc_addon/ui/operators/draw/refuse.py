@@ -45,7 +45,7 @@ class CTMC_OT_draw_refuse(Needs, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         reason: Any = Reason()
         if all(need(reason, context) for need in getattr(bpy.types, self.operator).needs):
-            return {"CANCELLED", "PASS_THROUGH"}  # the tool let the click through itself
+            return {"CANCELLED", "PASS_THROUGH"}  # The tool passed the click through itself.
         self.report({"WARNING"}, translate(reason.text))
         return {"CANCELLED"}
 

@@ -77,7 +77,7 @@ class CTMC_OT_remove_small(_ComponentsOperator, bpy.types.Operator):
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
         """Return the volume below which the components of a surface are small."""
         measurement = measurements.of(obj)
-        if measurement is None or not measurement.measures.small:  # as it is in files of 0.3
+        if measurement is None or not measurement.measures.small:  # Files of 0.3 do not have it.
             return {"min_part_mm3": as_shown(obj).mesh.measures.small}
         return {"min_part_mm3": measurement.measures.small}
 

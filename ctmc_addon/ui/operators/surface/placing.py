@@ -135,7 +135,7 @@ def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[New
         targets = [session.object_of(surface.request.target) for surface in surfaces]
         for obj in targets:
             if obj is not None:
-                require_updatable(obj)  # before any of them is touched
+                require_updatable(obj)  # Check before any of them is changed.
         blocks = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
         objects = []
         for surface, obj, new in zip(surfaces, targets, meshes, strict=True):

@@ -198,7 +198,7 @@ def command_text(scene: bpy.types.Scene) -> str:
                 f"no command makes {called(item)}, because it was drawn; save the .blend and use the labels beside it"
             )
         path, number = structures.origin_of(scene, item)
-        if path:  # labels of a file beside the CT
+        if path:  # The labels are from a file other than the CT's.
             lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions()))
         else:
             lines.append(command_line(source, output, settings, reading))

@@ -36,7 +36,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         assert volume is not None, "poll asks for one"
         prepare(layout)
         row = layout.row()
-        row.use_property_split = False  # three words need the whole width
+        row.use_property_split = False  # Three words need the whole width.
         row.prop(view, "plane", expand=True)
         row = layout.row(align=True)
         row.prop(view, "position", slider=True)
@@ -50,7 +50,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.active = not (
             volume.kind == ValueKind.LABEL and context.scene.ctmc.use_label
-        )  # it is shown in their colors
+        )  # The slice is shown in their colors.
         unit = " [HU]" if volume.kind == ValueKind.HU else ""
         column.prop(view, "window", text=translate("Window") + unit, translate=False)
         column.prop(view, "level", text=translate("Level") + unit, translate=False)
@@ -65,7 +65,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.operator("ctmc.add_slice", icon="MESH_PLANE")
         row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
         column.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
-        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # its German words need the line, as those below
+        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # Its German words need the line, like those below.
         column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
         column.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
         row = column.row(align=True)
