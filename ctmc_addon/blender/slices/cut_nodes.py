@@ -104,7 +104,8 @@ def cut_nodes(
     chained.inputs["Distance"].default_value = EQUAL * reach
     nodes.link(flat, chained.inputs["Geometry"])
     filled = nodes.of("GeometryNodeFillCurve", nodes.of("GeometryNodeMeshToCurve", chained.outputs[0]))
-    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")  # The slice: z = 0.
+    # The slice itself is at z = 0.
+    below_slice = nodes.of("ShaderNodeVectorMath", at, (0.0, 0.0, -OFFSET * reach), operation="ADD")
     in_surface = nodes.of("FunctionNodeTransformPoint", below_slice, to_surface)
     lifted = nodes.of("GeometryNodeSetPosition", filled, None, in_surface)
     material = nodes.add("GeometryNodeSetMaterial")

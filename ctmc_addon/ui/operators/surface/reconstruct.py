@@ -155,9 +155,9 @@ def measured_steps(
         measurement, seconds = yield from timed_steps(measuring)
         return TimedSurface(request, full, result, measurement, seconds)
 
-    made_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
-    pairs = list(zip(requests, made_surfaces, strict=True))
-    weights = [1.0 + len(surface.result.mesh.faces) for surface in made_surfaces]
+    new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
+    pairs = list(zip(requests, new_surfaces, strict=True))
+    weights = [1.0 + len(surface.result.mesh.faces) for surface in new_surfaces]
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
