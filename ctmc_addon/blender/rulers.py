@@ -18,7 +18,7 @@ from .surface import placement_of, read_provenance
 PROPERTY = "ctmc_ruler"
 """The object's custom property: kind and value."""
 KINDS: Mapping[str, int] = {"distance": 2, "angle": 3}
-"""How many points each kind has."""
+"""Number of points of each kind."""
 UNITS: Mapping[str, str] = {"distance": "mm", "angle": "\N{DEGREE SIGN}"}
 WIRE_MM = 0.4  # Radius of the wire.
 COLOR = (1.0, 0.72, 0.05, 1.0)

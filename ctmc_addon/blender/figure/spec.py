@@ -333,7 +333,7 @@ class Transparency(Described):
 
 @dataclass(frozen=True)
 class DistanceMapSettings(Described):
-    """Whether surfaces are colored by distance, and the end of the color scale."""
+    """Switch for colors by distance, and the end of the color scale."""
 
     deviation: bool = setting(
         False, "Color every surface by its distance to full resolution, with a color bar", label="Distances", type=bool

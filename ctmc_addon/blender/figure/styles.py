@@ -163,7 +163,7 @@ def _inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -
     Examples
     --------
     >>> corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], np.float32)
-    >>> inscribed_radii(corners, np.array([[0, 1, 2]], np.int32)).tolist()
+    >>> _inscribed_radii(corners, np.array([[0, 1, 2]], np.int32)).tolist()
     [1.0]
     """
     a, b, c = np.moveaxis(positions[faces].astype(np.float64), 1, 0)  # (F, 3) each

@@ -180,7 +180,7 @@ def _duration_left(seconds: float) -> str:
 
     Examples
     --------
-    >>> duration_left(41.2), duration_left(312), duration_left(9000)
+    >>> _duration_left(41.2), _duration_left(312), _duration_left(9000)
     ('about 41 s', 'about 5 min', 'about 2.5 h')
     """
     if seconds < 90:

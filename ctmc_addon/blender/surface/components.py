@@ -17,7 +17,7 @@ from .readback import own_mesh, read_back, reconstruction_of
 
 ON_SURFACE = 1e-2  # Tolerance in mm for a click on the surface.
 PICKED = "Components were picked by hand."
-"""The note of a surface that settings alone do not make again."""
+"""The note of a surface that its settings do not reproduce."""
 
 
 def own_surface(obj: bpy.types.Object) -> Reconstruction:

@@ -26,7 +26,7 @@ BACKGROUND, PLOT_BACKGROUND = (0.10, 0.10, 0.11, 0.92), (0.05, 0.05, 0.06, 1.0)
 OUTSIDE, INSIDE = (0.42, 0.42, 0.45, 1.0), (0.90, 0.58, 0.25, 1.0)
 LINE, LINE_HELD, FAINT, TEXT = (1.0, 1.0, 1.0, 1.0), (1.0, 0.95, 0.45, 1.0), (1.0, 1.0, 1.0, 0.12), (0.9, 0.9, 0.9, 1.0)
 Width = Callable[[str], float]
-"""How wide a text is, pixels."""
+"""Returns the width of a text, pixels."""
 BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # Neighboring bands alternate between two colors.
 
 

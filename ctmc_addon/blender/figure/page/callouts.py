@@ -57,7 +57,7 @@ def eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]) -> None:
-    """Write the names in the columns beside the first picture of a page, each at the height of its structure."""
+    """Write the names left and right of the first picture of a page, each at the height of its structure."""
     left, bottom, right, top = layout.pictures[0]
     middle = (left + right) / 2
     # Half of them on each side, those farthest left at the left; what is not seen has no place of its own.

@@ -322,7 +322,7 @@ def _shadow_free_step(
     --------
     The sun stands to the right, at 45 degrees: a shadow moves left as far as it falls back.
 
-    >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5, 12.0), 3)
+    >>> round(_shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5, 12.0), 3)
     2.97
     """
     right, up, back = (axes * sun[:, None]).sum(axis=0)

@@ -177,7 +177,7 @@ def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: floa
 
     Examples
     --------
-    >>> columns_of_legend([20.0] * 5, 100.0, 2.0), columns_of_legend([20.0] * 60, 100.0, 2.0)
+    >>> _columns_of_legend([20.0] * 5, 100.0, 2.0), _columns_of_legend([20.0] * 60, 100.0, 2.0)
     (1, 3)
     """
     if len(widths_mm) <= MOST_IN_A_COLUMN:
@@ -224,7 +224,7 @@ def _columns_for(count: int) -> int:
 
     Examples
     --------
-    >>> [columns_for(count) for count in (1, 3, 4, 6, 9)]
+    >>> [_columns_for(count) for count in (1, 3, 4, 6, 9)]
     [1, 3, 2, 3, 3]
     """
     return count if count <= 3 else math.ceil(math.sqrt(count))

@@ -84,7 +84,7 @@ def _share_of(text: str) -> float | None:
 
     Examples
     --------
-    >>> share_of("Remaining: 00:02.79 | Mem: 25M | Sample 320/400"), share_of("Finished")
+    >>> _share_of("Remaining: 00:02.79 | Mem: 25M | Sample 320/400"), _share_of("Finished")
     (0.8, None)
     """
     match = SAMPLES.search(text)

@@ -95,9 +95,9 @@ def _barycentric(pieces: int) -> NDArray[np.float64]:
 
     Examples
     --------
-    >>> barycentric(1).tolist()
+    >>> _barycentric(1).tolist()
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
-    >>> len(barycentric(4))
+    >>> len(_barycentric(4))
     15
     """
     first, second = np.mgrid[: pieces + 1, : pieces + 1].reshape(2, -1)
