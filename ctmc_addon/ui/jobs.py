@@ -175,11 +175,11 @@ class LongOperator(Needs):
     """Base of operators with long work, before `bpy.types.Operator`; they give `plan`."""
 
     windowed = False
-    """Whether a person started it in a window."""
+    """True if a user started it in a window."""
     locks = False
-    """Whether it keeps objects of its own in the file between two steps, so that nothing else may happen there."""
+    """True if it keeps objects of its own in the file between two steps, which nothing else may change meanwhile."""
     message_field = "message"
-    """Where `Session` keeps what it refuses."""
+    """Field of `Session` that keeps its error."""
 
     def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
         """Read the context once, and return the work."""

@@ -23,7 +23,7 @@ CONTEXTS = ("*", "Operator", OURS)  # Blender looks up buttons of operators in a
 
 FIELD = re.compile(r"(\{\w+\})")
 LEAST_WORDS = 8
-"""Letters beside the fields, below which a template would be found in any sentence."""
+"""Fewest letters of a template outside of its fields; shorter ones would match any sentence."""
 
 
 def translate(text: str) -> str:

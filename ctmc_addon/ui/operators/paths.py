@@ -22,7 +22,7 @@ class SaveDialog:
     """An operator that asks for a file and writes it; inherited before `bpy.types.Operator`."""
 
     suffixes: tuple[str, ...] = ()
-    """Of which a name has one already; in small letters."""
+    """Accepted suffixes in small letters; a name without one of them gets `ending`."""
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     check_existing: BoolProperty(default=True, options={"HIDDEN"})

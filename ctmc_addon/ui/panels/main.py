@@ -102,7 +102,7 @@ class CTMC_PT_make(StepPanel, bpy.types.Panel):
 
 
 STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
-"""What is always needed, in the order of the work."""
+"""Panels that are always needed, in the order of the work."""
 
 
 def _draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:

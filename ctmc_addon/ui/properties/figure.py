@@ -36,7 +36,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "limit_mm": {"precision": 2},
     "seconds": {"precision": 1, "min": 0.1, "soft_max": 60.0},
 }
-"""How Blender shows a field, beside what its description says."""
+"""Display options of fields that their descriptions do not contain."""
 
 
 def all_properties() -> dict[str, Any]:

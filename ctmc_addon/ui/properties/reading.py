@@ -18,7 +18,7 @@ SHOWN = ("spacing", "flip", "series", "time", "strict", "remove_table")
 """The options that say what is read; the others are for the command line (colors are changed in the list)."""
 SIDES = {"x": "Left - Right", "y": "Front - Back", "z": "Head - Feet"}
 LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMERA"}}
-"""How Blender shows an option, beside what its description says."""
+"""Display options of reading options that their descriptions do not contain."""
 
 
 def scene_properties() -> dict[str, Any]:

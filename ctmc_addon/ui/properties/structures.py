@@ -26,7 +26,7 @@ from .kinds import boolean, choice, collection, decimal, decimals, integer, text
 
 LABEL, THRESHOLD = "label", "threshold"
 Line = tuple[int, str, tuple[float, float, float]]
-"""Of the list: a label's value, name and color."""
+"""A line of the list: a label's value, name and color."""
 
 _ticking: list[bool] = []  # Not empty while code sets ticks.
 _filling: list[bool] = []  # Not empty while code fills the list.

@@ -15,7 +15,7 @@ import bpy
 from ...core import Reconstruction, ReconstructionSettings
 
 Origin = tuple[str, ReconstructionSettings]
-"""What decides a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
+"""Key of a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
 
 
 @dataclass

@@ -20,7 +20,7 @@ from ..state.tools import tool_of
 from . import drawn
 
 PreviewKey = tuple[Any, ...]
-"""What decides where a surface lies, as `key_of` has it."""
+"""Settings that decide the position of a surface, as `key_of` returns them."""
 
 
 @dataclass
