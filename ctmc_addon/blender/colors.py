@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colors of surfaces, linear RGB; no Blender here."""
+"""Choose the colors of surfaces, linear RGB; no Blender here."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BONE: Color = (0.76, 0.68, 0.52)
 def color_of(label: int | None, rgb: tuple[int, int, int] | None = None, name: str = "") -> Color:
     """Return the color of a label: its own sRGB, else that of its anatomical name, else that of its number.
 
-    Of bone for a surface by threshold.
+    A surface by threshold gets the color of bone.
     """
     return BONE if label is None else linear(structure_color(label, rgb, name).rgb)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Data-blocks that were made for a moment, removed again."""
+"""Remove temporary data-blocks."""
 
 from __future__ import annotations
 
@@ -7,13 +7,12 @@ import bpy
 
 
 def remove_blocks(*blocks: bpy.types.ID) -> None:
-    """Remove data-blocks from the file, in the order given. `batch_remove` crashes on a scene that was in context."""
+    """Remove data-blocks in the order given; `batch_remove` crashes on a scene that was in context."""
     for block in blocks:
         _collection_of(block).remove(block)
 
 
 def _collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
-    """Return the collection of `bpy.data` that a data-block lives in."""
     collections = {
         bpy.types.Scene: bpy.data.scenes,
         bpy.types.Object: bpy.data.objects,
@@ -28,11 +27,11 @@ def _collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:
 
 
 def render_results() -> frozenset[str]:
-    """Names of the images that Blender keeps its last render in."""
+    """Return the names of the images in which Blender keeps its last render."""
     return frozenset(image.name for image in bpy.data.images if image.type == "RENDER_RESULT")
 
 
 def remove_render_results(but: frozenset[str]) -> None:
-    """Remove those images, but the ones of these names, which were there before."""
+    """Remove render results, except those with these names, which were there before."""
     for name in render_results() - but:
         bpy.data.images.remove(bpy.data.images[name])

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface out of Blender, in the patient's millimeters.
+"""Export surfaces from Blender in the patient's millimeters.
 
 STL and PLY are written by `core/files/mesh_files.py` and OBJ, GLB, 3MF and HTML by `core/files/structures`, the same
 bytes as without Blender; a .blend opens with the live object, a camera framed on it and lights. Neither the user's
@@ -29,16 +29,13 @@ from .surface.objects import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
-RENDER_SAMPLES = 64  # of F12 in a .blend
+RENDER_SAMPLES = 64  # Samples of F12 in an exported .blend.
 
 
 def export(
     obj: bpy.types.Object, path: str | os.PathLike[str], space: str = "ras", scene: bpy.types.Scene | None = None
 ) -> None:
-    """Write the evaluated surface to `path`, whole or not at all; the suffix chooses the format.
-
-    As `export_together` writes one object.
-    """
+    """Write the evaluated surface of one object to `path`, as `export_together` does for several."""
     export_together([obj], path, space, scene)
 
 
@@ -59,11 +56,11 @@ def export_together(
     space : {"ras", "lps"}
         Axes of an STL, PLY, OBJ or 3MF: x to the patient's right or left, y to the front or back, z to the head.
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     collection : str
         The name of a collection that holds the objects of a .blend; empty for none.
     frames : sequence of int
-        At which each object of a .blend is shown, and the others are not; empty for all at once.
+        Frames at which only one object of a .blend is shown, in order; empty shows all at once.
 
     Raises
     ------
@@ -89,7 +86,7 @@ def export_together(
     with whole_file(target) as temporary:
         try:
             write_blend(objects, temporary, scene, collection, frames)
-        except RuntimeError as error:  # how Blender's operators report what they could not do
+        except RuntimeError as error:  # Blender's operators report their failures so.
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Triangles from mesh files, by Blender's own importers."""
+"""Read triangles from mesh files with Blender's own importers."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def read_mesh(path: Path) -> TriangleMesh:
     with _added_data_removed():
         try:
             objects = _import_objects(path)
-        except RuntimeError as error:  # how Blender's operators report what they could not do
+        except RuntimeError as error:  # Blender's operators report their failures so.
             raise ReadError(f"{path.name} cannot be read: {' '.join(str(error).split())}") from error
         scene = bpy.data.scenes.new("CTMC Import")
         for obj in objects:
@@ -80,7 +80,7 @@ def _append_objects(path: str, name: str) -> None:
 
 
 def _world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
-    """Return an object's evaluated triangles where they stand in the scene."""
+    """Return an object's evaluated triangles in world space."""
     evaluated, _ = evaluated_object(obj, scene)
     vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
     return TriangleMesh(transform_points(matrix_of(evaluated.matrix_world), vertices).astype(np.float32), faces)
@@ -88,7 +88,7 @@ def _world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
 
 @contextmanager
 def _added_data_removed() -> Iterator[None]:
-    """Remove from the Blender file whatever the block adds."""
+    """Remove the data-blocks that the block adds."""
     before = {kind: set(getattr(bpy.data, kind)) for kind in KINDS}
     try:
         yield

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of surfaces, the same in the viewport and in renders."""
+"""Make materials of surfaces, the same in the viewport and in renders."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def principled(material: bpy.types.Material) -> Any:
 
 
 def surface_input(material: bpy.types.Material) -> Any:
-    """Return the socket that takes what a material's surface looks like."""
+    """Return the surface socket of a material's output node."""
     return next(node for node in material.node_tree.nodes if node.type == "OUTPUT_MATERIAL").inputs["Surface"]
 
 
@@ -46,9 +46,9 @@ def mixed(tree: Any, share: Any, first: Any, second: Any) -> Any:
 
 
 def add_edges(material: bpy.types.Material, edge: Color, widths: str) -> None:
-    """Border the triangles of a material of `surface_material` by lines of a color.
+    """Draw the triangle edges of a material of `surface_material` as lines of a color.
 
-    The figures of Su and Ma: the surface of the triangles red, their borders yellow.
+    The figures of Su and Ma have red triangles with yellow edges.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def clear_shader(tree: Any) -> Any:
 
 
 def flat_material(name: str, color: Color) -> bpy.types.Material:
-    """One color, whatever the light: for letters and bars."""
+    """Return a material of one color in any light, for letters and bars."""
     material = surface_material(name, color)
     show_flat(material, emission(material, color))
     return material
@@ -115,19 +115,19 @@ def emission(material: bpy.types.Material, color: Color | Any) -> Any:
 
 
 def show_flat(material: bpy.types.Material, shown: Any) -> None:
-    """Make a material show what a socket gives, the same in any light."""
+    """Show a socket's color in a material, the same in any light."""
     material.node_tree.links.new(shown, surface_input(material))
     lights_nothing(material)
 
 
 def lights_nothing(material: bpy.types.Material) -> None:
-    """Keep a glowing object on a page from lighting the objects beside it."""
+    """Keep a glowing object on a page from lighting other objects."""
     if hasattr(material, "cycles"):
         material.cycles.emission_sampling = "NONE"
 
 
 def headlight(material: bpy.types.Material, color: Any, dimmest: float) -> Any:
-    """The socket of a color as if lit from the camera alone, without shadows: `dimmest` times as light at the rim."""
+    """Return the socket of a color lit from the camera without shadows: `dimmest` times as light at the rim."""
     tree = material.node_tree
     weight = tree.nodes.new("ShaderNodeLayerWeight")
     weight.inputs["Blend"].default_value = 0.5  # "Facing" is then one less the cosine
@@ -140,7 +140,7 @@ def headlight(material: bpy.types.Material, color: Any, dimmest: float) -> Any:
 
 
 def material_color(obj: bpy.types.Object) -> Color:
-    """Return the color of an object's first material; that of bone if it has none."""
+    """Return the color of an object's first material; bone without one."""
     materials = [material for material in obj.data.materials if material is not None]
     if not materials:
         return BONE
@@ -149,13 +149,13 @@ def material_color(obj: bpy.types.Object) -> Color:
 
 
 def material_opacity(obj: bpy.types.Object) -> float:
-    """The opacity of an object's first material; 1 if it has none."""
+    """Return the opacity of an object's first material; 1 without one."""
     material = next((material for material in obj.data.materials if material is not None), None)
     return 1.0 if material is None else min(1.0, max(0.0, round(float(material.diffuse_color[3]), 3)))
 
 
 def recolor(obj: bpy.types.Object, color: Color) -> None:
-    """Give the material that has an object's name another color, where it still has the shader it came with."""
+    """Change the color of the material named as the object, unless its shader was replaced."""
     for material in obj.data.materials:
         if material is not None and material.name == obj.name and material.library is None:
             for node in material.node_tree.nodes:
@@ -165,6 +165,6 @@ def recolor(obj: bpy.types.Object, color: Color) -> None:
 
 
 def use_nodes(block: bpy.types.ID) -> None:
-    """Give a material or world its nodes; from Blender 5 it always has them and asking is deprecated."""
+    """Enable the nodes of a material or world; from Blender 5 they are always enabled and asking is deprecated."""
     if bpy.app.version < (5, 0, 0):
         block.use_nodes = True

@@ -15,7 +15,7 @@ ZEROS = bytes(2**20)
 def require_room(path: Path, size: int) -> None:
     """Raise `OSError` now if `size` bytes cannot be written to `path`; the file is left empty.
 
-    Asked before an exporter starts, as Blender's PLY exporter ends the whole process when the disk is full.
+    Call it before an exporter: Blender's PLY exporter ends the whole process when the disk is full.
     """
     with path.open("r+b") as file:
         if hasattr(os, "posix_fallocate"):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances and angles between points on surfaces, kept as objects of the scene: a thin wire that says its value."""
+"""Keep distances and angles between points on surfaces as objects of the scene: a thin wire with its value."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ from .surface import placement_of, read_provenance
 PROPERTY = "ctmc_ruler"
 """The object's custom property: kind and value."""
 KINDS: Mapping[str, int] = {"distance": 2, "angle": 3}
-"""How many points each kind has."""
+"""Number of points of each kind."""
 UNITS: Mapping[str, str] = {"distance": "mm", "angle": "\N{DEGREE SIGN}"}
-WIRE_MM = 0.4  # radius
+WIRE_MM = 0.4  # Radius of the wire.
 COLOR = (1.0, 0.72, 0.05, 1.0)
 BEHIND = 1e-4  # Blender units by which a ray starts again behind a wire
 Point = Sequence[float]
@@ -32,7 +32,7 @@ def is_ruler(obj: bpy.types.Object | None) -> bool:
 
 
 def rulers_of(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the rulers of a scene, as they were made."""
+    """Return the rulers of a scene in the order in which they were made."""
     return [obj for obj in scene.objects if is_ruler(obj)]
 
 
@@ -50,12 +50,12 @@ def value_text(kind: str, value: float) -> str:
 
 
 def text_of(ruler: bpy.types.Object) -> str:
-    """Return the text of a ruler: its value with the unit."""
+    """Return the text of a ruler, its value with the unit."""
     return value_text(ruler[PROPERTY]["kind"], ruler[PROPERTY]["value"])
 
 
 def place_of(ruler: bpy.types.Object) -> Vector:
-    """Return where a ruler says it: the middle of a distance, the corner of an angle; world space."""
+    """Return the position of a ruler's text: the middle of a distance, the corner of an angle; world space."""
     world_points = points_of(ruler)
     return world_points[1] if ruler[PROPERTY]["kind"] == "angle" else (world_points[0] + world_points[1]) / 2
 
@@ -66,9 +66,9 @@ def points_of(ruler: bpy.types.Object) -> list[Vector]:
 
 
 def patient_mm(obj: bpy.types.Object | None, world_point: Point, scale: float) -> tuple[float, float, float]:
-    """Return where a place in world space is in the patient, RAS+ mm.
+    """Return the position in the patient, RAS+ mm, of a point in world space.
 
-    On a surface of ours that is the place on it as it was reconstructed, however the object was moved or made larger.
+    A point on a surface of ours has its reconstructed position, however the object was moved or scaled.
     """
     provenance = read_provenance(obj)
     if obj is None or provenance is None:
@@ -116,7 +116,7 @@ def add_ruler(
     points_mm : sequence of (x, y, z), optional
         The same points in the patient; without them `world_points` by the scale.
     fingerprint : str
-        Of the CT that it is a measure of.
+        Fingerprint of the measured CT.
 
     Raises
     ------
@@ -155,10 +155,10 @@ def wire_material() -> bpy.types.Material:
 def hit(
     scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, origin: Vector, direction: Vector
 ) -> tuple[bpy.types.Object, Vector] | None:
-    """The first object that a ray meets, but for rulers, and where in world space; None where it meets nothing."""
+    """Return the first object that a ray meets, except rulers, and the point in world space; None without a hit."""
     while True:
-        found, world_point, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
-        if not found:
+        is_hit, world_point, _, _, obj, _ = scene.ray_cast(depsgraph, origin, direction)
+        if not is_hit:
             return None
         if not is_ruler(obj):
             return obj.original, world_point

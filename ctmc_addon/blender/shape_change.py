@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from ..core.volume import determinant
 from .surface import placement_of, read_provenance
 
-SAME = 1e-4  # a factor that differs less from 1 is rounding
+SAME = 1e-4  # A factor that differs less from 1 is rounding.
 
 
 class ShapeChange(NamedTuple):
@@ -23,7 +23,7 @@ class ShapeChange(NamedTuple):
     mirrored : bool
         Whether left and right are exchanged.
     factors : (x, y, z) float
-        By how much it is longer along the patient's axes than the patient.
+        Scale of the object along the patient's axes.
     """
 
     mirrored: bool
@@ -31,12 +31,12 @@ class ShapeChange(NamedTuple):
 
     @property
     def scaled(self) -> bool:
-        """Whether it is larger or smaller than the patient."""
+        """Return whether the object is larger or smaller than the patient."""
         return max(abs(factor - 1.0) for factor in self.factors) > SAME
 
     @property
     def factors_text(self) -> str:
-        """The factor, or those along x, y and z.
+        """Return the factor, or those along x, y and z.
 
         Examples
         --------
@@ -49,7 +49,7 @@ class ShapeChange(NamedTuple):
 
 
 def shape_change(obj: bpy.types.Object) -> ShapeChange:
-    """Return what the transform of a surface or slice does to its shape, Apply included."""
+    """Return how the transform of a surface or slice changes its shape, Apply included."""
     matrix: Any = obj.matrix_world
     if read_provenance(obj) is not None:
         matrix = placement_of(obj).transform_mm(matrix)
@@ -57,7 +57,7 @@ def shape_change(obj: bpy.types.Object) -> ShapeChange:
 
 
 def change_of(linear: NDArray[np.float64]) -> ShapeChange:
-    """Return what a (3, 3) matrix does to a shape.
+    """Return how a (3, 3) matrix changes a shape.
 
     Examples
     --------

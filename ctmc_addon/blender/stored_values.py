@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values read back from a custom property, which any hand or add-on may have written: checked, or a `ValueError`."""
+"""Check values read from a custom property, which any user or add-on may have written."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ def finite(value: Any) -> float:
 
 
 def measured(value: Any) -> float:
-    """Return a finite number, or NaN for what cannot be measured, as the volume of an open surface."""
+    """Return a finite number, or NaN for a quantity that cannot be measured, such as the volume of an open surface."""
     return value if isinstance(value, float) and math.isnan(value) else finite(value)
 
 
@@ -65,7 +65,7 @@ def whole(value: Any, lowest: int = 0) -> int:
     Parameters
     ----------
     value : number
-        As a file holds it.
+        As stored in the file.
     lowest : int
     """
     if isinstance(value, bool) or not isinstance(value, int) or not lowest <= value <= LARGEST_COUNT:
@@ -88,14 +88,14 @@ def from_stored(kind: Any, values: Any) -> Any:
     kind : type
         A dataclass, a truth value, a number, a tuple of a fixed length, a dictionary by text, or one of them or None.
     values : object
-        As JSON has it.
+        Parsed JSON.
 
     Raises
     ------
     ValueError
         If the JSON is not of this type.
     NotImplementedError
-        If the type is none of these, which is our mistake and not the file's.
+        If the type is none of these, a mistake in this code and not in the file.
 
     Examples
     --------

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials that read as tissue, and the opacity of a surface, which is its material's.
+"""Make materials that look like tissue; the opacity of a surface is that of its material.
 
-An opacity below 1 is that of what faces the camera; towards the rim a surface is denser, as glass is. Only what faces
-the camera is seen of a translucent surface: the walls that it shares with others, and its own far side, would flicker.
-It casts no shadow, so that what lies inside is lit. EEVEE and Cycles read the same nodes; Solid shading the alpha of
+An opacity below 1 holds where the surface faces the camera; towards the rim it is denser, like glass. A translucent
+surface shows only faces that face the camera: shared walls, and its own far side, would flicker. It casts no shadow, so
+that the objects inside are lit. EEVEE and Cycles read the same nodes; Solid shading the alpha of
 the viewport's color.
 """
 
@@ -19,18 +19,18 @@ from .sockets import output_of
 
 CHOSEN = "ctmc_opacity"
 """The material's custom property: an opacity that its anatomical name or a person has chosen."""
-NODES = "CTMC Opacity"  # how the names of the nodes begin that opacity adds
+NODES = "CTMC Opacity"  # Prefix of the names of the nodes that opacity adds.
 
 
 class _MaterialFinish(NamedTuple):
-    """The numbers of a Principled BSDF.
+    """Settings of a Principled BSDF.
 
     Parameters
     ----------
     scattered : float
         Share of the light that goes below the surface.
     scatter_mm : (red, green, blue) float
-        How far that goes.
+        Distance that this light travels.
     roughness, specular, coat : float
     grain_mm : float
         Size of fine unevenness; 0 for none.
@@ -54,7 +54,7 @@ FINISHES = {
 def tissue_material(
     name: str, color: Color, finish: str, scale: float, opacity: float | None = None
 ) -> bpy.types.Material:
-    """Return a material of one color that is like bone, a vessel or an organ.
+    """Return a material of one color that looks like bone, a vessel or an organ.
 
     Parameters
     ----------
@@ -64,7 +64,7 @@ def tissue_material(
     scale : float
         Blender units of 1 mm.
     opacity : float, optional
-        From 0 to 1; None for an opaque surface for which nobody has chosen one.
+        Opacity from 0 to 1; None for an opaque surface without a choice.
     """
     material, about = surface_material(name, color), FINISHES[finish]
     shader = _principled(material)
@@ -83,7 +83,7 @@ def tissue_material(
 
 
 def _add_grain(material: bpy.types.Material, size: float) -> None:
-    """Make the surface uneven by unevenness of this size, in Blender units."""
+    """Add fine unevenness of this size, in Blender units, to the surface."""
     tree, shader = material.node_tree, _principled(material)
     place, noise, bump = (
         tree.nodes.new(kind) for kind in ("ShaderNodeTexCoord", "ShaderNodeTexNoise", "ShaderNodeBump")
@@ -96,7 +96,7 @@ def _add_grain(material: bpy.types.Material, size: float) -> None:
 
 
 def chosen_opacity(obj: bpy.types.Object) -> float | None:
-    """Return the opacity that somebody, or the anatomical name, has chosen for a surface; None where nobody has."""
+    """Return the opacity that a user or the anatomical name has chosen for a surface; None without a choice."""
     for material in obj.data.materials:
         if material is not None and CHOSEN in material:
             return min(1.0, max(0.0, round(float(material.diffuse_color[3]), 3)))
@@ -104,14 +104,14 @@ def chosen_opacity(obj: bpy.types.Object) -> float | None:
 
 
 def set_opacity(obj: bpy.types.Object, opacity: float) -> None:
-    """Give the material that has an object's name another opacity; materials of others stay."""
+    """Change the opacity of the material named as the object; other materials stay."""
     for material in obj.data.materials:
         if material is not None and material.name == obj.name and material.library is None:
             set_material_opacity(material, opacity)
 
 
 def set_material_opacity(material: bpy.types.Material, opacity: float) -> None:
-    """Show a material as this opaque, in Solid and Material shading and in renders; 1 is opaque.
+    """Show a material at this opacity in Solid and Material shading and in renders; 1 is opaque.
 
     A material without a Principled BSDF gets the alpha of its viewport color only.
     """
@@ -140,7 +140,7 @@ def set_material_opacity(material: bpy.types.Material, opacity: float) -> None:
 
 
 def _add_opacity(tree: Any, shader: Any) -> tuple[Any, Any]:
-    """Link nodes to a shader's alpha; returns those that hold the opacity in the middle, and how much the rim adds."""
+    """Link nodes to a shader's alpha; return those that hold the opacity in the middle and the rim's increase."""
 
     def added(kind: str, part: str) -> Any:
         node = tree.nodes.new(kind)
@@ -172,6 +172,6 @@ def _add_opacity(tree: Any, shader: Any) -> tuple[Any, Any]:
 
 
 def _principled(material: bpy.types.Material) -> Any:
-    """The first Principled BSDF of a material; None if it has none."""
+    """Return the first Principled BSDF of a material; None without one."""
     nodes = material.node_tree.nodes if material.node_tree is not None else ()
     return next((node for node in nodes if node.type == "BSDF_PRINCIPLED"), None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's own numbers in millimeters of the patient."""
+"""Show the patient's millimeters in Blender's own numbers."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import math
 
 import bpy
 
-NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # in a file that Blender has made
+NEW = {"system": "METRIC", "length_unit": "METERS", "scale_length": 1.0}  # Units of a new file.
 
 
 def set_units(scene: bpy.types.Scene, scale: float) -> None:
@@ -38,6 +38,6 @@ def shows_mm(scene: bpy.types.Scene, scale: float) -> bool:
 
 
 def has_blenders_units(scene: bpy.types.Scene) -> bool:
-    """Return whether a scene's units are as Blender's own new files have them: nobody has chosen any."""
+    """Return whether a scene's units are the defaults of a new file."""
     units = scene.unit_settings
     return all(getattr(units, name) == value for name, value in NEW.items())

@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""User interface: properties, operators, panels, and previews in the viewport that follow the settings."""
+"""Provide the user interface: properties, operators, panels, and previews in the viewport."""
 
 from typing import Any
 
 
 def modules() -> tuple[Any, ...]:
-    """Everything that registers, in order; imported only when Blender asks."""
+    """Return every module that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
     from .properties import drawing, figure, preferences, scans, settings, view
     from .state import drawing_files, drawings, label_looks, session, structures, volumes

@@ -29,17 +29,17 @@ Conclusion = Callable[[], str]
 
 TAB = "CTMC"
 """The tab in the sidebar."""
-TICK = 0.04  # seconds of work between two looks at the events
+TICK = 0.04  # Seconds of work between two checks for events.
 # While a job keeps objects of its own in the file, only these events get past it: navigation changes nothing there.
 NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
 START = Step(0.0, "Starting")
-INTERVAL = 0.005  # seconds between the end of one tick and the next: the window draws and answers meanwhile
+INTERVAL = 0.005  # Seconds between the end of one tick and the next, in which the window draws and responds.
 NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
 
 
 @dataclass
 class Job:
-    """Work under way in a window, known by the `bl_idname` of its operator."""
+    """Work in progress in a window, identified by the `bl_idname` of its operator."""
 
     operator: str
     title: str
@@ -52,10 +52,10 @@ class Job:
     workspaces: set[str] = field(default_factory=set)
 
     def advance(self, seconds: float = TICK) -> Conclusion | None:
-        """Work for about so long; the conclusion, once there is nothing more to do.
+        """Work for about this long and return the conclusion once the work is complete.
 
-        No step begins that would take longer than the rest if it took as long as the last one did, and what comes
-        next is shown before it begins: it may take long.
+        No step begins that would exceed the rest of the time if it took as long as the last one. The next step is shown
+        before it begins, because it may take long.
         """
         now, shown = time.perf_counter(), self.step.message
         end = now + seconds
@@ -71,7 +71,7 @@ class Job:
 
     @property
     def text(self) -> str:
-        """For the status bar: 'Reconstruct Surface: Finding active voxels, 43 %'."""
+        """Return the text for the status bar: 'Reconstruct Surface: Finding active voxels, 43 %'."""
         return f"{translate(self.title)}: {translate(self.step.message)}, {self.step.fraction:.0%}"
 
 
@@ -79,13 +79,13 @@ _running: list[Job] = []
 
 
 def running(*operators: str) -> Job | None:
-    """Return the job that is under way, if there is one and it is of one of these operators, by default of any."""
+    """Return the job in progress if it is of one of these operators, by default of any."""
     job = _running[0] if _running else None
     return job if job is not None and (not operators or job.operator in operators) else None
 
 
 def locked() -> bool:
-    """Return whether the job under way keeps objects of its own in the file, which undo and saving must not see."""
+    """Return whether the job in progress keeps objects of its own in the file, which undo and saving must not see."""
     job = running()
     return job is not None and job.locks
 
@@ -98,7 +98,7 @@ def start(job: Job, context: bpy.types.Context) -> None:
 
 
 def show(job: Job, context: bpy.types.Context) -> None:
-    """Say in the status bar and the panel how far a job is."""
+    """Show the progress of a job in the status bar and the panel."""
     workspace = context.workspace
     if workspace is not None:
         job.workspaces.add(workspace.name)
@@ -107,7 +107,7 @@ def show(job: Job, context: bpy.types.Context) -> None:
 
 
 def stop(job: Job) -> None:
-    """End a job, whether it is done or not: its generator, its timer, its words in the status bar."""
+    """End a job, finished or not: its generator, its timer, its text in the status bar."""
     if job.stopped:
         return
     job.stopped = True
@@ -124,14 +124,14 @@ def stop(job: Job) -> None:
 
 
 def stop_running(*_: Any) -> None:
-    """End the job under way: another file is loaded, or the extension goes."""
+    """End the job in progress, because another file is loaded or the extension is disabled."""
     job = running()
     if job is not None:
         stop(job)
 
 
 def _stop_locked(*_: Any) -> None:
-    """End a job whose objects stand in the file: another window undoes, or saves."""
+    """End a job that keeps objects in the file, because another window undoes or saves."""
     if locked():
         stop_running()
 
@@ -156,12 +156,12 @@ def harmless(context: bpy.types.Context, event: Any) -> bool:
 
 
 def sentence_of(error: Exception) -> str:
-    """Return what an error says to the user; Python's own `MemoryError` says nothing."""
+    """Return the message of an error for the user; Python's own `MemoryError` has none."""
     return translate(NO_MEMORY) if isinstance(error, MemoryError) else translate_sentence(str(error))
 
 
 def refuse(operator: Any, scene: int, error: Exception) -> set[str]:
-    """Say what went wrong, at the bottom and in the panel, where it stays."""
+    """Report an error, at the bottom and in the panel, where it stays."""
     sentence = sentence_of(error)
     still_there = session.scene_of(scene)
     if still_there is not None:
@@ -175,11 +175,11 @@ class LongOperator(Needs):
     """Base of operators with long work, before `bpy.types.Operator`; they give `plan`."""
 
     windowed = False
-    """Whether a person started it in a window."""
+    """True if a user started it in a window."""
     locks = False
-    """Whether it keeps objects of its own in the file between two steps, so that nothing else may happen there."""
+    """True if it keeps objects of its own in the file between two steps, which nothing else may change meanwhile."""
     message_field = "message"
-    """Where `Session` keeps what it refuses."""
+    """Field of `Session` that keeps its error."""
 
     def plan(self, context: bpy.types.Context) -> Steps[Conclusion]:
         """Read the context once, and return the work."""
@@ -198,7 +198,6 @@ class LongOperator(Needs):
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Begin the work in this window."""
         return self.begin(context)
 
     def begin(self: Any, context: bpy.types.Context) -> set[str]:
@@ -220,7 +219,7 @@ class LongOperator(Needs):
         return {"RUNNING_MODAL"}
 
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Advance at the timer, stop at Esc, and let everything else through."""
+        """Advance at each timer event, stop at Esc, and pass everything else through."""
         job = self.job
         if job.stopped:
             return {"CANCELLED"}
@@ -248,14 +247,14 @@ class LongOperator(Needs):
         return {"FINISHED"}
 
     def cancel(self: Any, _context: bpy.types.Context) -> None:
-        """Blender ends the operator: its window is closed or another file is loaded."""
+        """Stop the job when its window is closed or another file is loaded."""
         job = getattr(self, "job", None)
         if job is not None:
             stop(job)
 
 
 class CTMC_OT_cancel(bpy.types.Operator):
-    """Stop the job under way; the scene stays as it was."""
+    """Stop the job in progress; the scene stays as it was."""
 
     bl_idname = "ctmc.cancel"
     bl_label = "Cancel"
@@ -289,14 +288,14 @@ HANDLERS = {"load_pre": stop_running, "undo_pre": _stop_locked, "redo_pre": _sto
 
 
 def register() -> None:
-    """Register Cancel, and end a job before another file or state of it comes, or it is saved."""
+    """Register Cancel, and end a job before undo, saving or opening a file."""
     _register()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
-    """End the job under way and take everything away."""
+    """End the job in progress and unregister everything."""
     stop_running()
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).remove(handler)

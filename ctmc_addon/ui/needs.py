@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Conditions of operators; each says why an operator cannot run."""
+"""Check conditions of operators; each says why an operator cannot run."""
 
 from __future__ import annotations
 
@@ -8,14 +8,13 @@ from typing import Any
 
 
 class Needs:
-    """An operator that can be pressed where all its needs are met; inherited before `bpy.types.Operator`.
+    """An operator that can run if all its needs are met; inherited before `bpy.types.Operator`.
 
-    A need takes the operator's class, to leave its reason there, and the context.
+    A need takes the operator's class, on which it sets its reason, and the context.
     """
 
     needs: tuple[Callable[[Any, Any], bool], ...] = ()
 
     @classmethod
     def poll(cls, context: Any) -> bool:
-        """Return whether all needs are met."""
         return all(need(cls, context) for need in cls.needs)

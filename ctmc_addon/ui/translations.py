@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Our strings in German and Simplified Chinese, through `bpy.app.translations`.
+"""Translate our strings to German and Simplified Chinese, through `bpy.app.translations`.
 
-The tables are TOML, English on the left. What is not in them is shown in English; `make translations` lists what is
-missing. Sentences of errors and notes carry names and numbers: the tables hold them with fields in their place.
+The tables are TOML, English on the left. Missing strings are shown in English; `make translations` lists them.
+Sentences of errors and notes carry names and numbers: the tables hold them with fields in their place.
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ TABLES = Path(__file__).with_name("languages")
 LOCALES = {"de_DE.toml": ("de_DE", "de"), "zh_HANS.toml": ("zh_HANS", "zh_CN")}
 OURS = "CTMC"
 """Our own context: in it, Blender's words for other things do not stand before ours, as "Schneiden" for a slice."""
-CONTEXTS = ("*", "Operator", OURS)  # buttons of operators are looked up in a context of Blender's
+CONTEXTS = ("*", "Operator", OURS)  # Blender looks up buttons of operators in a context of its own.
 
 FIELD = re.compile(r"(\{\w+\})")
 LEAST_WORDS = 8
-"""Letters beside the fields, below which a template would be found in any sentence."""
+"""Fewest letters of a template outside of its fields; shorter ones would match any sentence."""
 
 
 def translate(text: str) -> str:
@@ -32,32 +32,32 @@ def translate(text: str) -> str:
 
 
 def translate_sentence(text: str) -> str:
-    """Return a sentence of an error or a note, with its names and numbers, in the language of Blender's interface."""
+    """Return a sentence of an error or a note in the language of Blender's interface, with its names and numbers."""
     return _by_template(text, bpy.app.translations.locale)
 
 
 @lru_cache(256)
 def _by_template(text: str, locale: str) -> str:
-    """The sentence as its template says it; what stands in a field may be words of ours as well."""
+    """Return the sentence translated by its template; fields may hold words to translate as well."""
     translated = translate(text)
     if translated != text:
         return translated
     for pattern, template in templates():
-        found = pattern.fullmatch(text)
-        if found:
-            values = {name: _by_template(value, locale) for name, value in found.groupdict().items()}
+        match = pattern.fullmatch(text)
+        if match:
+            values = {name: _by_template(value, locale) for name, value in match.groupdict().items()}
             return translate(template).format(**values)
     return text
 
 
 def _part(text: str) -> str:
-    """A piece of a template as a part of its pattern."""
+    """Return a piece of a template as a part of its pattern."""
     return f"(?P<{text[1:-1]}>.+?)" if FIELD.fullmatch(text) else re.escape(text)
 
 
 @cache
 def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
-    """Return every English sentence with fields in it, as a pattern and as it stands, the one with most words first."""
+    """Return the English sentences with fields, as pattern and as text, those with most words first."""
     texts = {text for name in LOCALES for text in table(name) if FIELD.search(text)}
     texts = {text for text in texts if len(FIELD.sub("", text)) >= LEAST_WORDS}
     ordered = sorted(texts, key=lambda text: (-len(FIELD.sub("", text)), text))
@@ -79,10 +79,10 @@ def catalogue() -> dict[str, dict[tuple[str, str], str]]:
 
 
 def register() -> None:
-    """Hand the tables of all languages to Blender."""
+    """Register the tables of all languages with Blender."""
     bpy.app.translations.register(__name__, catalogue())
 
 
 def unregister() -> None:
-    """Take them back."""
+    """Unregister them."""
     bpy.app.translations.unregister(__name__)

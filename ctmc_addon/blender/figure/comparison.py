@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a sheet compares: the values of one setting, or of two crossed, and the settings of every cell.
+"""Describe what a sheet compares: one setting or two crossed settings, and the settings of every cell.
 
 No Blender here, as in spec.py.
 """
@@ -23,12 +23,12 @@ from ...core import (
 )
 from ...reporting.captions import smoothing_phrase, stride_phrase
 
-MOST_CELLS = 26  # of a sheet: there is a letter for each
+MOST_CELLS = 26  # A sheet labels its cells with the 26 letters.
 
 
 @dataclass(frozen=True)
 class Comparison(Described):
-    """What a sheet compares: one of these, or two of them crossed, the first down and the second across.
+    """Values that a sheet compares: of one setting, or of two crossed, the first down and the second across.
 
     Raises
     ------
@@ -81,7 +81,7 @@ class Comparison(Described):
 
     @property
     def columns(self) -> int | None:
-        """Cells side by side where two are crossed, else None."""
+        """Return the cells per row where two settings are crossed, else None."""
         return self.counts[1] if len(self.counts) == 2 else None
 
     def variants(

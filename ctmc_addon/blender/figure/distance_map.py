@@ -21,13 +21,13 @@ from ..materials import headlight, math_node, show_flat, use_nodes
 from ..sockets import input_of, output_of
 from .spec import ColorScale
 
-DISTANCE = "deviation_mm"  # on every vertex, for the map
-COLORS = "deviation"  # for the solid view of a viewport
-LARGEST = "ctmc_deviation_mm"  # the mesh's custom property: the distance of its last color
+DISTANCE = "deviation_mm"  # Vertex attribute that the map shows.
+COLORS = "deviation"  # Attribute for the solid view of a viewport.
+LARGEST = "ctmc_deviation_mm"  # Custom property of the mesh: the distance of its last color.
 # From light to dark in even steps, so that what is right is light and large errors stand out, to the color-blind too:
 # the lighter part of magma (Smith and van der Walt 2015), sRGB.
 DISTANCE_COLORS = ("fcfdbf", "feca8d", "fd9668", "f1605d", "cd4071", "9e2f7f", "721f81", "440f76")
-RIM = 0.72  # of the lightness where a surface turns away: it shows form, and is no distance's color
+RIM = 0.72  # Share of the lightness at the rim: it shows form, and its color is not in the scale.
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ def color_scale(maps: Sequence[DistanceMap], limit_mm: float | None = None) -> C
     ----------
     maps : sequence of DistanceMap
     limit_mm : float, optional
-        Where the colors end; by default the 99th percentile of the distances, rounded up.
+        Distance at which the colors end; by default the 99th percentile of the distances, rounded up.
     """
     every = np.concatenate([distance_map.distances_mm for distance_map in maps])
     most = float(every.max())
@@ -87,7 +87,7 @@ def rounded_up(value: float) -> float:
 
 
 def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write a distance on every vertex of a mesh, which the map shows.
+    """Write distances as the vertex attribute that the map shows.
 
     Parameters
     ----------
@@ -99,7 +99,7 @@ def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> N
 
 
 def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Keep distances on the mesh, and colors up to the largest; solid view shows them as Attribute.
+    """Write distances and colors from 0 to the largest on the mesh; solid view shows them as Attribute.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def painted_mm(obj: bpy.types.Object | None) -> float | None:
 
 
 def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
-    """(n, 4) float32 linear RGBA of (n,) distances, from none to the largest of them."""
+    """Return linear RGBA, (n, 4) float32, of (n,) distances, from 0 to the largest of them."""
     share = distances_mm / (float(distances_mm.max(initial=0.0)) or 1.0)
     stops = np.array([linear(color) for color in DISTANCE_COLORS])
     along = np.linspace(0.0, 1.0, len(stops))
@@ -137,7 +137,7 @@ def linear(color: str) -> tuple[float, float, float, float]:
 
 
 def distance_material(scale: ColorScale) -> bpy.types.Material:
-    """The colors over the attribute `DISTANCE`; no light and no shadow changes them but for a little at the rim."""
+    """Return a material that shows the attribute `DISTANCE`, unlit but slightly darker at the rim."""
     material = bpy.data.materials.new("CTMC Distance")
     use_nodes(material)
     tree = material.node_tree

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Walls that surfaces share: two in one place would flicker, so that one of them is moved or removed."""
+"""Separate or remove walls that two surfaces share, which would flicker."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ..surface.placement import matrix_of
 from .spec import Cell
 from .styles import mean_edge
 
-WALL_GAP_MM = 0.02  # in the patient
-POINTS = 10_000  # looked up in a step
+WALL_GAP_MM = 0.02  # Gap in the patient.
+POINTS = 10_000  # Points looked up in a step.
 SETTING_UP = Step(0.0, "Setting up the figure")
 
 
 def open_shared_walls_steps(cell: Cell, copies: Sequence[bpy.types.Object]) -> Steps[None]:
-    """Remove where a transparent surface lies on a solid one: two triangles in one place would flicker."""
+    """Remove the triangles of a transparent surface that lie on an opaque one: they would flicker."""
     solid = [copy for surface, copy in zip(cell.surfaces, copies, strict=True) if surface.opacity == 1.0]
     if not solid or len(solid) == len(copies):
         return
@@ -49,9 +49,9 @@ def open_shared_walls_steps(cell: Cell, copies: Sequence[bpy.types.Object]) -> S
 
 
 def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
-    """Move the walls that a label shares with others inwards: two in one place, seen from an open end, would flicker.
+    """Move shared walls of labels inwards: two triangles in one place, seen through an opening, would flicker.
 
-    Each is then seen from its own side alone.
+    Each wall is then visible only from its own side.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def part_shared_walls(copy: bpy.types.Object, gap: float) -> None:
 
 
 def _delete_faces(mesh: bpy.types.Mesh, which: NDArray[np.int64]) -> None:
-    """Take triangles out of a mesh; the attributes of its vertices stay."""
+    """Delete triangles of a mesh; vertex attributes stay."""
     import bmesh
 
     work = bmesh.new()

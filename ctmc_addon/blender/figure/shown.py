@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The color and opacity of each surface of a figure, as the command line and the sidebar ask for them."""
+"""Choose the color and opacity of each surface of a figure, for the command line and the panel."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ def shown_surfaces(
     chosen: Sequence[float | None] = (),
     transparency: Transparency | None = None,
 ) -> tuple[ShownSurface, ...]:
-    """Return how objects are shown: one alone opaque and in the color of the style, several each in its own.
+    """Return objects with their look: a single one opaque in the style's color, several each in its own.
 
-    What hides a tumor from the camera is translucent, unless an opacity was chosen for it; others have that of their
-    material, which is of their anatomical name.
+    A surface that hides a tumor from the camera is translucent, unless an opacity was chosen for it. Other surfaces
+    have the opacity of their material, which follows their anatomical name.
 
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     names : sequence of str
         For legend and anatomy; by default those of the objects, and no legend.
     chosen : sequence of float or None
@@ -64,7 +64,7 @@ def shown_surfaces(
 
 
 def written(name: str) -> str:
-    """Return a structure's name as one writes it: 'rib left 7' for 'rib_left_7'."""
+    """Return a structure's name in plain writing: 'rib left 7' for 'rib_left_7'."""
     return name.replace("_", " ")
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Describe figures: page, style, cells, a sheet's comparison, a turntable's turn; names, choices and limits of each.
+"""Describe figures: page, style, cells, a sheet's comparison, a turntable's turn.
 
 No Blender here: the flags of the command line and the properties of the sidebar are made from this.
 """
@@ -15,16 +15,16 @@ from .comparison import Comparison as Comparison
 
 MM_PER_INCH = 25.4
 POINT_MM = MM_PER_INCH / 72
-PIXELS = 80_000_000  # what Cycles can hold on a usual machine
+PIXELS = 80_000_000  # Limit of Cycles' memory on a usual machine.
 COLUMN_MM = 85.0  # A column of most journals.
 FEW_STRUCTURES = 14  # Up to this many are named beside a picture; a page with more is two columns wide.
-AZIMUTH, ELEVATION = 30.0, 20.0  # of the camera, degrees
+AZIMUTH, ELEVATION = 30.0, 20.0  # Camera position, degrees.
 
 WHITE: Color = (1.0, 1.0, 1.0)
-NIGHT: Color = (0.010, 0.011, 0.014)  # of a dark page
-CHALK: Color = (0.82, 0.82, 0.82)  # of letters on it
+NIGHT: Color = (0.010, 0.011, 0.014)  # Color of a dark page.
+CHALK: Color = (0.82, 0.82, 0.82)  # Color of letters on a dark page.
 
-Box = tuple[float, float, float, float]  # left, bottom, right, top, mm from the page's lower left corner
+Box = tuple[float, float, float, float]  # Left, bottom, right and top, mm from the page's lower left corner.
 
 # Container and codec, Blender's names, for every suffix of a video.
 VIDEO_FORMATS = {
@@ -39,7 +39,7 @@ VIDEO_FORMATS = {
 
 @dataclass(frozen=True)
 class Engine:
-    """A render engine: Blender's name for it, its name in the panel, and what it is good for."""
+    """A render engine: Blender's name for it, its name in the panel, and its purpose."""
 
     identifier: str
     label: str
@@ -121,7 +121,7 @@ class Page(Described):
 
     @property
     def pen(self) -> Color:
-        """Return the color of letters and lines on it."""
+        """Return the color of letters and lines."""
         return CHALK if self.dark else INK
 
     @property
@@ -136,7 +136,7 @@ class Page(Described):
 
     @property
     def printed_width_mm(self) -> float:
-        """Return the width, that of a column where none is given."""
+        """Return the width; by default that of a column."""
         return self.width_mm or COLUMN_MM
 
     def wide(self, structures: int) -> Page:
@@ -157,7 +157,7 @@ class Page(Described):
         Raises
         ------
         SettingsError
-            If that is more than a machine can be expected to render.
+            If the picture is too large to render on a usual machine.
         """
         step = 2 if even else 1
         sides_mm = (self.printed_width_mm, height_mm)
@@ -175,14 +175,14 @@ PAGES = {"figure": Page(), "sheet": Page(170.0), "turntable": Page(120.0, 150.0,
 
 @dataclass(frozen=True)
 class ColorScale:
-    """Distances from 0 to `limit_mm` and their colors; `beyond` says that some are larger."""
+    """Colors of distances from 0 to `limit_mm`; `beyond` if some distances are larger."""
 
     limit_mm: float
     beyond: bool = False
 
     @property
     def unit(self) -> Unit:
-        """The unit in which they are shown."""
+        """Return the unit in which the distances are shown."""
         return unit_of(self.limit_mm, "mm")
 
 
@@ -210,7 +210,7 @@ class ShownSurface:
 
 @dataclass(frozen=True)
 class RulerMark:
-    """A distance between two places, or an angle at the second of three: world space, and what is written at it."""
+    """A distance between two positions, or an angle at the second of three, world space, with its text."""
 
     points: tuple[tuple[float, float, float], ...]
     text: str
@@ -243,7 +243,7 @@ class FigureStyle(Described):
     distances : ColorScale or None
         Colors for the distances on the surfaces, instead of the style's.
     samples : int or None
-        Of Cycles, without denoising; None takes what the noise needs.
+        Samples of Cycles, without denoising; None takes as many as the noise needs.
 
     Raises
     ------
@@ -310,7 +310,7 @@ class FigureStyle(Described):
 
     @property
     def edge(self) -> Color | None:
-        """Return the color of triangle edges, None for no edges."""
+        """Return the color of triangle edges; None for no edges."""
         own = STYLES[self.style].edge
         if self.edges is False or (self.edges is None and own is None):
             return None
@@ -333,7 +333,7 @@ class Transparency(Described):
 
 @dataclass(frozen=True)
 class DistanceMapSettings(Described):
-    """Whether surfaces have the colors of their distances, and where these end."""
+    """Switch for colors by distance, and the end of the color scale."""
 
     deviation: bool = setting(
         False, "Color every surface by its distance to full resolution, with a color bar", label="Distances", type=bool

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Style of a figure: its engine, and the materials of its surfaces."""
+"""Apply the style of a figure: its engine, and the materials of its surfaces."""
 
 from __future__ import annotations
 
@@ -32,21 +32,21 @@ from .rendering.illustration import glass_material, opaque_material
 from .spec import ENGINES, STYLES, FigureStyle, Page, ShownSurface
 
 NAME = "CTMC Figure"
-LEAST_EDGE = 3.0  # pixels
-LAYERS = 256  # of transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black
-FAR_SIDE = 0.35  # of the density of its near side, that of the far side of a translucent organ in illustrations
-RIM_SHADE = 0.6  # how light a transparent surface is at its rim
-EDGE_MM = 0.12  # on the page
-EDGE_WIDTH = "ctmc_edge_width"  # attribute of the triangles
+LEAST_EDGE = 3.0  # Shortest visible edge, pixels.
+LAYERS = 256  # Transparent surfaces that a ray passes: a rim of terraces has many, and the rest would be black.
+FAR_SIDE = 0.35  # Density of a translucent organ's far side relative to its near side, in illustrations.
+RIM_SHADE = 0.6  # Lightness of a transparent surface at its rim.
+EDGE_MM = 0.12  # Width of an edge on the page.
+EDGE_WIDTH = "ctmc_edge_width"  # Attribute of the triangles.
 # The width of a triangle's lines over the radius of its inscribed circle, where that is so many mm on the page: what is
 # too small to be seen one by one keeps the color of its face.
 RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 
 
 def require_engine(engine: str, distances: bool = False) -> None:
-    """Raise `OutputError` for an engine that does not work here, before Blender would end the process.
+    """Raise `OutputError` for an engine that does not work here; Blender would end the process.
 
-    `distances` asks for one that shows a distance map.
+    With `distances` the engine must show a distance map.
     """
     if engine == "workbench" and distances:
         raise OutputError("workbench shows no distance map; choose cycles or eevee")
@@ -72,11 +72,11 @@ def set_engine(scene: bpy.types.Scene, engine: str, paper: Color) -> None:
         shading.show_object_outline = False
         scene.display.render_aa = "16"
         shading.background_type = "WORLD"
-        scene.view_settings.exposure = 0.7  # its studio is darker than the others' sun; white stays white
+        scene.view_settings.exposure = 0.7  # Workbench's studio is darker than the suns; white stays white.
         scene.world.color = paper
     else:
         scene.cycles.transparent_max_bounces = LAYERS
-        scene.cycles.min_transparent_bounces = LAYERS  # or Cycles ends them by chance, which is noise
+        scene.cycles.min_transparent_bounces = LAYERS  # Else Cycles ends them at random, which is noise.
 
 
 def assign_materials(
@@ -88,10 +88,9 @@ def assign_materials(
     pictures: SlicePictures,
     layers: int = 1,
 ) -> list[bpy.types.ID]:
-    """Give a surface its material on a page whose millimeter is `unit` scene units; returns what was made for it.
+    """Assign a surface its material on a page whose millimeter is `unit` scene units; return new data-blocks.
 
-    The caps of a surface that was cut open keep their `pictures`. Of transparent surfaces the first `layers` that a ray
-    meets are seen.
+    The caps of a surface that was cut open keep their `pictures`. A ray sees the first `layers` transparent surfaces.
     """
     face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
     mesh = obj.data
@@ -109,7 +108,7 @@ def assign_materials(
     if line and shown.opacity == 1.0 and not (style.distances is not None and DISTANCE in mesh.attributes):
         widths = edge_widths(obj, unit, unit / page.pixels_per_mm)
         width = float(np.median(widths))
-        if style.engine == "cycles":  # the others have geometry for edges
+        if style.engine == "cycles":  # The other engines have geometry for edges.
             mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
             add_edges(material, line, EDGE_WIDTH)
     pictures.keep_caps(mesh, material)
@@ -126,9 +125,9 @@ def label_of(obj: bpy.types.Object) -> int | None:
 
 
 def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.float32]:
-    """Return how wide the lines of each face are, (F,) scene units; 0 where its edges are too short to be seen.
+    """Return the line width of the edges of each face, (F,) scene units; 0 where edges are too short to be seen.
 
-    Edges of less than `LEAST_EDGE` pixels, on average of the face, would be grain.
+    Edges that are on average shorter than `LEAST_EDGE` pixels would look like grain.
 
     Parameters
     ----------
@@ -139,7 +138,7 @@ def edge_widths(obj: bpy.types.Object, unit: float, pixel: float) -> NDArray[np.
     scale = scale_in_scene(obj)
     positions, faces = meshes.read_positions(mesh), meshes.read_triangles(mesh)
     radii, edges = _inscribed_radii(positions, faces) * scale, mean_edges(positions, faces) * scale
-    if len(radii) != len(mesh.polygons):  # a modifier made larger polygons: the smallest triangle of each counts
+    if len(radii) != len(mesh.polygons):  # Polygons of a modifier count by their smallest triangle.
         owners = np.empty(len(radii), np.int32)
         mesh.loop_triangles.foreach_get("polygon_index", owners)
         radii, edges = (_smallest_of(values, owners, len(mesh.polygons)) for values in (radii, edges))
@@ -174,7 +173,7 @@ def _inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -
     Examples
     --------
     >>> corners = np.array([[0, 0, 0], [3, 0, 0], [0, 4, 0]], np.float32)
-    >>> inscribed_radii(corners, np.array([[0, 1, 2]], np.int32)).tolist()
+    >>> _inscribed_radii(corners, np.array([[0, 1, 2]], np.int32)).tolist()
     [1.0]
     """
     a, b, c = np.moveaxis(positions[faces].astype(np.float64), 1, 0)  # (F, 3) each
@@ -185,7 +184,7 @@ def _inscribed_radii(positions: NDArray[np.float32], faces: NDArray[np.int32]) -
 
 
 def _make_matte(material: bpy.types.Material) -> None:
-    """Take the gloss away that leaves white spots on light surfaces."""
+    """Remove the gloss, which leaves white spots on light surfaces."""
     shader = principled(material)
     shader.inputs["Roughness"].default_value, shader.inputs["Specular IOR Level"].default_value = 0.6, 0.15
 
@@ -196,7 +195,7 @@ def shown_color(obj: bpy.types.Object, shown: ShownSurface, style: FigureStyle) 
 
 
 def mean_edge(obj: bpy.types.Object) -> float:
-    """Mean length of the triangles' first edges, scene units."""
+    """Return the mean length of the triangles' first edges, scene units."""
     faces = meshes.read_triangles(obj.data)
     positions = meshes.read_positions(obj.data)
     edges = positions[faces[:, 1]] - positions[faces[:, 0]]
@@ -204,16 +203,16 @@ def mean_edge(obj: bpy.types.Object) -> float:
 
 
 def scale_in_scene(obj: bpy.types.Object) -> float:
-    """Return how many times larger an object stands in the scene than its mesh is."""
+    """Return the scale of an object in the scene relative to its mesh."""
     return float(abs(obj.matrix_world.determinant()) ** (1 / 3))
 
 
 def transparent_material(color: Color, opacity: float, layers: int, style: FigureStyle) -> bpy.types.Material:
     """Return a veil of a color: `opacity` where it faces the camera, more at the rim, the same in any light.
 
-    Of everything transparent a ray sees the first `layers` surfaces, behind the first those that face the camera. All
-    others are clear: at a rim, where a ray passes many small ones, they would show as shards and as moire. No light
-    falls on it, as a ray that is lit or passes by chance is noise; the illustration's is shaded by its nodes.
+    A ray sees the first `layers` transparent surfaces; behind the first one, only those that face the camera. All
+    further ones are invisible: at a rim, a ray passes many small ones, which would show as shards and moire. No light
+    falls on the material, because random shadow rays are noise; the illustration's is shaded by its nodes.
     """
 
     def seen(tree: Any) -> Any:
@@ -221,7 +220,7 @@ def transparent_material(color: Color, opacity: float, layers: int, style: Figur
         first = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], 0.5)
         among = math_node(tree, "LESS_THAN", path.outputs["Transparent Depth"], layers - 0.5)
         front = math_node(tree, "SUBTRACT", 1.0, geometry.outputs["Backfacing"])
-        if style.style == "illustration":  # outlines are passed too, so that layers cannot be counted
+        if style.style == "illustration":  # Rays pass outlines too, so layers cannot be counted.
             return math_node(tree, "MULTIPLY_ADD", front, 1.0 - FAR_SIDE, FAR_SIDE)
         return math_node(tree, "MAXIMUM", first, math_node(tree, "MULTIPLY", among, front))
 
@@ -243,9 +242,9 @@ def transparent_material(color: Color, opacity: float, layers: int, style: Figur
 
 
 def _add_edge_geometry(obj: bpy.types.Object, edge: Color, width: float) -> bpy.types.Material:
-    """Triangle edges as bars of their own material; returns that.
+    """Add triangle edges as bars with their own material; return the material.
 
-    For Workbench, which has no nodes, and for EEVEE, whose wireframe node leaves dark stains from Blender 5.0 on.
+    Workbench has no nodes, and EEVEE's wireframe node leaves dark stains from Blender 5.0 on.
     """
     material = surface_material("CTMC Edges", edge)
     obj.data.materials.append(material)

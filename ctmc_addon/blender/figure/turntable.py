@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface turning about the patient's vertical axis: pictures, one a frame, and a video made of them.
+"""Render a surface turning about the patient's vertical axis: one picture a frame, and a video of them.
 
-The loop is seamless: of n frames, frame k stands at k/n of the turn, so the first follows the last as any other does.
+The loop is seamless: of n frames, frame k stands at k/n of the turn.
 Camera, light and letters stand still; the patient's axes turn with the surface. Every picture is written whole or not
-at all, with a note of what it shows beside it, so that work which was stopped can go on.
+at all, with a note of its settings next to it, so that interrupted work can resume.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ from .video import Video, require_video
 NOTE = "turntable.json"
 FRAME = "frame_{:05d}.png"
 FIRST_OF_EEVEE = ": Blender compiles shaders first and does not answer meanwhile"
-FRAMES_FOLDER = ".frames"  # beside a video, until it is done
+FRAMES_FOLDER = ".frames"  # Folder next to a video until it is done.
 
 
 def turntable_steps(
@@ -51,7 +51,7 @@ def turntable_steps(
     overwrite: bool = False,
     own_process: bool = False,
 ) -> Steps[tuple[tuple[int, int], int]]:
-    """Render a turn to a video, or a folder of PNG; returns the size in pixels and how many frames were rendered now.
+    """Render a turn to a video or a folder of PNG; return the size in pixels and the number of newly rendered frames.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def turntable_steps(
     require_turntable(target, page, resume, overwrite)
     if blend is not None:
         require_own_blend(Path(blend))
-    if is_video(target):  # the folder goes when the video is complete
+    if is_video(target):  # The folder is removed once the video is complete.
         for file in folder.rglob("*"):
             require_no_input(file)
     yield Step(0.0, "Setting up the turntable")
@@ -112,12 +112,11 @@ def is_video(path: Path) -> bool:
 
 
 def _frames_folder(path: Path) -> Path:
-    """Return where the pictures of a turntable are."""
     return path.with_name(path.stem + FRAMES_FOLDER) if is_video(path) else path
 
 
 def _add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
-    """Turn the surfaces and the patient's axes with the scene's frame, 1 to the last; returns their pivot."""
+    """Add a pivot that turns the surfaces and the patient's axes with the frame, 1 to the last; return it."""
     pivot = bpy.data.objects.new("CTMC Turntable", None)
     figure.blocks.append(pivot)
     pivot.location = center_of(all_positions(figure)).tolist()
@@ -139,7 +138,7 @@ def _add_pivot(figure: FigureScene, turn: Turn) -> bpy.types.Object:
 
 
 def _frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn: Turn, compiles: bool) -> Steps[int]:
-    """Render the frames that are missing; says how long the rest takes once one is done.
+    """Render the missing frames; the message has the time left after the first one.
 
     Parameters
     ----------
@@ -167,21 +166,21 @@ def _frames_steps(renderer: Renderer, picture: RenderRequest, folder: Path, turn
 
 def _video_steps(renderer: Renderer, folder: Path, target: Path, turn: Turn, size: tuple[int, int]) -> Steps[None]:
     """Write the video of the frames in a folder, whole or not at all."""
-    made = renderer.folder / "video"
-    made.mkdir()
+    video_folder = renderer.folder / "video"
+    video_folder.mkdir()
     frames = [str((folder / FRAME.format(at + 1)).resolve()) for at in range(turn.frames)]
-    video = Video(frames, str(made), target.name, turn.fps, size)
+    video = Video(frames, str(video_folder), target.name, turn.fps, size)
     yield from renderer.make_steps(video, Step(1.0, f"Writing {target.name}"))
     with whole_file(target) as temporary:
         shutil.copyfile(video.file, temporary)
 
 
 def _duration_left(seconds: float) -> str:
-    """Return in words how long it will still take.
+    """Return the remaining time in words.
 
     Examples
     --------
-    >>> duration_left(41.2), duration_left(312), duration_left(9000)
+    >>> _duration_left(41.2), _duration_left(312), _duration_left(9000)
     ('about 41 s', 'about 5 min', 'about 2.5 h')
     """
     if seconds < 90:
@@ -190,7 +189,7 @@ def _duration_left(seconds: float) -> str:
 
 
 def _is_complete_png(path: Path) -> bool:
-    """Return whether a PNG is there from its first to its last chunk."""
+    """Return whether a PNG has its first and its last chunk."""
     try:
         with path.open("rb") as file:
             start = file.read(8)
@@ -201,7 +200,7 @@ def _is_complete_png(path: Path) -> bool:
 
 
 def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) -> dict[str, Any]:
-    """Return what tells one turntable from another: the surfaces, page, style and turn."""
+    """Return a note that identifies a turntable: surfaces, page, style and turn."""
     surfaces = hashlib.sha256()
     for copy in figure.copies[0]:
         surfaces.update(meshes.read_positions(copy.data).tobytes())
@@ -222,7 +221,7 @@ def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) ->
 
 
 def require_turntable(path: Path, page: Page, resume: bool, overwrite: bool) -> None:
-    """Raise `OutputError` for a video this Blender cannot write, or a place that is taken.
+    """Raise `OutputError` for a video format this Blender cannot write, or an occupied output path.
 
     A folder that holds anything but a turntable is never touched.
     """
@@ -247,7 +246,7 @@ def is_finished_video(path: Path) -> bool:
 
 
 def _require_same(folder: Path, note: dict[str, Any], overwrite: bool) -> None:
-    """Raise `OutputError` if the folder has frames of another turntable; remove them if it may be overwritten."""
+    """Raise `OutputError` if the folder has frames of another turntable; with `overwrite` remove them."""
     if overwrite:
         older = [*folder.glob("frame_*.png"), folder / NOTE]
         for file in older:

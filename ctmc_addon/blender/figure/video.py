@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Videos from pictures, by the FFmpeg inside Blender."""
+"""Make videos from pictures with the FFmpeg inside Blender."""
 
 from __future__ import annotations
 
@@ -30,7 +30,6 @@ def require_video(path: Path, transparent: bool) -> None:
 
 
 def _has_format(suffix: str) -> bool:
-    """Return whether this Blender was built with a video format."""
     container, codec = VIDEO_FORMATS[suffix]
     ffmpeg = bpy.types.FFmpegSettings.bl_rna.properties
     supported = container in ffmpeg["format"].enum_items and codec in ffmpeg["codec"].enum_items
@@ -38,14 +37,14 @@ def _has_format(suffix: str) -> bool:
 
 
 class Video(NamedTuple):
-    """A video to make of pictures.
+    """A video to make from pictures.
 
     Parameters
     ----------
     frames : sequence of str
         Paths of the pictures.
     folder : str
-        An empty one that the video goes to; Blender gives it its name.
+        An empty folder for the video; Blender chooses the file name.
     name : str
         Name for messages; its suffix chooses the format.
     fps : int
@@ -61,7 +60,7 @@ class Video(NamedTuple):
     size: tuple[int, int]
 
     def make(self, _scene: bpy.types.Scene) -> None:
-        """Write it, in a scene of its own.
+        """Write the video in a separate scene.
 
         Raises
         ------
@@ -81,12 +80,12 @@ class Video(NamedTuple):
 
     @property
     def file(self) -> Path:
-        """The file that was written.
+        """Return the path of the video.
 
         Raises
         ------
         OutputError
-            If it is not there: Blender says so in its output alone.
+            If the file is missing; Blender reports failures only in its printed output.
         """
         written = sorted(Path(self.folder).iterdir())
         if len(written) != 1 or not written[0].stat().st_size:

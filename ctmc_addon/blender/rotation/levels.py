@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Levels of simplification as objects: each a plain mesh, with no modifier and no key."""
+"""Make levels of simplification as objects: each a plain mesh without modifier and key."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ class Level:
 def simplified_steps(
     mesh: TriangleMesh, percents: Sequence[float], budget: Budget | None = None
 ) -> Steps[list[tuple[float, TriangleMesh]]]:
-    """Return the surface with these shares of its triangles removed, per cent."""
+    """Return the surface without these shares of its triangles, per cent."""
     simplified = []
     for number, percent in enumerate(percents):
         small = mesh
@@ -46,7 +46,7 @@ def simplified_steps(
 def levels_in(
     scene: bpy.types.Scene, simplified: Sequence[tuple[float, TriangleMesh]], scale: float = SCALE
 ) -> Iterator[list[Level]]:
-    """Static objects of these meshes (RAS+ mm) in `scene`, about one origin; removed after the block."""
+    """Add static objects of these meshes (RAS+ mm) to `scene`, about one origin; remove them after the block."""
     placement = placed_at_center(simplified[0][1].vertices, scale)
     material = surface_material(NAME, BONE)
     levels: list[Level] = []
@@ -61,11 +61,11 @@ def levels_in(
             scene.collection.objects.link(obj)
         yield levels
     finally:
-        remove_blocks(*(level.obj.data for level in levels))  # and the objects with them
+        remove_blocks(*(level.obj.data for level in levels))  # This removes the objects too.
         remove_blocks(material)
 
 
 def show_only(levels: Sequence[Level], shown: Level) -> None:
-    """Hide every level but one, from renders and viewports."""
+    """Hide every level except one, in renders and viewports."""
     for level in levels:
         level.obj.hide_render = level.obj.hide_viewport = level is not shown

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Triangles drawn on the GPU, or its software stand-in, with nothing of Blender's around them."""
+"""Draw triangles on the GPU, or its software stand-in, with nothing of Blender's around them."""
 
 from __future__ import annotations
 
@@ -53,10 +53,10 @@ class TriangleDrawing:
         free_shader()
 
     def show(self, level: Level) -> None:
-        """Do nothing: the triangles of every level are on the GPU already."""
+        """Do nothing, because the triangles of every level are on the GPU already."""
 
     def draw(self, level: Level) -> None:
-        """Clear, draw, and read one pixel, which waits until all are drawn."""
+        """Clear, draw, and read one pixel, which waits until all triangles are drawn."""
         import gpu
 
         seen = self.view @ level.obj.matrix_basis
@@ -68,7 +68,7 @@ class TriangleDrawing:
             target.read_color(0, 0, 1, 1, 4, 0, "FLOAT")
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return the picture as it is now, (height, width, 4) uint8, from the bottom up."""
+        """Return the present picture, (height, width, 4) uint8, from the bottom up."""
         buffer = self.picture.texture_color.read()
         buffer.dimensions = self.picture.width * self.picture.height * 4
         return np.array(buffer, np.uint8).reshape(self.picture.height, self.picture.width, 4)

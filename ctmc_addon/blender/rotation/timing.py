@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rotation test: how long a surface takes to turn once around its z axis (Su and Ma, 4.3 and table 2).
+"""Time how long a surface takes to turn once around its z axis (Su and Ma, 4.3 and table 2).
 
 Every level of simplification is an object of its own with a plain mesh, no modifier and no key, made before the clock
 starts. A round turns each level once, from one step to 360 degrees; rounds go through the levels in turn, so that a
@@ -38,15 +38,15 @@ class Drawing(Protocol):
     """A way to draw a frame."""
 
     def show(self, level: Level) -> None:
-        """Get ready to draw this level and no other; not timed."""
+        """Prepare to draw this level and no other; not timed."""
 
     def draw(self, level: Level) -> None:
-        """Draw the level as its object is turned now, and come back when the picture is there; timed."""
+        """Draw the level at its present angle, and return when the picture is complete; timed."""
 
 
 @dataclass(frozen=True)
 class LevelTimes:
-    """What the test found for one level: seconds of every round, as a whole frame and as drawing alone."""
+    """Seconds of every round of one level, as a whole frame and as drawing only."""
 
     percent: float
     faces: int
@@ -55,7 +55,7 @@ class LevelTimes:
 
 
 def frames_of(step_degrees: float) -> int:
-    """Frames of one turn; the last is at 360 degrees, or the last step before.
+    """Return the frames of one turn; the last is at 360 degrees, or the last step before.
 
     Examples
     --------
@@ -80,7 +80,7 @@ def rotation_steps(
         for level, times in zip(levels, seconds, strict=True):
             level.obj.rotation_euler.z = 0.0
             drawing.show(level)
-            drawing.draw(level)  # warms up
+            drawing.draw(level)  # Warm up.
             total = 0.0
             for angle in angles:
                 level.obj.rotation_euler.z = angle
@@ -100,16 +100,16 @@ def rotation_test_steps(
     step_degrees: float = STEP_DEGREES,
     size: tuple[int, int] | None = None,
 ) -> Steps[list[LevelTimes]]:
-    """The test with no window, in a scene of its own: whole frames by `engine`, and the triangles alone if it can.
+    """Run the test without a window in a separate scene: whole frames by `engine`, and triangles only if possible.
 
     Parameters
     ----------
     simplified : sequence of (per cent, mesh)
-        As `simplified_steps` makes them, RAS+ mm.
+        Result of `simplified_steps`, RAS+ mm.
     engine : {"BLENDER_WORKBENCH", "CYCLES"}
         Workbench needs EGL on Linux; without it Blender would end the process.
     size : (width, height) int, optional
-        Of a frame, pixels; by default that of `SIZES`.
+        Size of a frame, pixels; by default that of `SIZES`.
     """
     size = size or SIZES[engine]
     scene = bpy.data.scenes.new(NAME)
@@ -141,14 +141,14 @@ def rotation_test_steps(
 
 
 def frame_turning(scene: bpy.types.Scene, level: Level, size: tuple[int, int]) -> None:
-    """Move the camera back until the level stays in the picture however it is turned about its z axis."""
+    """Move the camera back until the level stays in the picture at every angle about its z axis."""
     origin = np.array(level.obj.location, np.float64)
     points = meshes.read_positions(level.obj.data).astype(np.float64) + origin
     frame(scene.camera, swept(points, origin), view_axes(AZIMUTH, ELEVATION), size)
 
 
 class RenderDrawing:
-    """A whole frame off screen: Blender evaluates the scene, hands the mesh to the engine and reads the picture."""
+    """Draw a whole frame off screen: Blender evaluates the scene, passes the mesh to the engine, reads the picture."""
 
     def __init__(self, scene: bpy.types.Scene, levels: Sequence[Level], engine: str) -> None:
         self.scene, self.levels = scene, levels

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The rotation test drawn in a viewport of a window, which is redrawn as a whole."""
+"""Draw the rotation test in a viewport of a window, which is redrawn as a whole."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .levels import Level, show_only
 
 
 class ViewportDrawing:
-    """A viewport as a way to draw: comes back once the picture is on the screen, and puts the eye back at the end.
+    """Draw in a viewport: return once the picture is on the screen, and restore the view at the end.
 
     The test turns the level about z; zoom and pan move the eye out and back by the same share of a round instead.
 
@@ -43,7 +43,7 @@ class ViewportDrawing:
     def draw(self, level: Level) -> None:
         """Draw the window and wait for it."""
         if self.motion != "rotate":
-            share = math.sin(level.obj.rotation_euler.z / 2)  # out and back in a round
+            share = math.sin(level.obj.rotation_euler.z / 2)  # Move out and back within a round.
             level.obj.rotation_euler.z = 0.0
             if self.motion == "zoom":
                 self.eye.view_distance = self.distance * (1.0 - 0.5 * share)

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CT's own object in the scene: an empty as large as its box, in a collection that takes all that is made of it.
+"""Show the CT as an object of the scene: an empty as large as its box, in a collection of everything made from it.
 
-Slice and preview are only drawn, so Blender would not know that anything stands there. Home and View Selected frame
-the empty.
+Slice and preview are only drawn, so Blender knows nothing of them. Home and View Selected frame the empty.
 """
 
 from __future__ import annotations
@@ -21,7 +20,6 @@ FOLDER = "ctmc_folder"
 
 
 def _is_box(obj: bpy.types.Object) -> bool:
-    """Return whether an object is the box of a CT."""
     return obj.type == "EMPTY" and hasattr(obj.get(PROPERTY), "keys")
 
 
@@ -31,7 +29,7 @@ def fingerprint_of_box(obj: bpy.types.Object | None) -> str:
 
 
 def boxes_in(collection: bpy.types.Collection) -> list[bpy.types.Object]:
-    """Return the boxes of CTs in a collection."""
+    """Return the CTs' boxes in a collection."""
     return [obj for obj in collection.objects if _is_box(obj)]
 
 
@@ -44,7 +42,7 @@ def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.type
 
 
 def noted_paths() -> list[tuple[str, Callable[[str], None]]]:
-    """Return the paths that boxes and their collections have noted, each with what notes another in its place."""
+    """Return the paths that boxes and their collections store, each with a function that stores another."""
     boxes = [obj[PROPERTY] for obj in bpy.data.objects if _is_box(obj) and obj.library is None]
     notes = [(str(box.get("path", "")), partial(box.__setitem__, "path")) for box in boxes]
     folders = [owner for owner in bpy.data.collections if FOLDER in owner and owner.library is None]
@@ -59,16 +57,16 @@ def show_box(
     path: str,
     folder: tuple[str, str],
 ) -> tuple[bpy.types.Object, bool]:
-    """Return the box of a CT, made where the scene has none yet, else brought to its place; and whether it is new.
+    """Return the box of a CT, added or moved to its position, and whether it is new.
 
     Parameters
     ----------
     corners : (8, 3) float64
-        Of the volume, Blender units.
+        Corners of the volume, Blender units.
     name : str
-        What the CT is called.
+        Name of the CT.
     folder : (path, name)
-        Where the CT lies: its collection is found by the path and called by the name.
+        Folder of the CT: its collection is found by the path and has the name.
     """
     obj = box_of(scene, fingerprint, path)
     is_new = obj is None
@@ -94,7 +92,7 @@ def _collection_for(scene: bpy.types.Scene, folder: str, name: str) -> bpy.types
 
 
 def _collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Collection:
-    """Return where all that is made of a CT belongs: beside its box, else in the scene's own collection."""
+    """Return the collection of a CT's objects: that of its box, else the scene's own."""
     box = box_of(scene, fingerprint) if fingerprint else None
     inside = {collection.session_uid for collection in scene.collection.children_recursive}
     owners = [] if box is None else [owner for owner in box.users_collection if owner.session_uid in inside]
@@ -102,5 +100,5 @@ def _collection_of_ct(scene: bpy.types.Scene, fingerprint: str) -> bpy.types.Col
 
 
 def link_beside_ct(scene: bpy.types.Scene, obj: bpy.types.Object, fingerprint: str) -> None:
-    """Give a scene a new object that was made of a CT: a surface, slice, cut, volume or ruler."""
+    """Link a new object made from a CT to the scene: a surface, slice, cut, volume or ruler."""
     _collection_of_ct(scene, fingerprint).objects.link(obj)

@@ -1,16 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The cube that Blender puts into every new file."""
+"""Find the cube that Blender puts into every new file."""
 
 from __future__ import annotations
 
 import bpy
 import numpy as np
 
-TYPES = ["CAMERA", "LIGHT", "MESH"]  # of the objects of a new file
+TYPES = ["CAMERA", "LIGHT", "MESH"]  # Types of the objects of a new file.
 
 
 def untouched_cube(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the cube of a new file that nobody has changed or added anything to; None in any other file."""
+    """Return the cube of a new, unchanged file; None in any other file."""
     if bpy.data.filepath or sorted(obj.type for obj in scene.objects) != TYPES:
         return None
     cube = next(obj for obj in scene.objects if obj.type == "MESH")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Camera and lights for F12, in a collection of their own that one may delete: key, fill and rim, sized to the subject.
+"""Add camera and lights for F12 in a separate collection: key, fill and rim, sized to the subject.
 
 The camera looks from the patient's front and left. Lights are areas as wide as the subject, so soft, and as far away
 as they have to be for the whole of it; their energy grows with the square of that, so a scan of any size and scale is
@@ -22,7 +22,7 @@ from ..sockets import output_of
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
 NAME = "CTMC Studio"
-BACKGROUND = 0.1  # linear gray: light bone and dark liver both stand out before it
+BACKGROUND = 0.1  # Linear gray on which light bone and dark liver both stand out.
 AMBIENT = 0.35
 
 
@@ -36,7 +36,7 @@ class _Lamp(NamedTuple):
     away, size : float
         Distance and side, in radii of the subject.
     share : float
-        Of white, what a white surface that faces it gets.
+        Brightness of a white surface that faces it, as a share of white.
     tint : (red, green, blue) float
     """
 
@@ -58,9 +58,9 @@ LAMPS = {
 def set_up_studio(
     scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], azimuth: float = AZIMUTH, elevation: float = ELEVATION
 ) -> tuple[bpy.types.ID, ...]:
-    """Give a scene a camera framed on objects, three lights and a background, replacing earlier ones.
+    """Add a camera framed on objects, three lights and a background to a scene, replacing earlier ones.
 
-    Objects, materials and lights of others stay as they are. What F12 depends on is set: the scene's camera, world,
+    All other objects, materials and lights stay as they are. What F12 depends on is set: the scene's camera, world,
     view transform, and enough light paths for translucent surfaces; engine, size and samples stay.
 
     Parameters
@@ -95,7 +95,7 @@ def set_up_studio(
 
 
 def sphere_of(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
-    """Return middle (3,) and radius of a ball around points (n, 3): that of their box."""
+    """Return middle (3,) and radius of the sphere around the box of points (n, 3)."""
     low, high = points.min(axis=0), points.max(axis=0)
     middle: NDArray[np.float64] = (low + high) / 2
     return middle, max(float(np.sqrt(((high - low) ** 2).sum())) / 2, 1e-6)
@@ -141,7 +141,7 @@ def gray_world() -> bpy.types.World:
 
 
 def _remove_studio(scene: bpy.types.Scene) -> None:
-    """Remove the studio that was set up in a scene before, with its objects; other objects in it go to the scene."""
+    """Remove a scene's earlier studio with its objects; other objects in it move to the scene."""
     for folder in [child for child in scene.collection.children if child.name.partition(".")[0] == NAME]:
         for obj in list(folder.objects):
             if obj.type in ("CAMERA", "LIGHT") and obj.name.startswith("CTMC "):

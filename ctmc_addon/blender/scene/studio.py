@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Camera, light and background for one surface, in Blender units.
+"""Set up camera, light and background for one surface, in Blender units.
 
 The camera is orthographic, so lengths can be compared across a picture. It looks from the patient's front,
 a little from the left and from above, the head upwards.
@@ -26,7 +26,7 @@ from ..surface.placement import matrix_of
 SIZE = (1200, 900)
 MARGIN = 1.12
 SAMPLES = 9
-WORLD = 0.25  # from all sides
+WORLD = 0.25  # Strength of the light from all sides.
 WHITE = (1.0, 1.0, 1.0)
 
 
@@ -38,7 +38,7 @@ class Sun(NamedTuple):
     turn, rise : float
         Degrees from the camera's azimuth and elevation.
     share : float
-        Of white, what a white surface that faces it gets.
+        Brightness of a white surface that faces it, as a share of white.
     angle : float
         Width of its disc, degrees: the wider, the softer the edge of a shadow.
     shadow : bool
@@ -70,7 +70,7 @@ def prepare_scene(
     Parameters
     ----------
     size : (width, height) int
-        Of the picture, pixels.
+        Size of the picture, pixels.
     azimuth, elevation : float
         Camera position, degrees: from the patient's front towards the left, and up.
 
@@ -92,7 +92,7 @@ def prepare_scene(
 
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
-    """Return all vertices of an object as it is shown, (n, 3), in the scene."""
+    """Return all vertices of an object as shown, (n, 3), in the scene."""
     evaluated, _ = evaluated_object(obj, scene)
     return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
@@ -199,11 +199,11 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
     points : (n, 3) float64
         In Blender units.
     axes : (3, 3) float64
-        As `view_axes` has them.
+        Axes as `view_axes` returns them.
     size : (width, height) int
         Pixels.
     """
-    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
+    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # Right, up, backward.
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     longest = max(size)
@@ -218,7 +218,7 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
 
 
 def swept(points: NDArray[np.float64], axis: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return points around what points sweep when they turn about a vertical axis.
+    """Return points around the volume that points sweep when they turn about a vertical axis.
 
     Parameters
     ----------
@@ -253,7 +253,7 @@ def page_world(paper: tuple[float, float, float] = WHITE, strength: float = WORL
 
 
 def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
-    """Cycles on the CPU, which every machine has, with true colors and nothing about this machine in the file."""
+    """Render with Cycles on the CPU, which every machine has, with true colors and no machine data in the file."""
     render = scene.render
     render.engine = "CYCLES"
     scene.cycles.device = "CPU"
@@ -266,7 +266,7 @@ def set_render(scene: bpy.types.Scene, size: tuple[int, int]) -> None:
     scene.view_settings.view_transform = "Standard"
     render.resolution_x, render.resolution_y = size
     render.resolution_percentage = 100
-    render.dither_intensity = 0.0  # white stays white
+    render.dither_intensity = 0.0  # White stays white.
     render.image_settings.file_format = "PNG"
     render.image_settings.color_mode = "RGB"
     render.filepath = "//"

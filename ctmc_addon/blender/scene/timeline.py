@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that are shown one after the other on the timeline: those of a volume's times."""
+"""Show objects one after the other on the timeline, such as a volume's times."""
 
 from __future__ import annotations
 
@@ -14,14 +14,14 @@ SWITCHES = ("hide_viewport", "hide_render")
 
 @contextmanager
 def shown_in_turn(objects: Sequence[bpy.types.Object], frames: Sequence[int], scene: bpy.types.Scene) -> Iterator[None]:
-    """In the block each object is shown at its frame alone, and the scene plays them from frame 1.
+    """Show each object only at its frame within the block, with the scene playing them from frame 1.
 
     Parameters
     ----------
     objects : sequence of Object
         Without animation of their own, and shown; they are so again after the block.
     frames : sequence of int
-        Of each object, rising.
+        Frame of each object, rising.
     scene : Scene
         Gets its range and its present frame.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices of the CT as objects that stay and render, and surfaces that are cut open at them or by a box."""
+"""Show slices of the CT as objects that stay and render, and cut surfaces at them or with a box."""
 
 from .cut import CUT, cut_at_slice, cuts_of, flip, is_cut_in
 from .cut_box import add_cut_box, cut_away, cut_box_of, flip_cut_away, near_half, remove_cut_away

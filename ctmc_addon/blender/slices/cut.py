@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces cut open at a slice, by a modifier that stays live; the cap carries the slice's picture.
+"""Cut surfaces open at a slice with a live modifier; the cap shows the slice's picture.
 
 Everything beyond the slice towards the head, the front or the right is removed by Geometry Nodes (cut_nodes.py) that
 ask an arrow on the slice: moving the slice moves the cut, and turning the arrow turns it.
@@ -24,8 +24,8 @@ from .material import picture_coordinates
 from .plane import SLICE, is_slice
 
 CUT = "CTMC Cut"
-IN_PLANE = 1e-4  # of a slice's diagonal: nearer to its plane lies in it
-ARROW = 0.1  # length of the arrow, of the slice's diagonal
+IN_PLANE = 1e-4  # Points nearer to a slice's plane than this share of its diagonal lie in it.
+ARROW = 0.1  # Length of the arrow, as a share of the slice's diagonal.
 
 
 def cut_at_slice(scene: bpy.types.Scene, surfaces: Iterable[bpy.types.Object], plane: bpy.types.Object) -> None:
@@ -62,7 +62,7 @@ def nodes_of(scene: bpy.types.Scene, plane: bpy.types.Object) -> bpy.types.NodeT
 
 
 def cuts_of(obj: bpy.types.Object | None) -> list[bpy.types.NodeTree]:
-    """Return the node groups of the cuts of a surface, or at a slice, in the order in which they were made."""
+    """Return the node groups that cut a surface, or cut at a slice, in the order in which they were made."""
     if obj is None:
         return []
     if is_slice(obj):
@@ -72,7 +72,7 @@ def cuts_of(obj: bpy.types.Object | None) -> list[bpy.types.NodeTree]:
 
 
 def flip(cut: bpy.types.NodeTree) -> None:
-    """Let a cut keep the other half, of every surface that it cuts."""
+    """Make a cut keep the other half, in every surface that it cuts."""
     plane = cut[CUT]
     arrows = [node.inputs["Object"].default_value for node in cut.nodes if node.type == "OBJECT_INFO"]
     arrow = next((obj for obj in arrows if obj is not None and obj != plane), None)
@@ -82,28 +82,28 @@ def flip(cut: bpy.types.NodeTree) -> None:
 
 
 def is_cut_in(scene: bpy.types.Scene, corners: NDArray[np.float64]) -> bool:
-    """Return whether a surface that is seen is cut open in the plane of a slice.
+    """Return whether a visible surface is cut open in the plane of a slice.
 
     Parameters
     ----------
     scene : bpy.types.Scene
     corners : (4, 3) float64
-        Of the slice, world space.
+        Corners of the slice, world space.
     """
     normal = slice_normal(corners)
     reach = float(np.linalg.norm(corners[2] - corners[0]))
     for cut in {cut for obj in scene.objects if obj.type == "MESH" and obj.visible_get() for cut in cuts_of(obj)}:
         plane = cut[CUT]
-        others = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
-        if np.abs(((others - corners[0]) * normal).sum(axis=1)).max() < IN_PLANE * reach:
+        cut_corners = np.array([plane.matrix_world @ corner.co for corner in plane.data.vertices], np.float64)
+        if np.abs(((cut_corners - corners[0]) * normal).sum(axis=1)).max() < IN_PLANE * reach:
             return True
     return False
 
 
 def frame(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """A (4, 4) rotation whose z stands on a slice with these corners, (4, 3), towards the head, the front or the right.
+    """Return a (4, 4) rotation whose z is normal to a slice, pointing to the head, the front or the right.
 
-    That is the side to which the normal's largest part is positive.
+    z points to the side where the normal's largest component is positive. The slice has the corners (4, 3).
 
     Examples
     --------

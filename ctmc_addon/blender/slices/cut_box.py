@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from which a box takes what lies inside or outside it, by a modifier that stays live.
+"""Remove the inside or outside of a box from surfaces with a live modifier.
 
-Moving, turning or scaling the box changes what is taken away; `remove_cut_away` leaves the surface as it was.
+Moving, turning or scaling the box changes the cut; `remove_cut_away` restores the surface.
 
 The modifier is a node group with Blender's Mesh Boolean. The Boolean modifier would keep the normals that the surface
 was given; the cut has none there, and 5.0 would draw it black.
@@ -24,14 +24,14 @@ from .cuttable import BOX, is_cut_box, require_cuttable
 from .node_builder import Nodes
 
 CUT_AWAY = "CTMC Cut Away"
-OUTSIDE = "Outside"  # label of the node that chooses which side is taken away
-MARGIN = 0.01  # of the diagonal: how far the first box reaches beyond the surfaces, so that no faces coincide
+OUTSIDE = "Outside"  # Label of the node that chooses which side is removed.
+MARGIN = 0.01  # The first box extends this share of the diagonal beyond the surfaces, so that no faces coincide.
 # Corner n has the upper end along x, y, z where bit 0, 1, 2 of n is set; the faces point outwards.
 FACES = ((0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6))
 
 
 def near_half(surfaces: Iterable[bpy.types.Object], towards: Sequence[float]) -> NDArray[np.float64]:
-    """Return the box of the half of surfaces that is nearest to a viewer, (8, 3) world space.
+    """Return the box around the half of surfaces that is nearest to a viewer, (8, 3) world space.
 
     Parameters
     ----------
@@ -48,14 +48,14 @@ def near_half(surfaces: Iterable[bpy.types.Object], towards: Sequence[float]) ->
 
 
 def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprint: str = "") -> bpy.types.Object:
-    """Return a new box, which is drawn as lines and not rendered.
+    """Return a new box that is drawn as lines and not rendered.
 
     Parameters
     ----------
     corners : (8, 3) float64
         World space, as `region_corners` orders them.
     fingerprint : str
-        Of the CT beside which it is put.
+        Fingerprint of the CT whose collection takes the box.
     """
     middle = corners.mean(axis=0)
     # In a mirrored space the faces would point inwards.
@@ -71,7 +71,7 @@ def add_cut_box(scene: bpy.types.Scene, corners: NDArray[np.float64], fingerprin
 
 
 def cut_away(surfaces: Iterable[bpy.types.Object], box: bpy.types.Object) -> None:
-    """Take what lies inside a box away from surfaces; one that it cuts already stays as it is.
+    """Remove the inside of a box from surfaces; one that it cuts already stays as it is.
 
     Raises
     ------
@@ -122,7 +122,7 @@ def box_nodes(box: bpy.types.Object) -> bpy.types.NodeTree:
 
 
 def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> Any:
-    """Return what is left of a surface, and of the box inside it."""
+    """Return the remaining surface, and the part of the box inside it."""
     # The other solvers leave holes or refuse open surfaces, which Hole Tolerant caps.
     node = nodes.add("GeometryNodeMeshBoolean", operation=operation, solver="EXACT")
     nodes.link(True, input_of(node, "Hole Tolerant"))
@@ -132,20 +132,20 @@ def _boolean_of(nodes: Nodes, operation: str, surface: Any, box_mesh: Any) -> An
 
 
 def _cuts_away(obj: bpy.types.Object) -> list[bpy.types.NodesModifier]:
-    """Return the modifiers of an object that cut with a box, in their order."""
+    """Return the modifiers of an object that cut with a box, in order."""
     cuts = [modifier for modifier in obj.modifiers if modifier.type == "NODES" and modifier.node_group is not None]
     return [cut for cut in cuts if is_cut_box(cut.node_group.get(CUT_AWAY))]
 
 
 def cut_box_of(obj: bpy.types.Object | None) -> bpy.types.Object | None:
-    """Return the box that an object is, or the last that cuts it, or None."""
+    """Return the object if it is a box, else the last box that cuts it, or None."""
     if obj is None or is_cut_box(obj):
         return obj
     return next((cut.node_group[CUT_AWAY] for cut in reversed(_cuts_away(obj))), None)
 
 
 def flip_cut_away(box: bpy.types.Object) -> None:
-    """Take away outside a box what was taken away inside it, or inside what was outside, of every surface."""
+    """Remove the outside of a box instead of the inside, or back, for every surface."""
     tree = nodes_of(box)
     for node in tree.nodes if tree is not None else ():
         if node.label == OUTSIDE:
@@ -154,7 +154,7 @@ def flip_cut_away(box: bpy.types.Object) -> None:
 
 
 def remove_cut_away(box: bpy.types.Object) -> None:
-    """Remove a box, and make every surface that it cuts as it was."""
+    """Remove a box, and restore every surface that it cuts."""
     tree = nodes_of(box)
     for obj in bpy.data.objects:
         for cut in _cuts_away(obj):
@@ -162,4 +162,4 @@ def remove_cut_away(box: bpy.types.Object) -> None:
                 obj.modifiers.remove(cut)
     if tree is not None:
         bpy.data.node_groups.remove(tree)
-    bpy.data.meshes.remove(box.data)  # the object goes with it
+    bpy.data.meshes.remove(box.data)  # This removes the object too.

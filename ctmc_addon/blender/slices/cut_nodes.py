@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-r"""The Geometry Nodes that cut a surface at a plane and cap it.
+r"""Build the Geometry Nodes that cut a surface at a plane and cap it.
 
 Every triangle is inside (z < 0 in the plane's space), outside or crosses the plane. Those that cross become islands of
 their own and are clipped exactly: the corners that are outside slide along an edge to the plane, and where only one
@@ -28,20 +28,20 @@ from ..sockets import input_of, output_of
 from .material import UV
 from .node_builder import Nodes
 
-NEAR = 1e-6  # of the reach of the slice: closer to the plane is on it; a few roundings of float32
-OFFSET = 1e-5  # of the reach: the cut lies so far below the slice, on whose samples many vertices of a surface lie
-EQUAL = 5e-7  # of the reach: ends of the edges of the section that are the same point are so close
+NEAR = 1e-6  # Points nearer to the plane than this share of the slice's reach lie on it; a few roundings of float32.
+OFFSET = 1e-5  # The cut lies this share of the reach below the slice, on whose samples many vertices of a surface lie.
+EQUAL = 5e-7  # Ends of the section's edges nearer than this share of the reach are the same point.
 
 
 def cut_nodes(
     name: str, plane: bpy.types.Object, cut: bpy.types.Object, coordinates: NDArray[np.float64], reach: float
 ) -> bpy.types.NodeTree:
-    """Return a node group that keeps what lies below a plane and caps it.
+    """Return a node group that keeps the part below a plane and caps it.
 
     Parameters
     ----------
     plane : Object
-        Its local x and y axes span the plane; what has a positive z is taken away.
+        Its local x and y axes span the plane; points with a positive z are removed.
     cut : Object
         The slice, whose material the cap has.
     coordinates : (2, 3) float64
@@ -81,14 +81,14 @@ def cut_nodes(
     is_outside = {which: nodes.negate(value) for which, value in is_inside.items()}
 
     def crossing_of(outer: str, inner: str) -> Any:
-        """Return where the edge meets the plane; worked out from its outer end, so that both its triangles agree."""
+        """Return where the edge meets the plane, computed from its outer end so that both its triangles agree."""
         share = nodes.math("DIVIDE", heights[outer], nodes.math("SUBTRACT", heights[outer], heights[inner]))
         return nodes.between(share, positions[outer], positions[inner])
 
     count = nodes.total(is_inside.values())
     islands, _ = nodes.separate(
         triangles, nodes.compare("GREATER_THAN", count, 0.5), "POINT"
-    )  # others have no corner inside
+    )  # Other triangles have no corner inside.
     pairs = (("own", "after"), ("own", "before"), ("before", "own"))
     to_after, to_before, from_before = (crossing_of(*pair) for pair in pairs)
     target = nodes.switch(is_inside["after"], to_before, to_after)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Objects that can be cut open: meshes, but neither slices nor the boxes that cut."""
+"""Find objects that can be cut open: meshes that are neither slices nor cutting boxes."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import bpy
 from ...core import MeshError
 from .plane import is_slice
 
-BOX = "ctmc_cut_box"  # property of a box that cuts
+BOX = "ctmc_cut_box"  # Custom property of a box that cuts.
 
 
 def is_cut_box(obj: bpy.types.Object | None) -> bool:

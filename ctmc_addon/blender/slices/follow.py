@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that are moved: their pictures show the CT there, and they meet where a point was picked."""
+"""Update slices that are moved: their pictures show the CT there, and they meet at a picked point."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from ...core.volume import AIR, ValueKind, resliced, slice_corners, slice_normal
 from .material import pack, paint, picture_of, set_window, show_in_solid
 from .plane import PLANE, SHOWN, SLICE, is_slice, outside_body
 
-STILL = 1e-3  # mm that a slice may be off before its picture is taken again
+STILL = 1e-3  # Distance in mm that a slice may move before its picture is updated.
 
 
 def corners_of(obj: bpy.types.Object, scale: float) -> NDArray[np.float64]:
-    """Return where the corners of a slice are now, (4, 3) RAS+ mm."""
+    """Return the present corners of a slice, (4, 3) RAS+ mm."""
     return np.array([obj.matrix_world @ corner.co for corner in obj.data.vertices], np.float64) / scale
 
 
 def pictures_of(obj: bpy.types.Object) -> list[tuple[bpy.types.Material, bpy.types.Image]]:
-    """Return the materials of a slice that still have its picture, each with that picture."""
-    found = [(material, picture_of(material)) for material in obj.data.materials]
-    return [(material, picture) for material, picture in found if picture is not None]
+    """Return the materials of a slice that still have a picture, each with that picture."""
+    pairs = [(material, picture_of(material)) for material in obj.data.materials]
+    return [(material, picture) for material, picture in pairs if picture is not None]
 
 
 def slices_of(scene: bpy.types.Scene, fingerprint: str) -> Iterator[bpy.types.Object]:
@@ -47,12 +47,12 @@ def at_corners(
 
 
 def refresh(scene: bpy.types.Scene, volume: Volume, fingerprint: str, scale: float, *, again: bool = False) -> int:
-    """Take the pictures of a CT's slices where they stand now; return how many slices had moved.
+    """Update the pictures of a CT's moved slices; return how many slices had moved.
 
     Parameters
     ----------
     again : bool
-        Take those of slices that have not moved too: undo restores positions, but not pictures.
+        Update slices that have not moved too: undo restores positions, but not pictures.
     """
     moved = 0
     for obj in slices_of(scene, fingerprint):
@@ -93,9 +93,9 @@ def cross_at(
     scale: float,
     clicked: bpy.types.Object | None = None,
 ) -> None:
-    """Move the slices of a CT so that they meet at a point, and the 3D cursor there; `clicked` stays.
+    """Move the slices of a CT so that they and the 3D cursor meet at a point; `clicked` stays.
 
-    Of several slices in one plane, the nearest moves.
+    If several slices lie in one plane, the nearest moves.
     """
     scene.cursor.location = [value * scale for value in point_mm]
     nearest: dict[str, tuple[float, bpy.types.Object, Vector]] = {}

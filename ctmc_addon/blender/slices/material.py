@@ -19,9 +19,9 @@ from ...core.volume import windowed
 from ..materials import clear_shader, dot_node, math_node, mixed, use_nodes
 from ..sockets import input_of, output_of
 
-VALUES, SOLID, WINDOW = "Values", "Solid Shading", "Window and Level"  # labels of nodes
+VALUES, SOLID, WINDOW = "Values", "Solid Shading", "Window and Level"  # Labels of nodes.
 UV = "UVMap"
-DISPLAY_GAMMA = 2.2  # grays are to look as in the sidebar's slice: a render takes them for amounts of light
+DISPLAY_GAMMA = 2.2  # Makes grays look as in the sidebar's slice, because a render takes them as linear.
 
 
 def slice_material(
@@ -33,9 +33,9 @@ def slice_material(
     level: float,
     outside: NDArray[np.bool_] | None = None,
 ) -> bpy.types.Material:
-    """Return a material that shows values (rows, columns) wherever it is put, as they lie in the plane of `obj`.
+    """Return a material that shows values (rows, columns) at their position in the plane of `obj`.
 
-    `corners` are those of the picture, (4, 3) in the object's space; what is `outside` the body is transparent. The
+    `corners` are those of the picture, (4, 3) in the object's space; samples `outside` the body are transparent. The
     first row is at the picture's bottom.
     """
     rows, columns = values.shape
@@ -93,7 +93,7 @@ def _node_of(material: bpy.types.Material | None, label: str) -> Any:
 
 
 def paint(material: bpy.types.Material, values: NDArray[Any], outside: NDArray[np.bool_] | None = None) -> None:
-    """Give a slice's pictures other values; they are packed again when the file is saved.
+    """Replace the values of a slice's pictures; they are packed again when the file is saved.
 
     Parameters
     ----------
@@ -115,7 +115,7 @@ def paint(material: bpy.types.Material, values: NDArray[Any], outside: NDArray[n
 
 
 def show_in_solid(material: bpy.types.Material) -> None:
-    """Bring the picture that Solid shading shows up to the values, window and level."""
+    """Update the picture that Solid shading shows from the values, window and level."""
     picture, shown, gray = picture_of(material), picture_of(material, SOLID), _node_of(material, WINDOW)
     if picture is None or shown is None or gray is None or tuple(shown.size) != tuple(picture.size):
         return
@@ -130,7 +130,7 @@ def show_in_solid(material: bpy.types.Material) -> None:
 
 
 def set_window(material: bpy.types.Material, window: float, level: float) -> None:
-    """Give a slice's material another window and level.
+    """Change window and level of a slice's material.
 
     Parameters
     ----------
@@ -147,14 +147,14 @@ def set_window(material: bpy.types.Material, window: float, level: float) -> Non
 
 
 def pack(material: bpy.types.Material) -> None:
-    """Put new and updated pictures into the .blend."""
+    """Pack new and updated pictures into the .blend."""
     for picture in (picture_of(material), picture_of(material, SOLID)):
         if picture is not None and (picture.is_dirty or picture.packed_file is None):
             picture.pack()
 
 
 def picture_coordinates(corners: NDArray[np.float64]) -> NDArray[np.float64]:
-    """What to multiply a place in the plane with for its share along the columns and the rows, (2, 3); 0 is the middle.
+    """Return the (2, 3) matrix from a point in the plane to its share along columns and rows; 0 is the middle.
 
     The sides may be oblique to each other, as in the slices of a tilted gantry.
 

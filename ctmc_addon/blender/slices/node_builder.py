@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Geometry Nodes written as an expression: a call makes a node, links what it is given and returns its output."""
+"""Write Geometry Nodes as an expression: a call adds a node, links its inputs and returns its output."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ COLUMN = 8  # nodes one below the other
 
 
 class Nodes:
-    """Builds the nodes of a tree; sockets go in, sockets come out."""
+    """Builder of a tree's nodes; sockets go in, sockets come out."""
 
     def __init__(self, tree: bpy.types.NodeTree) -> None:
         self.tree = tree
@@ -28,7 +28,7 @@ class Nodes:
         return node
 
     def link(self, source: Any, socket: Any) -> None:
-        """Give a socket a value: of another socket, or a number."""
+        """Link a socket to another, or set it to a number."""
         if isinstance(source, bpy.types.NodeSocket):
             self.tree.links.new(source, socket)
         else:
@@ -102,7 +102,7 @@ class Nodes:
         return self.of("GeometryNodeFieldOnDomain", "Value", {"Value": condition}, data_type="BOOLEAN", domain="FACE")
 
     def captured(self, geometry: Any, condition: Any) -> tuple[Any, Any]:
-        """Return a geometry whose vertices keep a condition as it is here, and that condition."""
+        """Return a geometry whose vertices store a condition as evaluated here, and that condition."""
         node = self.add("GeometryNodeCaptureAttribute", domain="POINT")
         node.capture_items.new("BOOLEAN", "Condition")
         self.link(geometry, input_of(node, "Geometry"))
@@ -121,7 +121,7 @@ class Nodes:
         return self.of("GeometryNodeVertexOfCorner", "Vertex Index", {"Corner Index": farther})
 
     def separate(self, geometry: Any, condition: Any, domain: str) -> tuple[Any, Any]:
-        """Return the parts of a geometry that meet a condition, and the others."""
+        """Return the part of a geometry that meets a condition, and the remaining part."""
         node = self.add("GeometryNodeSeparateGeometry", domain=domain)
         self.link(geometry, input_of(node, "Geometry"))
         self.link(condition, input_of(node, "Selection"))
@@ -145,6 +145,6 @@ class Nodes:
         return self.of("GeometryNodeStoreNamedAttribute", "Geometry", inputs, **kinds)
 
     def arrange(self) -> None:
-        """Give every node a place, so that the editor shows them beside each other."""
+        """Arrange the nodes side by side in the editor."""
         for number, node in enumerate(self.tree.nodes):
             node.location = (220 * (number // COLUMN), -180 * (number % COLUMN))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A slice as a plane at its place in the patient, with the CT on it."""
+"""Add a slice of the CT as a plane at its position in the patient."""
 
 from __future__ import annotations
 
@@ -14,9 +14,9 @@ from ...core.volume import SliceIndex, ValueKind, ends_of_body, outside_air, sli
 from ..scene.ct_box import link_beside_ct
 from .material import UV, slice_material
 
-SLICE = "ctmc_slice_of"  # property of the object: the fingerprint of its CT
-PLANE = "ctmc_slice_plane"  # which of `PLANES` it was made in
-SHOWN = "ctmc_slice_shown"  # where its picture was taken: its corners, RAS+ mm
+SLICE = "ctmc_slice_of"  # Custom property of the object: the fingerprint of its CT.
+PLANE = "ctmc_slice_plane"  # Custom property: the plane of `PLANES` in which it was made.
+SHOWN = "ctmc_slice_shown"  # Custom property: the corners of its picture, RAS+ mm.
 CORNERS_UV = (0.0, 0.0, 1.0, 0.0, 1.0, 1.0, 0.0, 1.0)
 
 
@@ -44,7 +44,7 @@ def add_slice(
     plane : str
         Name: 'axial', 'coronal' or 'sagittal'.
     window, level : float
-        Of its material, in the volume's values.
+        Window and level of its material, in the volume's values.
     scale : float
         Blender units of 1 mm.
     """
@@ -66,14 +66,14 @@ def add_slice(
 
 
 def outside_body(volume: Volume, values: NDArray[Any], corners_mm: NDArray[np.float64]) -> NDArray[np.bool_] | None:
-    """Return where a slice shows air around the body; None where its values are not HU.
+    """Return which samples of a slice are air around the body; None where the values are not HU.
 
     Parameters
     ----------
     volume : Volume
     values : (rows, columns) numbers
     corners_mm : (4, 3) float64
-        Of the slice, RAS+.
+        Corners of the slice, RAS+.
 
     Returns
     -------

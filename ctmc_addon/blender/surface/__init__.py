@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface as an object of the Blender file, and read back from it."""
+"""Store a surface as an object of the Blender file, and read it back."""
 
 from .alpha_key import key_state, set_alpha
 from .components import PICKED, component_at, give_triangles, own_surface, separated

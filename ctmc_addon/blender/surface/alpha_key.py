@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The shape key `alpha`: linear crossings over midpoints (Su and Ma, eq. 5 to 7), moved with no extraction."""
+"""Store alpha as a shape key: linear crossings over midpoints (Su and Ma, eq. 5 to 7), moved without extraction."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def alpha_key(mesh: bpy.types.Mesh) -> bpy.types.ShapeKey | None:
 
 
 def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: Placement) -> None:
-    """Give an object, whose vertices are the midpoints, the key of the linear crossings.
+    """Add the key of the linear crossings to an object whose vertices are the midpoints.
 
     Parameters
     ----------
@@ -38,7 +38,7 @@ def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: 
     surface : Surface
         Both ends of alpha, RAS+ mm.
     alpha : float
-        0 to 1, where the key stands.
+        Value of the key, 0 to 1.
     placement : Placement
     """
     obj.shape_key_add(name="Basis", from_mix=False)
@@ -48,7 +48,7 @@ def add_alpha(obj: bpy.types.Object, surface: Surface, alpha: float, placement: 
 
 
 def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
-    """Move a surface to `alpha` and note it among its settings; return whether anything changed.
+    """Move a surface to `alpha` and store it in the settings; return whether anything changed.
 
     Parameters
     ----------
@@ -68,14 +68,14 @@ def set_alpha(obj: bpy.types.Object, alpha: float) -> bool:
 
 
 def keep_key(old: bpy.types.Key, new: bpy.types.Key, old_alpha: float) -> None:
-    """Carry the key over to a new mesh.
+    """Copy the key to a new mesh.
 
     Parameters
     ----------
     old : bpy.types.Key
     new : bpy.types.Key
     old_alpha : float
-        Of the settings; the key's value is carried over only where it differs or is animated.
+        Alpha of the settings; the key's value is kept only if it differs or is animated.
     """
     before, animation = old.key_blocks.get(KEY), old.animation_data
     if before is not None:
@@ -109,22 +109,21 @@ def _copy_track(old: bpy.types.NlaTrack, new: bpy.types.NlaTrack) -> None:
 
 
 def _copy_settings(old: bpy.types.bpy_struct, new: bpy.types.bpy_struct, names: tuple[str, ...]) -> None:
-    """Copy settings in this order."""
     for name in names:
         setattr(new, name, getattr(old, name))
 
 
 def require_no_other_keys(obj: bpy.types.Object) -> None:
-    """Raise `MeshError` for an object with shape keys of its user's, which another surface would have no place for."""
+    """Raise `MeshError` for an object with a user's shape keys, which another surface could not keep."""
     keys = obj.data.shape_keys
-    others = (
+    other_keys = (
         []
         if keys is None
         else [key.name for key in keys.key_blocks if key not in (keys.reference_key, alpha_key(obj.data))]
     )
-    if others:
+    if other_keys:
         raise MeshError(
-            f"{obj.name} has the shape key {others[0]}, which a new surface cannot keep; remove it, "
+            f"{obj.name} has the shape key {other_keys[0]}, which a new surface cannot keep; remove it, "
             "or deselect the object to make a new one"
         )
 
@@ -138,7 +137,7 @@ def _is_animated(keys: bpy.types.Key) -> bool:
 
 
 def mixed_positions(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """Return the vertices where the key `alpha` puts them, (V, 3) float32, before any modifier."""
+    """Return the vertices moved by the key `alpha`, (V, 3) float32, before any modifier."""
     key = alpha_key(mesh)
     if key is None:
         return meshes.read_positions(mesh)
@@ -153,7 +152,7 @@ def value_of(key: bpy.types.ShapeKey) -> float:
 
 
 def key_state(mesh: bpy.types.Mesh, alpha: float | None = None) -> tuple[list[NDArray[np.float32]], list[float]]:
-    """Positions, (V, 3) float32, and value of every key, the key `alpha` at `alpha` where that is given.
+    """Return positions, (V, 3) float32, and value of every key; the key `alpha` at `alpha` if given.
 
     Without keys the mesh's own positions and no value.
     """

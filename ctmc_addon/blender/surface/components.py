@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The component of a surface that a point lies on, and a surface without it or of it alone."""
+"""Find the component of a surface at a point, and keep or separate it."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from .objects import require_updatable, update_reconstruction
 from .provenance import Provenance, require_provenance
 from .readback import own_mesh, read_back, reconstruction_of
 
-ON_SURFACE = 1e-2  # mm that the place of a click may be off
+ON_SURFACE = 1e-2  # Tolerance in mm for a click on the surface.
 PICKED = "Components were picked by hand."
-"""The note of a surface that settings alone do not make again."""
+"""The note of a surface that its settings do not reproduce."""
 
 
 def own_surface(obj: bpy.types.Object) -> Reconstruction:
-    """Return the surface of an object as it is before modifiers, RAS+ mm, with both ends of alpha where it has them."""
+    """Return an object's surface before modifiers, RAS+ mm, with both ends of alpha where it has them."""
     provenance = require_provenance(obj)
     return read_back(obj) or reconstruction_of(own_mesh(obj), None, provenance.settings, provenance)
 
 
 def component_at(result: Reconstruction, point_mm: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which triangles, (F,), belong to the component at a point, with the walls of its cavities.
+    """Return which triangles, (F,), belong to the component at a point, cavity walls included.
 
     Parameters
     ----------
@@ -41,7 +41,7 @@ def component_at(result: Reconstruction, point_mm: NDArray[np.float64]) -> NDArr
 
 
 def _nearest_triangle(mesh: TriangleMesh, point: NDArray[np.float64]) -> int:
-    """Return the triangle that a point lies on; for a point on none, one at the vertex nearest to it."""
+    """Return the triangle at a point; for a point off the surface, one at the nearest vertex."""
     corners = mesh.vertices[mesh.faces]  # (F, 3, 3)
     low, high = corners.min(axis=1) - ON_SURFACE, corners.max(axis=1) + ON_SURFACE
     around = np.flatnonzero(((low <= point) & (point <= high)).all(axis=1))
@@ -52,12 +52,12 @@ def _nearest_triangle(mesh: TriangleMesh, point: NDArray[np.float64]) -> int:
 
 
 def near(corners: NDArray[np.float32], point: NDArray[np.float64]) -> int:
-    """Return the number of the corner, of all (F, 3, 3), nearest to a point."""
+    """Return the index of the corner, of all (F, 3, 3), nearest to a point."""
     return int(((corners.reshape(-1, 3) - point) ** 2).sum(axis=1).argmin())
 
 
 def surface_of(result: Reconstruction) -> Surface:
-    """Return both ends of alpha, which are one where alpha is settled."""
+    """Return both ends of alpha, which are equal where alpha is settled."""
     mesh = result.mesh
     return result.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
 
@@ -86,14 +86,14 @@ def _with_triangles(result: Reconstruction, chosen: NDArray[np.bool_]) -> Recons
 
 
 def give_triangles(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.bool_]) -> None:
-    """Leave an object only some of its triangles; transform, materials and modifiers stay."""
+    """Reduce an object to some of its triangles; transform, materials and modifiers stay."""
     require_updatable(obj)
     provenance: Provenance = require_provenance(obj)
     update_reconstruction(obj, _with_triangles(result, chosen), fingerprint=provenance.fingerprint)
 
 
 def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.bool_]) -> bpy.types.Object:
-    """Take some triangles out of an object into a new one, which is like it but for these.
+    """Move some triangles of an object into a new one, which is otherwise equal.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def separated(obj: bpy.types.Object, result: Reconstruction, chosen: NDArray[np.
         raise MeshError("this is the only component; nothing would be left")
     new = obj.copy()
     new.data = obj.data.copy()
-    for slot, material in enumerate(obj.data.materials):  # its color is its own
+    for slot, material in enumerate(obj.data.materials):  # The new object's color is its own.
         new.data.materials[slot] = None if material is None else material.copy()
     for collection in obj.users_collection:
         collection.objects.link(new)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's Decimate modifier on triangles, timed, in a scene of its own."""
+"""Run Blender's Decimate modifier on triangles, timed, in a separate scene."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, floa
     mesh : TriangleMesh
         In RAS+ mm, without normals; Decimate meets the number within one or two triangles.
     seconds : float
-        From the mesh in Blender to its evaluated mesh; neither building the one nor reading the other.
+        From the mesh in Blender to its evaluated mesh, without building and reading them.
     """
     placement = placed_at_center(mesh.vertices)
     scene = bpy.data.scenes.new("CTMC Decimate")

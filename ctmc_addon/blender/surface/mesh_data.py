@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Arrays to Blender meshes and back, without a Python loop over vertices.
+"""Convert arrays to Blender meshes and back, without a Python loop over vertices.
 
 Positions here are in an object's local space; placement.py knows how that lies in the patient.
 The fastest paths differ little between Blender 4.2 and 5.2: attributes written whole as float32 and int32.
@@ -24,7 +24,7 @@ NORMALS = "custom_normal" if FREE_NORMALS else "gradient_normal"
 
 
 def new_mesh(name: str, positions: NDArray[np.float32], faces: NDArray[np.int32]) -> bpy.types.Mesh:
-    """Return a mesh; `new_mesh_steps` in one go.
+    """Return a mesh, as `new_mesh_steps` does.
 
     Parameters
     ----------
@@ -39,10 +39,10 @@ def new_mesh(name: str, positions: NDArray[np.float32], faces: NDArray[np.int32]
 def new_mesh_steps(
     name: str, positions: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges
 ) -> Steps[bpy.types.Mesh]:
-    """A smooth-shaded mesh, its faces added after a step: millions take Blender long. Left there, it is gone again.
+    """Make a smooth-shaded mesh and add its faces after a step, because millions of faces take Blender long.
 
-    Its edges are ours: Blender would find them in one long go, and in an order that hangs on its number of threads,
-    and so would the triangles that Decimate leaves.
+    The mesh is removed if the steps are closed early. Its edges are passed in: Blender would find them in one long
+    call, in an order that depends on its number of threads, and so would the triangles that Decimate leaves.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def new_mesh_steps(
     faces : (F, 3) int32
         Counter-clockwise seen from outside.
     edges : (2, E) and (3, F) int32
-        As `core.mesh.edges_steps` gives them.
+        Result of `core.mesh.edges_steps`.
     """
     ends, edge_of_corner = edges
     mesh = bpy.data.meshes.new(name)
@@ -61,7 +61,7 @@ def new_mesh_steps(
         if len(faces):
             _write_positions(mesh, positions)
             _write_numbers(mesh, ".edge_verts", ends.T)
-            yield Step(0.3, "Adding the surface")  # until here it is a mesh of edges alone, which is a mesh as well
+            yield Step(0.3, "Adding the surface")  # Until here it is a valid mesh of edges.
             mesh = mesh_of(uid)
             mesh.loops.add(faces.size)
             mesh.polygons.add(len(faces))
@@ -82,7 +82,7 @@ def mesh_of(uid: int) -> bpy.types.Mesh:
     Raises
     ------
     MeshError
-        If it is gone: undo takes it.
+        If it no longer exists, for example after undo.
     """
     mesh = next((mesh for mesh in bpy.data.meshes if mesh.session_uid == uid), None)
     if mesh is None:
@@ -114,7 +114,7 @@ def edges_steps(faces: NDArray[np.int32], vertex_count: int) -> Steps[Edges]:
 
 
 def _write_positions(mesh: bpy.types.Mesh, positions: NDArray[np.float32]) -> None:
-    """Move the mesh's vertices; of a mesh with keys, only what lies under the keys.
+    """Move the mesh's vertices; if the mesh has keys, only the positions under the keys.
 
     Parameters
     ----------
@@ -136,7 +136,7 @@ def read_vectors(collection: Any, name: str, count: int) -> NDArray[np.float32]:
     ----------
     collection : bpy_prop_collection
     name : str
-        Of the vector property, such as 'co'.
+        Name of the vector property, such as 'co'.
     count : int
         Length of the collection.
     """
@@ -158,7 +158,7 @@ def read_triangles(mesh: bpy.types.Mesh) -> NDArray[np.int32]:
 
 
 def corner_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32]:
-    """Return the normal Blender shades every corner with, (corners, 3) float32."""
+    """Return the normal with which Blender shades every corner, (corners, 3) float32."""
     return read_vectors(mesh.corner_normals, "vector", len(mesh.loops))
 
 
@@ -176,7 +176,7 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """Return what `write_attribute` kept, (V, 3) float32, or None."""
+    """Return the attribute that `write_attribute` stored, (V, 3) float32, or None."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
         return None
@@ -184,7 +184,7 @@ def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | Non
 
 
 def keep_normals(mesh: bpy.types.Mesh, normals: NDArray[np.float32]) -> None:
-    """Keep normals on the mesh; from Blender 4.5 this is also what it is shaded with.
+    """Store normals on the mesh; from Blender 4.5 they also shade it.
 
     Parameters
     ----------
@@ -200,7 +200,7 @@ def kept_normals(mesh: bpy.types.Mesh) -> NDArray[np.float32] | None:
 
 
 def encode_normals(mesh: bpy.types.Mesh, positions: NDArray[np.float32], normals: NDArray[np.float32]) -> None:
-    """Before Blender 4.5: shade with (V, 3) normals, right where the vertices stand at `positions`.
+    """Shade with (V, 3) normals before Blender 4.5, correct when the vertices are at `positions`.
 
     Blender stores them against the normals the mesh has while they are set, so the vertices are moved
     there and back. A normal of zero means Blender's own.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A reconstruction as an object: added, updated, made plain, removed.
+"""Add, update, simplify and remove the object of a reconstruction.
 
 Alpha is the shape key `alpha` over the midpoints (Su and Ma, eq. 5 to 7), Decimate a live modifier after it.
 """
@@ -52,13 +52,13 @@ def add_reconstruction(
     color : (red, green, blue) or None
         Linear; None takes the label's own color, else that of its name or number.
     mesh : Mesh or None
-        What `surface_mesh_steps` has made of it at this scale; None makes it now.
+        Result of `surface_mesh_steps` at this scale; None makes it now.
     structure : str
         Name of the structure, for the object's name; empty takes the volume's name of the label.
     fingerprint : str
-        Of the volume's values.
+        Fingerprint of the volume's values.
     opacity : float, optional
-        From 0 to 1; None for an opaque surface for which nobody has chosen one.
+        Opacity from 0 to 1; None for an opaque surface without a choice.
 
     Raises
     ------
@@ -87,12 +87,12 @@ def add_reconstruction(
 def update_reconstruction(
     obj: bpy.types.Object, result: Reconstruction, mesh: bpy.types.Mesh | None = None, fingerprint: str = ""
 ) -> None:
-    """Give an object another surface; its transform, materials, modifiers and animation stay.
+    """Replace an object's surface; its transform, materials, modifiers and animation stay.
 
-    The mesh is what `surface_mesh_steps` has made of it for this object; None makes it now.
+    The mesh is the result of `surface_mesh_steps` for this object; None makes it now.
 
-    The key's value and Decimate's ratio follow the new settings if nobody has moved them since the old
-    ones were applied, and stay where a hand or an animation has put them otherwise.
+    The key's value and Decimate's ratio follow the new settings unless a user or an
+    animation has moved them since the old ones were applied.
 
     Raises
     ------
@@ -119,7 +119,7 @@ def update_reconstruction(
 
 
 def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
-    """Make a plain mesh of alpha and every modifier that shows in the viewport.
+    """Make a plain mesh from alpha and every modifier that is enabled in the viewport.
 
     Raises
     ------
@@ -147,7 +147,7 @@ def temporary_surfaces(
     names: Sequence[str] = (),
     opacities: Sequence[float | None] = (),
 ) -> Iterator[tuple[bpy.types.Scene, list[bpy.types.Object]]]:
-    """A scene of its own with an object for every surface; after the block nothing of them is left.
+    """Make a separate scene with an object for every surface; remove everything after the block.
 
     The objects may be given `names` and `opacities`, one each.
     """
@@ -164,9 +164,9 @@ def temporary_surfaces(
 
 
 def refresh_normals(obj: bpy.types.Object) -> None:
-    """Before Blender 4.5: shade with the gradient at the key's present value; later versions need no such thing.
+    """Shade with the gradient at the key's present value, which only Blender before 4.5 needs.
 
-    Call it when alpha has come to rest. Under a Decimate modifier such normals would be wrong, and are left out.
+    Call it once alpha is idle. Under a Decimate modifier such normals would be wrong and are left out.
     """
     mesh = obj.data
     normals = meshes.kept_normals(mesh)
@@ -178,8 +178,8 @@ def refresh_normals(obj: bpy.types.Object) -> None:
 
 
 def _object_name(result: Reconstruction, structure: str = "") -> str:
-    """What the surface is of, else the file's stem and its label; short enough for every Blender to keep the label."""
-    room = NAME_BYTES - 4  # for the .001 of a second one
+    """Return the structure's name, else the file's stem and label, short enough that Blender keeps the label."""
+    room = NAME_BYTES - 4  # Leave room for the .001 of a second one.
     if structure:
         return shortened(structure, room)
     label = "" if result.settings.label is None else f" label {result.settings.label}"
@@ -187,7 +187,7 @@ def _object_name(result: Reconstruction, structure: str = "") -> str:
 
 
 def call(obj: bpy.types.Object, name: str) -> None:
-    """Rename a surface, with the mesh and materials of the same name; a name that a user gave stays."""
+    """Rename a surface, with the mesh and materials of the same name; a user's own name stays."""
     before, name = obj.name, shortened(name, NAME_BYTES - 4)
     if obj.get(NAMED) != before or before.rpartition(".")[0] == name or before == name:
         return
@@ -205,10 +205,10 @@ def shortened(text: str, size: int) -> str:
 def surface_mesh_steps(
     result: Reconstruction, obj: bpy.types.Object | None = None, scale: float = SCALE, edges: meshes.Edges | None = None
 ) -> Steps[bpy.types.Mesh]:
-    """Return the surface at alpha 0 where alpha is still open, else as it is: a mesh for `obj` or a new object to take.
+    """Return a mesh for `obj` or a new object: the surface at alpha 0 while alpha is open, else as it is.
 
-    This is nearly all of the time that a surface takes to get into Blender, and no scene has seen it yet. Its edges
-    may have been found before, by `meshes.edges_steps`.
+    This takes nearly all of the time to add a surface to Blender, and no scene uses the mesh yet. Its edges may have
+    been computed before, by `mesh_data.edges_steps`.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def surface_mesh_steps(
 
 
 def _update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Provenance | None = None) -> None:
-    """Our own Decimate modifier, there where the settings ask for it; others are left alone."""
+    """Add or remove our own Decimate modifier as the settings ask; other modifiers stay."""
     settings, modifier = result.settings, obj.modifiers.get(DECIMATE)
     if settings.simplifier != "decimate" or not settings.simplifies:
         if modifier is not None:
@@ -288,13 +288,13 @@ def require_updatable(obj: bpy.types.Object) -> None:
 
 
 def require_object_mode(obj: bpy.types.Object) -> None:
-    """Raise `MeshError` for an object in edit mode: until that is left, its mesh is not the one that is shown."""
+    """Raise `MeshError` for an object in edit mode, whose mesh is not the shown one until that ends."""
     if obj.mode == "EDIT":
         raise MeshError(f"{obj.name} is in edit mode; leave it first")
 
 
 def discard(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:
-    """Remove a replaced mesh, with its keys, unless someone else uses it; the new one takes its name."""
+    """Remove a replaced mesh with its keys, unless it is still used; the new one takes its name."""
     if old.users == 0:
         name = old.name
         bpy.data.meshes.remove(old)

@@ -18,8 +18,8 @@ from ...core.volume import determinant, product, to_index, transform_faces, tran
 
 SCALE = 0.01
 ROUNDING = 4 * float(np.finfo(np.float32).eps)
-FIT_SAMPLES = 10_000  # vertices that decide whether a transform was applied to a mesh
-FEW = 0.1  # of them may have been left in place by chance: on the axis of a rotation, in the plane of a mirror
+FIT_SAMPLES = 10_000  # Vertices tested for a transform that was applied to a mesh.
+FEW = 0.1  # Share of vertices that may stay in place by chance: on the axis of a rotation, in the plane of a mirror.
 FLAT = 1e-15  # Volume of the unit cube moved by a matrix, over its largest number cubed, that is rounding.
 Rows = tuple[tuple[float, ...], ...]
 
@@ -31,7 +31,7 @@ class Placement:
     Parameters
     ----------
     origin : (x, y, z) float
-        The object's place when it was made, Blender units, exactly as float32 holds it.
+        The object's location when it was made, Blender units, exactly as float32 stores it.
     scale : float
         Blender units of 1 mm.
     applied : three rows of three floats, or None
@@ -43,7 +43,7 @@ class Placement:
     applied: Rows | None = None
 
     def to_local(self, points_ras_mm: NDArray[Any]) -> NDArray[np.float32]:
-        """Local positions (n, 3) float32 of (n, 3) RAS+ millimeters."""
+        """Return local positions (n, 3) float32 of (n, 3) RAS+ millimeters."""
         out = points_ras_mm.astype(np.float64)
         out *= self.scale
         out -= self.origin
@@ -52,7 +52,7 @@ class Placement:
         return out.astype(np.float32)
 
     def to_mm(self, local: NDArray[np.float32]) -> NDArray[np.float32]:
-        """RAS+ millimeters (n, 3) float32 of local positions."""
+        """Return RAS+ millimeters (n, 3) float32 of local positions."""
         out = local.astype(np.float64)
         if self.applied is not None:
             out = to_index(affine_of(self.applied), out)
@@ -61,7 +61,7 @@ class Placement:
         return out.astype(np.float32)
 
     def transform_mm(self, matrix_world: Any) -> NDArray[np.float64]:
-        """Return what has been done to the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
+        """Return the transform of the object since it was placed, as a (4, 4) matrix of RAS+ millimeters."""
         matrix = matrix_of(matrix_world)
         if self.applied is not None:
             matrix = product(matrix, affine_of(self.applied))
@@ -90,24 +90,24 @@ def placed_at_center(points_ras_mm: NDArray[Any], scale: float = SCALE) -> Place
 def present_placement(
     placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32], location: tuple[float, float, float]
 ) -> Placement:
-    """Return the placement that the vertices have now: another than at first once a transform was applied to them.
+    """Return the placement of the vertices now, which changes when a transform is applied to them.
 
-    Blender's Apply and Set Origin move every vertex in local space and leave the kept millimeters alone, so where
-    hardly a vertex lies where `placement` says, the move or the affine transform that leads there is looked for.
+    Blender's Apply and Set Origin move every vertex in local space but not the kept millimeters. If hardly any vertex
+    is where `placement` puts it, the translation or affine transform to the present positions is fitted.
 
     Parameters
     ----------
     placement : Placement
-        Of the time when the object was made.
+        The placement when the object was made.
     kept, local : (V, 3) float32
         RAS+ millimeters and local positions of the same vertices.
     location : (x, y, z) float
-        Where the object stands: where it stands unmoved after Apply or Set Origin, this is the new origin exactly.
+        Location of the object: if it is unmoved after Apply or Set Origin, this is exactly the new origin.
 
     Returns
     -------
     Placement
-        `placement` too where no other puts half of the vertices where they are: then they were moved by hand.
+        `placement` itself if no other one explains half of the vertices: then they were moved by hand.
     """
     step = max(1, len(kept) // FIT_SAMPLES)
     kept, local = kept[::step], local[::step]
@@ -124,14 +124,14 @@ def present_placement(
 
 
 def in_place(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> NDArray[np.bool_]:
-    """Return which vertices, (V,), lie where the placement puts their kept millimeters, but for rounding."""
+    """Return which vertices, (V,), are where the placement puts their kept millimeters, except for rounding."""
     return is_close(local, placement.to_local(kept), kept, placement)
 
 
 def is_close(
     local: NDArray[np.float32], expected: NDArray[np.float32], kept: NDArray[np.float32], placement: Placement
 ) -> NDArray[np.bool_]:
-    """Return which local positions are the expected ones but for rounding to float32, (V,) bool.
+    """Return which local positions equal the expected ones except for rounding to float32, (V,) bool.
 
     Parameters
     ----------
@@ -143,15 +143,15 @@ def is_close(
     placement : Placement
     """
     size = np.abs(kept) * np.float32(placement.scale)
-    if placement.applied is not None:  # every sum of a row rounds by the largest of its parts
+    if placement.applied is not None:  # Every sum of a row rounds by its largest term.
         size = size.max(axis=1, keepdims=True) * np.float32(max(1.0, np.abs(placement.applied).sum()))
     return (np.abs(local - expected) <= ROUNDING * (np.abs(expected) + size)).all(axis=1)
 
 
 def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDArray[np.float32]) -> Placement | None:
-    """The affine transform from kept millimeters to local positions, by least squares; None where it is singular.
+    """Return the affine transform from kept millimeters to local positions by least squares; None if singular.
 
-    It is fitted twice again to the better half, so that a few vertices moved by hand do not count.
+    The fit is repeated twice on the better half, so that a few vertices moved by hand do not count.
     """
     points = kept.astype(np.float64) * placement.scale - placement.origin
     moved = local.astype(np.float64)
@@ -169,9 +169,10 @@ def fitted_placement(placement: Placement, kept: NDArray[np.float32], local: NDA
 
 
 def fitted_affine(points: NDArray[np.float64], moved: NDArray[np.float64]) -> NDArray[np.float64] | None:
-    """Return the (4, 4) matrix that moves points (n, 3) nearest to others, by least squares; None for flat points.
+    """Return the (4, 4) matrix that moves points (n, 3) nearest to target points; None for flat points.
 
-    By the normal equations about the middles, as sums in a fixed order, so every processor gives the same bits.
+    Least squares by the normal equations about the middles, summed in a fixed order, so every processor gives the same
+    bits.
     """
     middle, moved_middle = points.mean(axis=0), moved.mean(axis=0)
     apart, moved_apart = points - middle, moved - moved_middle
@@ -180,13 +181,13 @@ def fitted_affine(points: NDArray[np.float64], moved: NDArray[np.float64]) -> ND
     if is_flat(squares):
         return None
     matrix = np.eye(4)
-    matrix[:3, :3] = to_index(affine_of(squares), products)  # squares are symmetric
+    matrix[:3, :3] = to_index(affine_of(squares), products)  # The matrix of squares is symmetric.
     matrix[:3, 3] = moved_middle - transform_points(matrix, middle[None])[0]
     return matrix
 
 
 def is_flat(linear: NDArray[np.float64]) -> bool:
-    """Return whether a (3, 3) matrix moves space into a plane, but for rounding."""
+    """Return whether a (3, 3) matrix is singular, except for rounding."""
     return bool(abs(determinant(linear)) <= FLAT * np.abs(linear).max() ** 3)
 
 
@@ -198,12 +199,12 @@ def affine_of(linear: Any) -> NDArray[np.float64]:
 
 
 def matrix_of(matrix: Any) -> NDArray[np.float64]:
-    """Return a matrix of Blender's as an array."""
+    """Return a Blender matrix as an array."""
     return np.array([list(row) for row in matrix], np.float64)
 
 
 def moved_mesh(matrix: NDArray[np.float64], mesh: TriangleMesh) -> TriangleMesh:
-    """Return a mesh moved by a matrix, with its normals, and its faces still pointing outwards.
+    """Return a mesh moved by a matrix, with its normals and its outward winding.
 
     Parameters
     ----------

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Record how an object was made, in its custom property `ctmc`: complete, or None.
 
-JSON inside, as voxel counts outgrow Blender's whole numbers; any Blender shows it without this extension. The name
-`ctmc` belongs to nobody, so a property that is not complete is another's, and its object is not a surface of ours.
+The property holds JSON, because voxel counts outgrow Blender's integers; any Blender shows it without this extension.
+Other add-ons may use the name `ctmc` too, so an object whose property is incomplete is not a surface of ours.
 """
 
 from __future__ import annotations
@@ -31,9 +31,9 @@ class Provenance:
     placement : Placement
         Transform from millimeters to the object's local space when it was made.
     version : str
-        Of this package.
+        Version of this package.
     name : str
-        Of the volume.
+        Name of the volume.
     threshold : float
         The gray value that was used.
     faces, vertices, full_faces : int
@@ -41,11 +41,11 @@ class Provenance:
     voxels_visited : int
     spacing_mm : (x, y, z) float
     notes : tuple of str
-        What was assumed.
+        Assumptions.
     fingerprint : str
-        Of the volume's values; empty where it is not known.
+        Fingerprint of the volume's values; empty if not known.
     drawn : str
-        A hash of what was drawn by hand of the structure; empty of all others.
+        A hash of the structure's drawing; empty if nothing was drawn by hand.
     """
 
     settings: ReconstructionSettings
@@ -86,31 +86,31 @@ def provenance_of_result(result: Reconstruction, placement: Placement, fingerpri
 
 
 def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
-    """Return how an object was made; None for everything that is not a surface of ours."""
+    """Return how an object was made; None for an object that is not a surface of ours."""
     if obj is None or obj.type != "MESH":
         return None
     stored = obj.get(PROPERTY)
     try:
         x, y, z = stored["origin"]
-        known = (stored.get("fingerprint", ""), stored.get("drawn", ""))
-        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *known)
+        hashes = (stored.get("fingerprint", ""), stored.get("drawn", ""))
+        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *hashes)
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
-        return None  # no property, or another add-on's, of whatever kind
+        return None  # No property, or another add-on's of any kind.
 
 
 def require_provenance(obj: bpy.types.Object) -> Provenance:
-    """Return how an object was made, or a `MeshError`."""
+    """Return how an object was made, or raise a `MeshError`."""
     provenance = read_provenance(obj)
     if provenance is None:
         raise MeshError(f"{obj.name} was not made by CTMC; choose a reconstructed object")
     return provenance
 
 
-@lru_cache(maxsize=256)  # panels ask at every redraw
+@lru_cache(maxsize=256)  # Panels ask at every redraw.
 def parsed(
     settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str, drawn: str
 ) -> Provenance | None:
-    """Return the provenance in the property's texts; None if a field is missing or of a wrong type."""
+    """Return the provenance in the property's texts; None if a field is missing or has a wrong type."""
     try:
         reported = parsed_json(report)
         x, y, z = reported["spacing_mm"]
@@ -135,7 +135,7 @@ def parsed(
 
 
 def write_provenance(obj: bpy.types.Object, provenance: Provenance) -> None:
-    """Note on an object how it was made."""
+    """Store on an object how it was made."""
     settings = provenance.settings.to_dict()
     report = {name: value for name, value in asdict(provenance).items() if name in REPORTED} | {"settings": settings}
     obj[PROPERTY] = {
@@ -155,7 +155,7 @@ def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> Non
 
 
 def set_drawn(obj: bpy.types.Object, drawn: str) -> None:
-    """Change the hash of what was drawn in an object's provenance."""
+    """Change the hash of the drawing in an object's provenance."""
     write_provenance(obj, replace(require_provenance(obj), drawn=drawn))
 
 

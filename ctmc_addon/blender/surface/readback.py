@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface read back from its object, in the patient's millimeters.
+"""Read a surface back from its object, in the patient's millimeters.
 
-The mesh keeps its positions in millimeters beside those in Blender units, so a surface that nobody has changed comes
-back bit for bit, and vertices that somebody has moved come back to far below a micrometre.
+The mesh stores its positions in millimeters as well as in Blender units, so an unchanged surface comes back bit for
+bit, and moved vertices come back to far below a micrometre.
 """
 
 from __future__ import annotations
@@ -21,7 +21,8 @@ from .evaluate import evaluated_object
 from .placement import Placement, is_close, moved_mesh, present_placement
 from .provenance import Provenance, read_provenance, require_provenance
 
-POSITIONS_MM = ".ctmc_positions_mm"  # of the midpoints where the surface has the key `alpha`
+POSITIONS_MM = ".ctmc_positions_mm"
+"""Attribute of the positions, or of the midpoints if the surface has the key `alpha`."""
 LINEAR_MM = ".ctmc_linear_mm"
 
 
@@ -46,7 +47,7 @@ def keep_positions_mm(mesh: bpy.types.Mesh, vertices: NDArray[np.float32], surfa
 def _unmoved_mm(
     local: NDArray[np.float32], expected: NDArray[np.float32], stored_mm: NDArray[np.float32], placement: Placement
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """RAS+ mm of vertices, (V, 3) float32: `stored_mm` where `local` is as `expected`; and where that is so, (V,)."""
+    """Return RAS+ mm of vertices, (V, 3) float32, and which are unmoved, (V,): those have their `stored_mm`."""
     unmoved = is_close(local, expected, stored_mm, placement)
     return (stored_mm if unmoved.all() else np.where(unmoved[:, None], stored_mm, placement.to_mm(local))), unmoved
 
@@ -54,7 +55,7 @@ def _unmoved_mm(
 def positions_mm(
     mesh: bpy.types.Mesh, local: NDArray[np.float32], placement: Placement, alpha: float
 ) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
-    """RAS+ mm of a mesh's vertices, (V, 3) float32, and which of them are where the reconstruction has them, (V,).
+    """Return RAS+ mm of a mesh's vertices, (V, 3) float32, and which are where the reconstruction put them, (V,).
 
     Parameters
     ----------
@@ -65,7 +66,7 @@ def positions_mm(
     """
     stored_mm, linear = meshes.read_attribute(mesh, POSITIONS_MM), meshes.read_attribute(mesh, LINEAR_MM)
     if stored_mm is None:
-        return placement.to_mm(local), np.ones(len(local), bool)  # of an older version, or another's
+        return placement.to_mm(local), np.ones(len(local), bool)  # Made by an older version, or another add-on.
     expected = placement.to_local(stored_mm)
     if linear is not None:
         expected = blend(expected, placement.to_local(linear), alpha)
@@ -76,7 +77,7 @@ def positions_mm(
 def evaluated_triangles(
     obj: bpy.types.Object, scene: bpy.types.Scene | None = None, space: str = "ras"
 ) -> TriangleMesh:
-    """Return the surface as it stands in the scene, modifiers included, in millimeters of `space`, "ras" or "lps".
+    """Return the surface as shown in the scene, with modifiers, in millimeters of `space`, "ras" or "lps".
 
     Raises
     ------
@@ -90,27 +91,27 @@ def evaluated_triangles(
 
 
 def evaluated_alpha(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> float:
-    """Value of the key `alpha` where the object is evaluated: an animation may move it there alone."""
+    """Return the value of the key `alpha` of the evaluated object, which an animation may set."""
     if alpha_key(obj.data) is None:
         return 0.0
     return value_of(obj.data.shape_keys.evaluated_get(depsgraph).key_blocks[KEY])
 
 
 def _triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> TriangleMesh:
-    """A mesh without keys as triangles, RAS+ mm as it was placed; moved vertices have the normals of their faces."""
+    """Return a mesh without keys as triangles, RAS+ mm as placed; moved vertices have the normals of their faces."""
     vertices, unmoved = positions_mm(mesh, meshes.read_positions(mesh), placement, alpha)
     faces, normals = meshes.read_triangles(mesh), meshes.kept_normals(mesh)
     if normals is not None and placement.applied is not None:
-        normals = vertex_normals(vertices, faces)  # whether Apply turns the kept ones depends on Blender's version
+        normals = vertex_normals(vertices, faces)  # Only some Blender versions rotate kept ones on Apply.
     elif normals is not None and not unmoved.all():
         normals = np.where(unmoved[:, None], normals, vertex_normals(vertices, faces))
     return TriangleMesh(vertices, faces, normals)
 
 
 def placement_of(obj: bpy.types.Object) -> Placement:
-    """How the patient's millimeters become the object's local space now; of a foreign object, what is usual here.
+    """Return the present placement of an object; for a foreign object, the usual one.
 
-    The millimeters kept on the mesh are the truth: Apply and Set Origin change the vertices, and not these.
+    The millimeters stored on the mesh are the reference: Apply and Set Origin change only the vertices.
     """
     provenance = read_provenance(obj)
     if provenance is None:
@@ -128,7 +129,7 @@ def placement_of(obj: bpy.types.Object) -> Placement:
 
 
 def read_back(obj: bpy.types.Object) -> Reconstruction | None:
-    """Return the full surface of an object, RAS+ mm; None where simplification or another hand has changed it."""
+    """Return the full surface of an object, RAS+ mm; None if simplification or a user has changed it."""
     provenance, mesh = read_provenance(obj), obj.data
     if (
         provenance is None
@@ -149,7 +150,7 @@ def read_back(obj: bpy.types.Object) -> Reconstruction | None:
             meshes.read_vectors(block.points, "co", len(mesh.vertices)),
             meshes.read_attribute(mesh, name),
         )
-        if stored_mm is None:  # a file of an older version
+        if stored_mm is None:  # The file is from an older version.
             ends.append(placement.to_mm(local))
         else:
             ends.append(_unmoved_mm(local, placement.to_local(stored_mm), stored_mm, placement)[0])
@@ -166,9 +167,9 @@ def own_mesh(obj: bpy.types.Object) -> TriangleMesh:
 
 
 def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Reconstruction:
-    """The surface as its object shows it, modifiers included, where the patient has it: RAS+ mm, however it was moved.
+    """Return the surface as shown, with modifiers, at its position in the patient, RAS+ mm, wherever it was moved.
 
-    Its settings have no goal of simplification: what that took away is gone.
+    Its settings have no goal of simplification, because the removed triangles are lost.
 
     Raises
     ------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A color bar with its numbers, drawn in the lower left of a 3D viewport."""
+"""Draw a color bar with its numbers in the lower left of a 3D viewport."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ import bpy
 
 from .overlay import FONT
 
-BAR = (16.0, 150.0)  # pixels at Blender's usual size
+BAR = (16.0, 150.0)  # Width and height, pixels at Blender's usual size.
 LEFT, BOTTOM, GAP, LETTERS = 70.0, 40.0, 6.0, 12.0
 TICKS = 4
 
 
 def draw_legend(title: str, colors: Sequence[str], largest: float, unit: str) -> None:
-    """Draw a bar of colors, from 0 at its foot to `largest` at its head.
+    """Draw a color bar from 0 at the bottom to `largest` at the top.
 
     Parameters
     ----------

@@ -20,11 +20,11 @@ Box = tuple[float, float, float, float]
 FONT = 0
 # Pixels; a letter nearer to the middle than this would say nothing.
 NEAREST_LETTER = 24.0
-PLATE = 4.0  # pixels of a dark box around letters
-FAINT = 0.25  # how much of a line is seen through what hides it
+PLATE = 4.0  # Border in pixels of a dark box around letters.
+FAINT = 0.25  # Opacity of the hidden part of a line.
 
 
-NEARER = 5e-4  # of the distance to the eye: more than the steps of the depth buffer
+NEARER = 5e-4  # Share of the distance to the eye, more than the steps of the depth buffer.
 
 # Before Blender 5 a viewport's draw handlers write linear light, since then the colors as they appear.
 FORMAT = "RGBA8" if bpy.app.version >= (5, 0, 0) else "SRGB8_A8"
@@ -36,9 +36,9 @@ class OverlayPicture:
     Parameters
     ----------
     colors : (rows, columns, 4) float32
-        As they are to appear.
+        Display colors.
     corners : (4, 3)
-        Of row and column 0, the last column, the last column and row, the last row.
+        Corners at row and column 0, the last column, the last column and row, the last row.
     """
 
     def __init__(self, colors: NDArray[np.float32], corners: NDArray[Any]) -> None:
@@ -56,15 +56,15 @@ class OverlayPicture:
         self.batch = batch_for_shader(self.shader, "TRIS", attributes, indices=[(0, 1, 2), (0, 2, 3)])
 
     def draw(self, view: Any, above: int = 0) -> None:
-        """Draw it among the scene's objects: what is nearer hides it.
+        """Draw the picture among the scene's objects; nearer objects hide it.
 
-        It is brought nearer to the eye by less than can be seen, or it would flicker through an object at its place.
+        It is moved towards the eye by less than can be seen, or it would flicker through an object at its position.
 
         Parameters
         ----------
         view : bpy.types.RegionView3D
         above : int
-            How many pictures at the same place it lies on; then it is translucent, and hides nothing behind it.
+            Number of pictures below it at the same position; if any, it is translucent and hides nothing behind it.
         """
         import gpu
 
@@ -82,7 +82,7 @@ class OverlayPicture:
 
 
 def nearer(view: Any, steps: int = 1) -> Matrix:
-    """Return what brings places in world space nearer to the eye of a viewport, and leaves them where they are seen."""
+    """Return a matrix that moves points in world space towards the eye of a viewport without moving them on screen."""
     eye, share = view.view_matrix.inverted(), NEARER * steps
     if not view.is_perspective:
         return Matrix.Translation(eye.col[2].xyz * view.view_distance * share)
@@ -92,7 +92,7 @@ def nearer(view: Any, steps: int = 1) -> Matrix:
 def draw_lines(
     points: NDArray[Any], pairs: Iterable[tuple[int, int]], color: Color, size: tuple[float, float], width: float
 ) -> None:
-    """Draw lines between points in a viewport; faint where something hides them.
+    """Draw lines between points in a viewport, faint where an object hides them.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def draw_lines(
         Points that each line joins.
     color : Color
     size : (width, height) float
-        Of the viewport, pixels.
+        Size of the viewport, pixels.
     width : float
         Pixels.
     """
@@ -127,13 +127,13 @@ def draw_lines(
 def draw_letters(
     region: Any, view: Any, letters: Mapping[str, NDArray[Any]], middle: NDArray[Any], size: float
 ) -> None:
-    """Letters at places in space, `size` pixels high, upright for whoever looks.
+    """Draw letters at points in space, `size` pixels high, upright on the screen.
 
     Parameters
     ----------
     region, view : bpy.types.Region, bpy.types.RegionView3D
     middle : (3,)
-        The letters stand round it; one that would stand on it is left out.
+        Center of the letters; a letter that would cover it is left out.
     """
     import blf
     from bpy_extras.view3d_utils import location_3d_to_region_2d
@@ -159,7 +159,7 @@ def _plate_of(x: float, y: float, width: float, height: float) -> Box:
 
 
 def _draw_plate(box: Box) -> None:
-    """Darken a box of the screen, so that light letters are read on any ground."""
+    """Darken a box of the screen, so that light letters are legible on any ground."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -175,7 +175,7 @@ def _draw_plate(box: Box) -> None:
 
 
 def apart(boxes: Sequence[Box]) -> list[Box]:
-    """Return boxes of which none overlaps another: one that would is moved up, past those before it.
+    """Return boxes without overlaps: a box that would overlap earlier ones is moved up past them.
 
     Examples
     --------
@@ -185,8 +185,8 @@ def apart(boxes: Sequence[Box]) -> list[Box]:
     placed: list[Box] = []
     for left, bottom, right, top in boxes:
         height = top - bottom
-        beside = sorted((box for box in placed if box[0] < right and left < box[2]), key=lambda box: box[1])
-        for _, low, _, high in beside:
+        neighbors = sorted((box for box in placed if box[0] < right and left < box[2]), key=lambda box: box[1])
+        for _, low, _, high in neighbors:
             if low < bottom + height and bottom < high:
                 bottom = high
         placed.append((left, bottom, right, bottom + height))
@@ -194,7 +194,7 @@ def apart(boxes: Sequence[Box]) -> list[Box]:
 
 
 def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size: float) -> None:
-    """Texts beside places in space, `size` pixels high, over everything and none over another.
+    """Draw texts next to points in space, `size` pixels high, on top of everything and without overlaps.
 
     Parameters
     ----------
@@ -220,7 +220,7 @@ def draw_labels(region: Any, view: Any, labels: Iterable[tuple[str, Any]], size:
 
 
 def draw_path(places: Sequence[tuple[float, float]], color: Color = (1.0, 1.0, 1.0, 0.9)) -> None:
-    """Draw a line through places on the screen, pixels, dark at its rim so that it is seen on any ground."""
+    """Draw a line through points on the screen, pixels, with a dark border that shows on any ground."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 

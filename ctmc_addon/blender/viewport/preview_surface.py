@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The live preview as the graphics card draws it: no object, no mesh, nothing to undo, save or clean up.
+"""Draw the live preview on the graphics card: no object, no mesh, nothing to undo, save or clean up.
 
 Positions are Blender units in world space.
 """
@@ -34,7 +34,7 @@ class PreviewSurface:
         self.batch: Any = None
 
     def move(self, alpha: float) -> None:
-        """Show it at another alpha."""
+        """Show the surface at another alpha."""
         if alpha != self.alpha:
             self.alpha, self.batch = alpha, None
 
@@ -51,7 +51,7 @@ class PreviewSurface:
         color: tuple[float, float, float],
         plane: tuple[float, float, float, float] = WHOLE,
     ) -> None:
-        """Draw it among the scene's objects, from perspective `matrix` and view matrix `view`, up to a plane."""
+        """Draw it among the scene's objects with perspective `matrix` and view matrix `view`, up to a plane."""
         if self.batch is None:
             self.batch = new_batch(self.positions(), self.normals, self.surface.faces)
         draw_surface(self.batch, matrix, view.to_3x3(), color, plane)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The one shader of ours: triangles of one color, lit from the eye, on the graphics card or its software stand-in.
+"""Draw triangles of one color, lit from the eye, on the graphics card or its software stand-in.
 
 `gpu` exists only where Blender draws, so it is imported where something is drawn.
 """
@@ -27,12 +27,12 @@ void main() {
     if (beyond > 0.0) { discard; }
     shown = vec4(color.rgb * (0.18 + 0.72 * abs(dot(normalize(shade), eye))), 1.0);
 }"""
-WHOLE = (0.0, 0.0, 0.0, 0.0)  # a plane with nothing beyond it
+WHOLE = (0.0, 0.0, 0.0, 0.0)  # A plane with nothing beyond it.
 _shader: list[Any] = []
 
 
 def can_draw() -> bool:
-    """Whether Blender can draw here. On Linux without EGL the attempt would end the process, so it is not made."""
+    """Return whether Blender can draw here; on Linux without a window and EGL, trying would end the process."""
     return not sys.platform.startswith("linux") or not bpy.app.background or find_library("EGL") is not None
 
 
@@ -64,7 +64,7 @@ def draw_surface(
     color: tuple[float, float, float],
     plane: tuple[float, float, float, float] = WHOLE,
 ) -> None:
-    """Draw a batch among what is there already: what is nearer hides it.
+    """Draw a batch into the scene; nearer objects hide it.
 
     Parameters
     ----------
@@ -73,7 +73,7 @@ def draw_surface(
     view_rotation : Matrix
         3 x 3, from the normals' space to the eye's.
     plane : (a, b, c, d)
-        What has a x + b y + c z + d above 0 in the batch's space is left out.
+        Points with a x + b y + c z + d above 0 in the batch's space are left out.
     """
     import gpu
 
@@ -91,7 +91,7 @@ def draw_surface(
 
 
 def _surface_shader() -> Any:
-    """Return the shader, made once while Blender draws."""
+    """Return the shader, which is made once while Blender draws."""
     if not _shader:
         import gpu
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The histogram as a strip along the lower edge of a 3D viewport: where its parts are, in pixels, and how it is drawn.
+"""Lay out and draw the histogram as a strip along the lower edge of a 3D viewport.
 
 Pixels count from the region's lower left corner. `gpu` and `blf` exist only where Blender draws.
 """
@@ -17,17 +17,17 @@ from .overlay import FONT, Color
 
 # Pixels at Blender's usual size, from the lower edge up.
 GAP, TICKS, PLOT, BANDS, NAMES, TITLE = 8, 18, 96, 18, 15, 20
-SIDE = 14  # beside the axis
+SIDE = 14  # Margin left and right of the axis.
 LETTERS = 11
-REACH = 9  # how far from a line the mouse still takes it
+REACH = 9  # Distance from a line at which the mouse still grabs it.
 NARROWEST = 120
 
 BACKGROUND, PLOT_BACKGROUND = (0.10, 0.10, 0.11, 0.92), (0.05, 0.05, 0.06, 1.0)
 OUTSIDE, INSIDE = (0.42, 0.42, 0.45, 1.0), (0.90, 0.58, 0.25, 1.0)
 LINE, LINE_HELD, FAINT, TEXT = (1.0, 1.0, 1.0, 1.0), (1.0, 0.95, 0.45, 1.0), (1.0, 1.0, 1.0, 0.12), (0.9, 0.9, 0.9, 1.0)
 Width = Callable[[str], float]
-"""How wide a text is, pixels."""
-BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # one beside the other
+"""Returns the width of a text, pixels."""
+BAND_COLORS = ((0.24, 0.32, 0.42, 1.0), (0.32, 0.28, 0.40, 1.0))  # Neighboring bands alternate between two colors.
 
 
 @dataclass(frozen=True)
@@ -41,7 +41,7 @@ class Strip:
     low, high : float
         The values at the ends of its axis.
     scale : float
-        Of Blender's interface.
+        Scale of Blender's interface.
     names : int
         Rows above the bands, for names that do not fit into them.
     """
@@ -70,21 +70,21 @@ class Strip:
 
     @property
     def pixel(self) -> float:
-        """Return what a pixel is worth, in values."""
+        """Return the width of a pixel, in values."""
         first, last = self.axis
         return (self.high - self.low) / max(1.0, last - first)
 
     @property
     def reach(self) -> float:
-        """Return how far from a line the mouse still takes it, in values."""
+        """Return the distance from a line at which the mouse still grabs it, in values."""
         return REACH * self.scale * self.pixel
 
     def x_of(self, value: float) -> float:
-        """Return the pixel of a value; one beyond an end stands at that end."""
+        """Return the pixel of a value, limited to the ends of the strip."""
         return self.axis[0] + (min(max(value, self.low), self.high) - self.low) / self.pixel
 
     def value_at(self, x: float) -> float:
-        """Return the value at a pixel; beyond an end it is that end's."""
+        """Return the value at a pixel, limited to the ends of the axis."""
         return min(max(self.low + (x - self.axis[0]) * self.pixel, self.low), self.high)
 
     def holds(self, x: float, y: float) -> bool:
@@ -103,7 +103,7 @@ def strip_in(area: Any, low: float, high: float, scale: float) -> Strip:
     high : float
         Value at the right end.
     scale : float
-        Of the interface.
+        Scale of the interface.
     """
     region = next(region for region in area.regions if region.type == "WINDOW")
     left, right = 0.0, float(region.width)
@@ -139,7 +139,7 @@ def rectangles(boxes: NDArray[np.float64]) -> NDArray[np.float32]:
 
 
 def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: float) -> NDArray[np.float64]:
-    """Return the boxes of bars on the strip's axis, cut off at its ends: (n, 4) left, bottom, right, top."""
+    """Return the boxes of bars on the strip's axis, clipped at its ends: (n, 4) left, bottom, right, top."""
     ends = start + width * np.arange(len(heights) + 1)
     pixels = strip.axis[0] + (np.clip(ends, strip.low, strip.high) - strip.low) / strip.pixel
     foot = strip.bottom + TICKS * strip.scale
@@ -149,7 +149,7 @@ def bar_boxes(strip: Strip, heights: NDArray[np.float64], start: float, width: f
 
 @dataclass(frozen=True)
 class Name:
-    """The name of a band, at a pixel: in the band (row 0) or above it, where a line leads down to its lower end."""
+    """The name of a band at a pixel: in the band (row 0), or above it with a line down to its lower end."""
 
     text: str
     x: float
@@ -158,9 +158,9 @@ class Name:
 
 
 def placed_names(strip: Strip, bands: Sequence[tuple[float, float, Sequence[str]]], width: Width) -> list[Name]:
-    """Return where the names of bands are written: every band has one.
+    """Return the positions of all bands' names.
 
-    A name stands in its band if any of its texts fits, else above it, in the lowest row that is free from there on.
+    A name stands in its band if any of its texts fits, else above it in the lowest row that is free to the right.
     Names are placed from the right, so that no line crosses a name.
     """
     placed, ends = [], [strip.right] * (len(bands) + 1)
@@ -185,7 +185,7 @@ def width_of(text: str, scale: float) -> float:
     ----------
     text : str
     scale : float
-        Of the interface.
+        Scale of the interface.
     """
     import blf
 
@@ -194,7 +194,6 @@ def width_of(text: str, scale: float) -> float:
 
 
 def _draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
-    """Fill boxes with one color."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
@@ -208,15 +207,15 @@ def _draw_boxes(boxes: NDArray[np.float64], color: Color) -> None:
 
 
 def draw_text(text: str, x: float, y: float, room: tuple[float, float], middle: bool = False) -> bool:
-    """Write a text; return False where it does not fit.
+    """Write a text; return whether it fits.
 
     Parameters
     ----------
     text : str
     x : float
-        Of its left end, or of its middle, pixels.
+        Left end or middle of the text, pixels.
     y : float
-        Of its baseline, pixels.
+        Baseline of the text, pixels.
     room : (left, right) float
         Pixels into which it is pushed.
     middle : bool
@@ -244,11 +243,11 @@ class Shown:
     bands : sequence of (low, high, texts)
         The longest text that fits is written, or the first above the band.
     limits : tuple of (threshold, upper)
-        None without one; an upper limit is then at the end.
+        None for a limit that is not set; the upper limit is then drawn at the end.
     held : int or None
         The line that the mouse holds or would take, 0 or 1.
     title, hint : str
-        At the left and the right of the upper edge.
+        Texts at the left and the right of the upper edge.
     pointed : tuple of (value, text) or None
         Part of the strip under the mouse.
     """
@@ -264,7 +263,7 @@ class Shown:
 
 
 def draw_strip(strip: Strip, shown: Shown) -> None:
-    """Draw it in the region that is being drawn."""
+    """Draw the strip in the current region."""
     import blf
     import gpu
 
@@ -302,7 +301,7 @@ def draw_strip(strip: Strip, shown: Shown) -> None:
 
 
 def _draw_names(strip: Strip, shown: Shown, head: float) -> None:
-    """The names of the bands, whose lower edge is at `head`."""
+    """Draw the names of the bands, whose lower edge is at `head`."""
     scale = strip.scale
     for name in placed_names(strip, shown.bands, lambda text: width_of(text, scale)):
         y = head + (BANDS + NAMES * (name.row - 1)) * scale if name.row else head
@@ -312,7 +311,7 @@ def _draw_names(strip: Strip, shown: Shown, head: float) -> None:
 
 
 def _draw_bars(strip: Strip, shown: Shown) -> None:
-    """The bars, those between the limits in color."""
+    """Draw the bars; those between the limits are colored."""
     boxes = bar_boxes(strip, *shown.bars)
     threshold, upper = shown.limits
     begin = strip.axis[1] if threshold is None else strip.x_of(threshold)
@@ -324,7 +323,7 @@ def _draw_bars(strip: Strip, shown: Shown) -> None:
 
 
 def _draw_limits(strip: Strip, shown: Shown, foot: float, head: float) -> None:
-    """The two lines, each with a grip at its head; the upper limit's is hollow if there is none."""
+    """Draw the two limits, each with a grip at its head; the upper limit's is hollow if it is not set."""
     scale = strip.scale
     threshold, upper = shown.limits
     for number, value in enumerate((threshold, upper)):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Materials of a Volume object, with ramps in the volume's own values, HU of a CT.
+"""Make materials of a Volume object, with ramps in the volume's own values, HU of a CT.
 
 Below the threshold nothing is seen; above it the volume grows dense within a few HU. The color follows window and
 level, so threshold, window and level of the sidebar are all there is to turn.
@@ -19,8 +19,8 @@ from .vdb import GRID
 
 THRESHOLD, WINDOW, LEVEL = "Threshold", "Window", "Level"
 """Labels of the nodes that hold them."""
-GLOW = 0.22  # of the light that a part scatters at most
-BACK = -0.3  # anisotropy: more light goes back to the eye, as a surface sends it
+GLOW = 0.22  # Largest share of the light that a part scatters.
+BACK = -0.3  # Anisotropy: more light returns to the eye, as from a surface.
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Appearance:
     window, level : float
         HU of the dark to the light end of the colors.
     colors : two linear colors
-        Of the dark and the light end.
+        Colors of the dark and the light end.
     """
 
     label: str
@@ -135,7 +135,7 @@ def volume_material(name: str, appearance: Appearance, scale: float) -> bpy.type
 
 
 def adjust(material: bpy.types.Material, **numbers: float) -> None:
-    """Set numbers of a volume's material by the nodes' labels in lower case: threshold, window, level."""
+    """Set threshold, window or level of a volume's material, by the nodes' labels in lower case."""
     for node in material.node_tree.nodes:
         value = numbers.get(node.label.lower())
         if node.type == "VALUE" and value is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A Volume object at its place in the patient."""
+"""Add a Volume object at its position in the patient."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .vdb import middle_mm
 
 # Before Blender 5.0 Cycles shows a sample, and Volume to Mesh has it, half a voxel beyond its place along each axis.
 RENDERED_OFF = -0.5 if bpy.app.version < (5, 0, 0) else 0.0
-CT = "ctmc_volume_of"  # property of the object: the fingerprint of its CT
+CT = "ctmc_volume_of"  # Custom property of the object: the fingerprint of its CT.
 
 
 def add_volume(
@@ -27,14 +27,14 @@ def add_volume(
     ----------
     scene : bpy.types.Scene
     volume : Volume
-        What was written.
+        The written volume.
     path : Path
-        Of the .vdb.
+        Path of the .vdb.
     scale : float
         Blender units a millimeter.
     appearance : Appearance
     fingerprint : str
-        Of the CT.
+        Fingerprint of the CT.
     """
     name = f"{volume.name} {appearance.label}"
     data = bpy.data.volumes.new(name)
@@ -48,7 +48,7 @@ def add_volume(
     obj[CT] = fingerprint
     link_beside_ct(scene, obj, fingerprint)
     if scene.eevee.volumetric_tile_size in {"8", "16"}:
-        scene.eevee.volumetric_tile_size = "2"  # pixels; EEVEE's own leaves blocks
+        scene.eevee.volumetric_tile_size = "2"  # Pixels; EEVEE's default leaves blocks.
     return obj
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Gray values as a grid of OpenVDB in a file, the only way into Blender's Volume objects.
+"""Write gray values as a grid of OpenVDB in a file, the only way into Blender's Volume objects.
 
 The grid's index (x, y, z) is the volume's, and its transform leads to Blender's units around the volume's middle: what
 is left to the object's location is exact in float32. A sample is a grid point, so nothing is half a voxel off.
@@ -23,18 +23,18 @@ from ...core.volume import transform_points
 
 GRID = "HU"
 """The grid's name, also where the values are not HU: materials ask for it."""
-SLICES = 16  # copied between two steps
+SLICES = 16  # Slices copied per step.
 
 
 @cache
 def vdb_writer() -> Any | None:
-    """OpenVDB's Python module of this Blender; None where it has none.
+    """Return OpenVDB's Python module of this Blender; None without one.
 
-    Looked for once: the panel asks at every draw.
+    The result is kept, because the panel asks at every draw.
     """
     # Blender as a module does not look where its own packages are.
     inside = Path(bpy.utils.system_resource("PYTHON"), "lib", f"python3.{sys.version_info[1]}", "site-packages")
-    for name in ("openvdb", "pyopenvdb"):  # since Blender 4.4, and before
+    for name in ("openvdb", "pyopenvdb"):  # Since Blender 4.4, and before.
         try:
             if importlib.util.find_spec(name):
                 return importlib.import_module(name)
@@ -49,7 +49,7 @@ def vdb_writer() -> Any | None:
 
 
 def middle_mm(volume: Volume, beyond: float = 0.0) -> tuple[float, float, float]:
-    """Return where the middle of a volume lies, RAS+ mm.
+    """Return the middle of a volume, RAS+ mm.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def vdb_steps(volume: Volume, path: Path, scale: float) -> Steps[None]:
     matrix = np.array(volume.affine)
     matrix[:3, 3] -= middle_mm(volume)
     matrix[:3] *= scale
-    grid.transform = module.createLinearTransform(matrix.T.tolist())  # rows are the images of the axes
+    grid.transform = module.createLinearTransform(matrix.T.tolist())  # Rows are the images of the axes.
     values = volume.values
     for first in range(0, len(values), SLICES):
         yield Step(0.6 * first / len(values), "Copying the values")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The operators `ctmc.*`, one subject a file."""
+"""Provide the operators `ctmc.*`, one subject a file."""
 
 from typing import Any
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures for print from the sidebar: `ctmc.figure`, and with `_sheet`, `_deviation` and `_turntable` after it.
+"""Make figures for print from the sidebar: `ctmc.figure`, and with `_sheet`, `_deviation` and `_turntable` after it.
 
-Each is made in a scene of its own, which is gone when the work is done or stopped; the user's scene, its render
+Each is made in a separate scene, which is removed when the work is done or stopped; the user's scene, its render
 settings and its selection are never changed. Another process renders it, which Esc ends at any moment.
 """
 
@@ -75,11 +75,9 @@ class _FigureOperator(jobs.LongOperator):
         return {"RUNNING_MODAL"}
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """Suggest a name for the file."""
         return f"{subject(context)}_{self.named}.png"
 
     def plan(self: Any, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Check everything that was asked for, then begin."""
         path, scene = Path(bpy.path.abspath(self.filepath)), context.scene
         if not path.name:
             raise OutputError("no file was chosen; give the figure a name")
@@ -94,7 +92,7 @@ class _FigureOperator(jobs.LongOperator):
 
 
 def _concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[jobs.Conclusion]:
-    """Return the work, and the message of success."""
+    """Do the work and return a conclusion with the message of success."""
     yield from work
 
     def conclude() -> str:
@@ -107,7 +105,7 @@ def _concluded_steps(work: Steps[Any], scene_uid: int, target: Path) -> Steps[jo
 
 
 def subject(context: bpy.types.Context) -> str:
-    """Return what the figure is of, for the name of its file."""
+    """Return the subject of the figure, for the name of its file."""
     obj, volume = context.view_layer.objects.active, volumes.current(context.scene)
     name = obj.name if surfaces.is_surface(obj) else "ctmc" if volume is None else volume.name
     return file_name(name)
@@ -119,13 +117,13 @@ def page_of(panel: Any, kind: str) -> Page:
 
 
 def style_of(panel: Any, caption: str = "") -> FigureStyle:
-    """Return the style of the panel; `caption` where none was typed."""
+    """Return the style of the panel; `caption` is used if none was typed."""
     shown = FigureStyle(**values_of(panel, FigureStyle))
     return replace(shown, caption=(shown.caption or caption or None) if panel.use_caption else "")
 
 
 def blend_of(panel: Any, target: Path) -> Path | None:
-    """Return where the figure's own scene goes."""
+    """Return the path of the figure's own .blend."""
     return target.with_suffix(".blend") if panel.write_blend else None
 
 
@@ -136,7 +134,7 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def _chosen_of(obj: bpy.types.Object) -> float | None:
-    """Return the opacity that a person has chosen for a surface; None where it is that of its name."""
+    """Return the opacity that a user has chosen for a surface; None if it is that of its name."""
     chosen, label = chosen_opacity(obj), settings_of(obj).label
     by_name = structure_color(label, None, obj.name).opacity
     return None if chosen == by_name < 1.0 else chosen
@@ -173,7 +171,7 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
 
 
 def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether there is something to show, with the reason if not."""
+    """Return whether there is a surface to show, with the reason if not."""
     objects = shown_surfaces(context)
     if not objects:
         operator.poll_message_set("Choose a reconstructed surface first")
@@ -197,7 +195,6 @@ class CTMC_OT_figure(_FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Return all selected surfaces in one figure."""
         cell, caption = cell_of(context)
         return figure_steps(
             [cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene, own_process=True
@@ -218,7 +215,6 @@ class CTMC_OT_figure_sheet(_FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Render a cell for every setting."""
         settings = context.scene.ctmc.all_settings()[0]
         volume = structures.require_volume_of(context.scene, settings)
         comparison = Comparison(
@@ -226,7 +222,7 @@ class CTMC_OT_figure_sheet(_FigureOperator, bpy.types.Operator):
             parsed_numbers(panel.alphas, "alphas", "0 0.5 1") if panel.use_alphas else (),
             parsed_numbers(panel.levels, "levels", "0 50 90") if panel.use_levels else (),
         )
-        comparison.variants(settings)  # checks the limits of all before the work
+        comparison.variants(settings)  # Check all limits before the work.
         require_png(target)
         require_engine(panel.engine, panel.sheet_deviation)
         style, blend = style_of(panel), blend_of(panel, target)
@@ -257,7 +253,6 @@ class CTMC_OT_figure_deviation(_FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces, volumes.has_volume, is_of_ct)
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Return the active surface, as it is shown."""
         require_png(target)
         require_engine(panel.engine, distances=True)
         obj = context.view_layer.objects.active
@@ -291,16 +286,14 @@ class CTMC_OT_figure_turntable(_FigureOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces)
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """Return a video's name, or a folder's."""
         suffix = _suffix_of(context.scene.ctmc_figure)
         self.filter_glob = f"*{suffix}" if suffix else ""
         return f"{subject(context)}_{self.named}{suffix}"
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
-        """Return all selected surfaces on one table."""
         turn = Turn(**values_of(panel, Turn))
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
-        cell = replace(cell_of(context)[0], rulers=())  # what is drawn on the page would not turn
+        cell = replace(cell_of(context)[0], rulers=())  # Rulers drawn on the page would not turn.
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
         style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite, "own_process": True}
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operator `ctmc.figure_view`: set the direction of the figures' camera."""
+"""Set the direction of the figures' camera: the operator `ctmc.figure_view`."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files that operators ask for: paths relative to the .blend, and a dialog for a file to write."""
+"""Handle files of operators: paths relative to the .blend, and a dialog for a file to write."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class SaveDialog:
     """An operator that asks for a file and writes it; inherited before `bpy.types.Operator`."""
 
     suffixes: tuple[str, ...] = ()
-    """Of which a name has one already; in small letters."""
+    """Accepted suffixes in small letters; a name without one of them gets `ending`."""
 
     filepath: StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE})
     check_existing: BoolProperty(default=True, options={"HIDDEN"})
@@ -40,22 +40,21 @@ class SaveDialog:
         raise NotImplementedError
 
     def warnings(self, context: bpy.types.Context) -> list[str]:
-        """Return what whoever opens the file must know; nothing by default."""
+        """Return warnings for readers of the file; none by default."""
         return []
 
     def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Ask for a file."""
         self.filepath = self.filepath or self.suggestion(context)
         context.window_manager.fileselect_add(self)
         return {"RUNNING_MODAL"}
 
     def check(self, _context: bpy.types.Context) -> bool:
-        """Name the file in the dialog as it will be named, so that the dialog asks before one is replaced."""
+        """Complete the name in the dialog, so that the dialog asks before a file is replaced."""
         before, self.filepath = self.filepath, with_suffix(self.filepath, self.ending(), self.suffixes)
         return bool(before != self.filepath)
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Write it, and say so."""
+        """Write the file and report it."""
         path = Path(bpy.path.abspath(with_suffix(self.filepath, self.ending(), self.suffixes)))
         try:
             self.write(context, path)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The timed turntable in this viewport: `ctmc.rotation_test`, and its table copied or saved."""
+"""Time a turn in this viewport: `ctmc.rotation_test`, and its table copied or saved."""
 
 from __future__ import annotations
 
@@ -59,12 +59,11 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
         "Time how long the active surface takes to turn once around in this viewport, at several levels of "
         "simplification. Esc stops it and puts everything back"
     )
-    locks = True  # its levels stand in the scene meanwhile
+    locks = True  # The levels are in the scene meanwhile.
 
     needs = (_is_mesh, jobs.idle)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return what to time: levels, then rounds."""
         scene, obj = context.scene, context.view_layer.objects.active
         panel = scene.ctmc
         levels = parsed_levels(panel.rotation_levels)
@@ -82,7 +81,7 @@ class CTMC_OT_rotation_test(jobs.LongOperator, bpy.types.Operator):
 
 
 def viewport_of(context: bpy.types.Context) -> bpy.types.Area:
-    """Return the 3D viewport that the button is in, else the first of the window; a `MeshError` where there is none."""
+    """Return the 3D viewport of the button, else the first of the window; raise a `MeshError` if there is none."""
     areas = [area for area in (context.area, *context.window.screen.areas) if area is not None]
     area = next((area for area in areas if area.type == "VIEW_3D"), None)
     if area is None:
@@ -91,7 +90,7 @@ def viewport_of(context: bpy.types.Context) -> bpy.types.Area:
 
 
 def full_mesh(scene: bpy.types.Scene, obj: bpy.types.Object) -> TriangleMesh:
-    """Return the surface before simplification where it is known, else as it is now; RAS+ mm."""
+    """Return the surface before simplification if it is known, else the present one; RAS+ mm."""
     full = surfaces.full_of(obj, scene) if surfaces.is_surface(obj) else None
     mesh: TriangleMesh = evaluated_triangles(obj, scene) if full is None else full.mesh
     if not len(mesh.faces):
@@ -109,7 +108,7 @@ def test_steps(
     view: ViewportDrawing | None,
     budget: Budget,
 ) -> Steps[jobs.Conclusion]:
-    """Make the levels, turn them, and tell the panel."""
+    """Make the levels, turn them, and show the result in the panel."""
     uid, scale = scene.session_uid, placement_of(obj).scale if surfaces.is_surface(obj) else SCALE
     stages = Stages(STAGES)
     simplifying, timing = STAGES
@@ -120,7 +119,7 @@ def test_steps(
         turned = yield from stages.run(timing, turntable.rotation_test_steps(simplified, engine, **options))
         rounds = [level.rounds for level in turned]
     else:
-        with _others_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
+        with _objects_hidden(scene), turntable.levels_in(scene, simplified, scale) as levels, view:
             view.levels = levels
             steps = turntable.rotation_steps(levels, view, **options)
             timed = yield from stages.run(timing, steps)
@@ -141,8 +140,8 @@ def conclude(uid: int, table: RotationTable) -> str:
 
 
 @contextmanager
-def _others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
-    """Hide every object of the scene from the viewport, and show those that were shown again, those that remain."""
+def _objects_hidden(scene: bpy.types.Scene) -> Iterator[None]:
+    """Hide every object of the scene from the viewport within the block; afterwards show those that still exist."""
     hidden = [obj.session_uid for obj in scene.objects if not obj.hide_viewport]
     selected = [obj.session_uid for obj in scene.objects if obj.select_get()]
     active = bpy.context.view_layer.objects.active
@@ -159,7 +158,7 @@ def _others_hidden(scene: bpy.types.Scene) -> Iterator[None]:
 
 
 def _set_hidden(uids: Container[int], hide: bool) -> None:
-    """Hide or show the objects with these session_uids, those that are still there."""
+    """Hide or show the objects with these session_uids, if they still exist."""
     for obj in bpy.data.objects:
         if obj.session_uid in uids:
             obj.hide_viewport = hide
@@ -194,11 +193,9 @@ class CTMC_OT_rotation_save(Needs, SaveDialog, bpy.types.Operator):
     needs = (has_table,)
 
     def suggestion(self, _context: bpy.types.Context) -> str:
-        """Suggest a name for the file."""
         return "rotation_test.csv"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
-        """Write it."""
         write_text(path, session.of(context.scene).rotation.csv())
 
 

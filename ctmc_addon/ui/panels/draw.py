@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel Draw: structures from clicks and strokes, the tools, and what is done to a structure as a whole."""
+"""Draw the panel Draw: structures from clicks and strokes, the tools, and edits of a whole structure."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from .layout import StepPanel, draw_pair, draw_text, holds_hu, is_narrow, prepar
 
 
 class CTMC_PT_draw(StepPanel, bpy.types.Panel):
-    """Structures that are drawn on the CT."""
+    """Panel for structures that are drawn on the CT."""
 
     bl_idname = "CTMC_PT_draw"
     bl_label = "Draw"
@@ -50,7 +50,7 @@ def draw_tools(layout: Any, context: bpy.types.Context) -> None:
 
 
 def draw_structures(layout: Any, settings: Any) -> None:
-    """Draw the structures of the list that were drawn, with buttons to add and to remove."""
+    """Draw the list of drawn structures, with buttons to add and to remove."""
     row = layout.row()
     row.template_list("CTMC_UL_drawn", "", settings, "labels", settings, "label_index", rows=3)
     column = row.column(align=True)
@@ -59,7 +59,7 @@ def draw_structures(layout: Any, settings: Any) -> None:
 
 
 def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
-    """Draw what the tools ask for."""
+    """Draw the settings of the active tool."""
     tool = tool_of(context)
     column = layout.column(align=True)
     if tool in ("ctmc.brush", "ctmc.eraser"):
@@ -85,7 +85,7 @@ def draw_settings(layout: Any, context: bpy.types.Context, drawing: Any) -> None
 
 
 def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
-    """Draw what is done to the whole structure: each button with its number."""
+    """Draw the edits of the whole structure: each button with its number."""
     column = layout.column(align=True)
     column.use_property_split = False
     row = draw_pair(column, context)
@@ -109,12 +109,12 @@ def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
 
 
 class CTMC_UL_drawn(bpy.types.UIList):
-    """A structure that was drawn, in a line: its eye, color and name."""
+    """A line of a drawn structure: its eye, color and name."""
 
     bl_idname = "CTMC_UL_drawn"
 
     def filter_items(self, context: Any, data: Any, name: str) -> tuple[list[int], list[int]]:
-        """Show the lines of the list that were drawn."""
+        """Show only the lines of drawn structures."""
         lines = getattr(data, name)
         return [self.bitflag_filter_item * (drawings.drawn_by(context.scene, line) is not None) for line in lines], []
 
@@ -130,7 +130,6 @@ class CTMC_UL_drawn(bpy.types.UIList):
         _index: int,
         _flag: int,
     ) -> None:
-        """Draw the line of a structure."""
         drawn = drawings.drawn_by(context.scene, item)
         row = layout.row(align=True)
         row.use_property_split = False

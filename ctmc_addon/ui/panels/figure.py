@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Figure: what is made, on which page, how it looks, and the button."""
+"""Draw the closed panel Figure: contents, page, look, and the button."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ def _draw_subject(layout: Any, panel: Any) -> None:
 
 
 def _draw_switched(layout: Any, panel: Any, name: str) -> None:
-    """A line of text behind its switch."""
+    """Draw a line of text behind its switch."""
     row = layout.row(heading=translate(panel.bl_rna.properties[name].name), heading_ctxt=OURS)
     row.prop(panel, f"use_{name}", text="")
     value = row.row()
@@ -79,7 +79,7 @@ def _draw_page(layout: Any, panel: Any) -> None:
 
 
 def _draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
-    """Style, engine, camera, what is written."""
+    """Draw style, engine, camera and writing."""
     column = layout.column()
     mapped = panel.kind == "deviation" or (panel.kind == "sheet" and panel.sheet_deviation)
     style = column.column()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Elements of several panels: a setting with its switch, sentences in lines, a job's progress."""
+"""Draw elements of several panels: a setting with its switch, sentences in lines, a job's progress."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ from ..state import surfaces, volumes
 from ..state.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
-FONT, POINTS = 0, 11.0  # of Blender's panels at its usual size
-LETTER = 6.3  # pixels of a letter, where Blender measures no text
-MARGIN = 84.0  # pixels of a panel beside a text that has an icon and stands in a box
-NARROWEST = 100.0  # pixels of a text
-NARROW = 250.0  # pixels below which buttons and facts stand one below the other
+FONT, POINTS = 0, 11.0  # Blender's font and its size in panels at the usual scale.
+LETTER = 6.3  # Width of a letter in pixels, if Blender measures no text.
+MARGIN = 84.0  # Pixels of a panel next to a text in a box with an icon.
+NARROWEST = 100.0  # Least width of a text, pixels.
+NARROW = 250.0  # Width in pixels below which buttons and facts are stacked.
 
 
 class SidePanel:
@@ -34,29 +34,28 @@ class SidePanel:
 
 
 class _BegunPanel(SidePanel):
-    """A panel that is there once a scene knows a CT, or a surface is active."""
+    """A panel that appears once a scene knows a CT, or a surface is active."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Return whether there is anything that the panel is about."""
         return bool(context.scene.ctmc.volume_path) or surfaces.is_surface(context.view_layer.objects.active)
 
 
 class StepPanel(_BegunPanel):
-    """A step of the work below the main panel, open until it is closed."""
+    """A step of the work below the main panel, open by default."""
 
     bl_parent_id = "CTMC_PT_main"
 
 
 class SubPanel(_BegunPanel):
-    """A panel below the main one, closed until it is opened."""
+    """A panel below the main one, closed by default."""
 
     bl_parent_id = "CTMC_PT_main"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
 
 
 def prepare(layout: Any, lock: bool = True) -> None:
-    """Labels on the left, values on the right, no dots for keyframes; gray while a job locks the file if `lock`."""
+    """Set labels on the left, values on the right, no dots for keyframes; gray while a job locks the file if `lock`."""
     if lock:
         layout.enabled = not jobs.locked()
     layout.use_property_split = True
@@ -64,7 +63,7 @@ def prepare(layout: Any, lock: bool = True) -> None:
 
 
 def draw_setting(layout: Any, settings: Any, name: str) -> None:
-    """One setting, with its switch if it may be absent, and with a unit where Blender knows none of its own."""
+    """Draw one setting, with its switch if it is optional, and with a unit where Blender shows none of its own."""
     about = SETTINGS[name]
     label = translate(about.label)
     if optional(name):
@@ -84,7 +83,7 @@ def draw_setting(layout: Any, settings: Any, name: str) -> None:
 
 
 def _draw_switch(layout: Any, settings: Any, name: str, text: str) -> Any:
-    """Return a tick with its words on the left; room for the value it is about."""
+    """Draw a tick with its words on the left; return the room for its value."""
     row = layout.split(factor=0.64)
     row.use_property_split = False
     row.prop(settings, name, text=text, translate=False)
@@ -98,7 +97,7 @@ def holds_hu(scene: bpy.types.Scene) -> bool:
 
 
 def draw_name(layout: Any, text: str, share: float = 0.4) -> Any:
-    """A name on the left as Blender sets those of properties, in this share of the width; room for what it names."""
+    """Draw a name on the left, with this share of the width, as Blender does; return the room on its right."""
     row = layout.split(factor=share, align=True)
     row.use_property_split = False
     left = row.row()
@@ -108,17 +107,17 @@ def draw_name(layout: Any, text: str, share: float = 0.4) -> Any:
 
 
 def width_of(context: bpy.types.Context) -> float:
-    """Width of the region, pixels at Blender's usual size."""
+    """Return the width of the region, pixels at Blender's usual size."""
     return 300.0 if context.region is None else context.region.width / context.preferences.system.ui_scale
 
 
 def is_narrow(context: bpy.types.Context) -> bool:
-    """Return whether two buttons with words have no room side by side."""
+    """Return whether two buttons with words do not fit side by side."""
     return width_of(context) < NARROW
 
 
 def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any:
-    """Room for two buttons: side by side, the first with this share of the width, or one below the other."""
+    """Return room for two buttons: side by side, the first with this share of the width, or one below the other."""
     return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
 
 
@@ -131,7 +130,7 @@ def _text_width(text: str) -> float:
 
 
 def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "NONE") -> None:
-    """A sentence in as many lines as the panel's width asks for."""
+    """Draw a sentence in as many lines as the panel's width needs."""
     column = layout.column(align=True)
     column.scale_y = 0.8
     room = max(NARROWEST, width_of(context) - MARGIN)
@@ -140,7 +139,7 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
 
 
 def draw_shape_change(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> None:
-    """Say that an object is mirrored, in red, or scaled; mostly nothing."""
+    """Warn if an object is mirrored, in red, or scaled."""
     change = shape_change(obj)
     if change.mirrored:
         red = layout.column()
@@ -151,7 +150,7 @@ def draw_shape_change(layout: Any, context: bpy.types.Context, obj: bpy.types.Ob
 
 
 def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) -> None:
-    """Names, in this share of the width, and values; a line each at every width."""
+    """Draw names, in this share of the width, and values, one line each at every width."""
     column = layout.column(align=True)
     column.scale_y = 0.85
     for name, value in facts:
@@ -159,7 +158,7 @@ def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) ->
 
 
 def draw_job(layout: Any, job: jobs.Job) -> None:
-    """Draw the progress of a job and the button that stops it, where the button that started it was."""
+    """Draw the progress of a job and its stop button in place of the button that started it."""
     row = layout.row(align=True)
     row.progress(factor=min(1.0, job.step.fraction), text=translate(job.step.message))
     row.operator("ctmc.cancel", text="", icon="X")

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tab CTMC in the 3D viewport's sidebar: load, surface, voxels and alpha, simplify, reconstruct.
+"""Draw the tab CTMC in the 3D viewport's sidebar: load, surface, voxels and alpha, simplify, reconstruct.
 
-Nothing that comes and goes stands between two widgets: such lines are at the end, below the buttons.
+Lines that come and go are at the end, below the buttons, and never between two widgets.
 """
 
 from __future__ import annotations
@@ -27,22 +27,21 @@ ELSEWHERE = (LOAD, LOAD_LABELS, TABLE, "ctmc.rotation_test", *OPERATORS.values()
 
 
 class CTMC_PT_main(SidePanel, bpy.types.Panel):
-    """The steps of the work stand below it."""
+    """Parent of the panels of each step."""
 
     bl_idname = "CTMC_PT_main"
     bl_label = "CTMC"
 
     def draw_header_preset(self, _context: bpy.types.Context) -> None:
-        """Presets beside the title, as everywhere in Blender."""
         self.layout.enabled = not jobs.locked()
         bpy.types.CTMC_PT_presets.draw_panel_header(self.layout)
 
     def draw(self, _context: bpy.types.Context) -> None:
-        """Draw nothing: what the panel shows is in the panels below it."""
+        """Draw nothing, because the panels below show everything."""
 
 
 class CTMC_PT_load(StepPanel, bpy.types.Panel):
-    """Panel that loads a CT and says what it is."""
+    """Panel that loads a CT and shows its facts."""
 
     bl_idname = "CTMC_PT_load"
     bl_label = "Load"
@@ -58,7 +57,7 @@ class CTMC_PT_load(StepPanel, bpy.types.Panel):
 
 
 class CTMC_PT_surface(StepPanel, bpy.types.Panel):
-    """Panel for threshold or labels, and what decides where the surface lies."""
+    """Panel for threshold or labels, and all else that decides where the surface lies."""
 
     bl_idname = "CTMC_PT_surface"
     bl_label = "Surface"
@@ -80,7 +79,7 @@ class CTMC_PT_voxels(StepPanel, bpy.types.Panel):
 
 
 class CTMC_PT_simplify(StepPanel, bpy.types.Panel):
-    """Panel that says how many triangles are to be left."""
+    """Panel for the number of triangles to keep."""
 
     bl_idname = "CTMC_PT_simplify"
     bl_label = "Simplify"
@@ -103,11 +102,11 @@ class CTMC_PT_make(StepPanel, bpy.types.Panel):
 
 
 STEPS = (CTMC_PT_load, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_voxels, CTMC_PT_simplify, CTMC_PT_make)
-"""What is always needed, in the order of the work."""
+"""Panels that are always needed, in the order of the work."""
 
 
 def _draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Voxel sides in pixels and mm, alpha, and what they cost."""
+    """Draw voxel sides in pixels and mm, alpha, and the cost estimate."""
     volume = volumes.current_full(context.scene)
     column = layout.column(align=True)
     for text, shows_mm in ((translate("Stride [px]"), False), (translate("Voxel [mm]"), True)):
@@ -130,7 +129,7 @@ def _draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None
 
 
 def alpha_matters(settings: Any) -> bool:
-    """Return whether alpha has an effect; settings that contradict each other are said elsewhere."""
+    """Return whether alpha has an effect; settings that contradict each other are reported elsewhere."""
     try:
         matters: bool = settings.to_settings().alpha_matters
     except SettingsError:
@@ -150,7 +149,7 @@ def _draw_cost(layout: Any, context: bpy.types.Context) -> None:
 
 
 def _draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The goal, its number, what is removed, and the method: the same lines for every goal."""
+    """Draw the goal, its number, what is removed, and the method: the same lines for every goal."""
     goal = settings.goal
     layout.prop(settings, "goal")
     value = layout.row()

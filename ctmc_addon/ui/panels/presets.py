@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Presets of settings, shipped and a user's own, as everywhere in Blender."""
+"""Manage presets of settings, shipped ones and a user's own, as everywhere in Blender."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ SUBFOLDER = "ctmc"
 
 
 def preset_values() -> list[str]:
-    """Return what a preset keeps: first the values, which switch themselves on, then the switches."""
+    """Return the values of a preset: first the settings, which switch themselves on, then the switches."""
     names = [name for name in SETTINGS if name not in OF_ONE_VOLUME]
     return [f"settings.{name}" for name in names] + [f"settings.{switch(name)}" for name in names if optional(name)]
 
@@ -58,6 +58,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Unregister them."""
     bpy.utils.unregister_preset_path(str(SHIPPED))
     _unregister()

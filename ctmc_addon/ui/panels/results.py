@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel Results, below the button: what is known of the active surface, and what can be done with it.
+"""Draw the panel Results, below the button: facts of the active surface, and operators on it.
 
 Its lines are the same with and without a surface, so that nothing below it jumps when one is selected. While something
 else is active, such as a slice, the surface that was active last stays, dimmed.
@@ -24,7 +24,7 @@ from .layout import StepPanel, draw_shape_change, draw_table, draw_text, prepare
 
 
 class CTMC_PT_results(StepPanel, bpy.types.Panel):
-    """Draw what is known of the active surface."""
+    """Panel for facts of the active surface."""
 
     bl_idname = "CTMC_PT_results"
     bl_label = "Results"
@@ -61,7 +61,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.operator("ctmc.deviation_map", icon="COLOR")
         column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
-        column = layout.column(align=True)  # too many words to stand side by side
+        column = layout.column(align=True)  # Too many words to be side by side.
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         if provenance is not None:
@@ -71,7 +71,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
 
 
 def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
-    """Whether the surface is closed, of how many components it is, and a button for what can be done about it."""
+    """Draw whether the surface is closed, its number of components, and buttons to fix both."""
     measures = None if measurement is None else measurement.measures
     for text, buttons in (
         (surface_text(measures), (("ctmc.close_border", "Close Border"),)),
@@ -109,9 +109,9 @@ def components_text(measures: Measures | None) -> str:
 def facts_of(
     provenance: Provenance | None, measurement: Measurement | None, unit: str = "", name: str = ""
 ) -> list[tuple[str, str]]:
-    """Names and values of what was counted and measured; a dash for what is not known.
+    """Return names and values of counts and measures; a dash for an unknown value.
 
-    A threshold has its unit, and a label the name that the list has for it.
+    A threshold is shown with its unit, and a label with its name in the list.
     """
     surface = FinishedSurface() if measurement is None else measurement.finished
     facts = {each.name: (each.label, measure_text(each, surface)) for each in measures_in(Place.PANEL)}

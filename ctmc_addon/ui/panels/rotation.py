@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Rotation Test: levels, step, rounds, and the table."""
+"""Draw the closed panel Rotation Test: levels, step, rounds, and the table."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed panels of settings alone: components, normals, and what is seldom changed."""
+"""Draw the closed panels of settings: components, normals, and rarely changed ones."""
 
 from __future__ import annotations
 
@@ -14,14 +14,13 @@ class _SettingsPanel(SubPanel):
     names: tuple[str, ...] = ()
 
     def draw(self: bpy.types.Panel, context: bpy.types.Context) -> None:
-        """Draw the settings one below the other."""
         prepare(self.layout)
         for name in self.names:
             draw_setting(self.layout, context.scene.ctmc, name)
 
 
 class CTMC_PT_parts(_SettingsPanel, bpy.types.Panel):
-    """Settings for kept components, and for closing the surface."""
+    """Panel for kept components, and for closing the surface."""
 
     bl_idname = "CTMC_PT_parts"
     bl_label = "Components"
@@ -29,7 +28,7 @@ class CTMC_PT_parts(_SettingsPanel, bpy.types.Panel):
 
 
 class CTMC_PT_normals(_SettingsPanel, bpy.types.Panel):
-    """Panel for the normals that surfaces are shaded with."""
+    """Panel for the normals that shade surfaces."""
 
     bl_idname = "CTMC_PT_normals"
     bl_label = "Normals"
@@ -37,7 +36,7 @@ class CTMC_PT_normals(_SettingsPanel, bpy.types.Panel):
 
 
 class CTMC_PT_advanced(_SettingsPanel, bpy.types.Panel):
-    """Settings for ambiguous voxels, and for what replaces NaN."""
+    """Panel for ambiguous voxels, and for the value that replaces NaN."""
 
     bl_idname = "CTMC_PT_advanced"
     bl_label = "Advanced"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The list of structures in the panel Surface: their source, look and ticks."""
+"""Draw the list of structures in the panel Surface: their source, look and ticks."""
 
 from __future__ import annotations
 
@@ -15,17 +15,17 @@ from ..state import measurements, structures, surfaces, volumes
 from ..translations import translate
 from .layout import draw_name, draw_text, holds_hu, is_narrow
 
-ROWS = (3, 6)  # lines of the list, at least and at most
+ROWS = (3, 6)  # Fewest and most lines of the list.
 
 
 def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """The list, what can be done with it, and what the marked structure is."""
+    """Draw the list, its buttons, and the facts of the marked structure."""
     if not len(settings.labels):
         _draw_none(layout, context, settings)
         return
     rows = min(ROWS[1], max(ROWS[0], len(settings.labels)))
     layout.template_list("CTMC_UL_labels", "", settings, "labels", settings, "label_index", rows=rows)
-    row = layout.row(align=True)  # not beside the list: names need the width
+    row = layout.row(align=True)  # Not next to the list, because names need the width.
     row.operator("ctmc.add_threshold", text="", icon="ADD")
     row.operator("ctmc.remove_structure", text="", icon="REMOVE")
     for which, text in (("all", "All"), ("none", "None"), ("invert", "Invert")):
@@ -38,7 +38,7 @@ def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 
 def _draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Draw what can be added while the list is empty."""
+    """Draw the buttons of an empty list."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         layout.prop(settings, "label")
@@ -54,7 +54,7 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
     item = settings.labels[settings.label_index]
     column = layout.column(align=True)
     if item.kind == LABEL:
-        column.label(text=_made_of_text(item), translate=False)
+        column.label(text=_label_text(item), translate=False)
     else:
         unit = "HU" if holds_hu(context.scene) else translate("Gray Value")
         draw_name(column, f"{translate('From')} [{unit}]", 0.45).prop(item, "threshold", text="")
@@ -66,8 +66,7 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
     layout.prop(item, "opacity", slider=True)
 
 
-def _made_of_text(item: Any) -> str:
-    """Return what a label is: its number and its name."""
+def _label_text(item: Any) -> str:
     number = translate("Label {number}").format(number=item.value)
     return f"{number}, {item.name}" if item.name else number
 
@@ -84,7 +83,7 @@ def surface_volume_text(scene: bpy.types.Scene, item: Any) -> str:
 
 
 class CTMC_UL_labels(bpy.types.UIList):
-    """A structure in a line: whether it is made, its eye, color, name, and volume once made."""
+    """A line of a structure: tick, eye, color, name, and volume once made."""
 
     bl_idname = "CTMC_UL_labels"
 
@@ -100,7 +99,6 @@ class CTMC_UL_labels(bpy.types.UIList):
         index: int,
         _flag: int,
     ) -> None:
-        """Draw the line of a structure."""
         row = layout.row(align=True)
         row.use_property_split = False
         row.prop(item, "chosen", text="")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The block of the main panel that says where the surface is sought: threshold with histogram, or structures."""
+"""Draw the main panel's block for the position of the surface: threshold with histogram, or structures."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from .structures import draw_structures
 
 
 def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Threshold with histogram, Otsu and tissues, or structures."""
+    """Draw the threshold with histogram, Otsu and tissues, or the structures."""
     column = layout.column()
     row = column.row(align=True)
     row.use_property_split = False
@@ -45,7 +45,7 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
 
 
 def _draw_smoothing(layout: Any, settings: Any) -> None:
-    """Draw how the values are smoothed, and what belongs to that."""
+    """Draw the smoothing method and its settings."""
     draw_setting(layout, settings, "smoothing")
     row = layout.row()
     width_mm = settings.smoothing_mm if settings.use_smoothing_mm else None
@@ -79,7 +79,6 @@ def _threshold_text(scene: bpy.types.Scene) -> str:
 
 
 def _threshold_label(scene: bpy.types.Scene) -> str:
-    """Return the threshold with its unit."""
     volume = volumes.current(scene)
     if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")

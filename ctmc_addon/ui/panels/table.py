@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Measurements: what was measured of all surfaces, as `ctmc measure` has it."""
+"""Draw the closed panel Measurements: measures of all surfaces, the same as those of `ctmc measure`."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ TABLE = "ctmc.table"
 
 
 class CTMC_PT_table(SubPanel, bpy.types.Panel):
-    """A row for every surface."""
+    """Panel with a row for every surface."""
 
     bl_idname = "CTMC_PT_table"
     bl_label = "Measurements"
@@ -47,7 +47,7 @@ class CTMC_PT_table(SubPanel, bpy.types.Panel):
 
 
 def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
-    """Names and values of a row; gray values that are not known are left out."""
+    """Return names and values of a row, without unknown gray values."""
     unit = HU if kind == ValueKind.HU else ""
     return [
         (translate(each.label), measure_text(each, row.surface, unit))

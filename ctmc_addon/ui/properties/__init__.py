@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The properties of scene, object and preferences."""
+"""Define the properties of scene, object and preferences."""

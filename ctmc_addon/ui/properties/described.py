@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender properties made from the fields of a dataclass that describes itself: name, text, unit, limits, choices.
+"""Make Blender properties from the fields of a dataclass that describes itself: name, text, unit, limits, choices.
 
 As in settings.py, this module must not hold `bpy` itself.
 """
@@ -25,9 +25,9 @@ def property_of(about: Setting, default: Any, **options: Any) -> Any:
     ----------
     about : Setting
     default
-        None for a field that may be absent and has no switch: 0 or an empty text stands for that then.
+        None for an optional field without a switch: 0 or an empty text then means that it is absent.
     **options
-        Arguments of Blender's property, instead of those made here; `name` of the property too.
+        Arguments of Blender's property, `name` included, instead of those made here.
     """
     is_absent = default is None
     label = options.pop("name", about.label)
@@ -58,7 +58,7 @@ def items_of(about: Setting) -> list[tuple[str, str, str]]:
 
 
 def tooltip(about: Setting, is_absent: bool = False) -> str:
-    """Return the field's text with its unit; of one without a switch also what its absence is and means."""
+    """Return the field's text with its unit; without a switch, also the value and meaning of its absence."""
     words = f"{about.text} [{about.unit}]" if about.unit else about.text
     if not is_absent or not about.without:
         return words
@@ -71,12 +71,12 @@ def with_unit(about: Setting) -> str:
 
 
 def as_written(number: float) -> float:
-    """Return the number as it was typed: Blender keeps 0.9 in float32, which read back would be 0.89999998."""
+    """Return the number as typed: Blender stores 0.9 in float32, which reads back as 0.89999998."""
     return float(str(np.float32(number)))
 
 
 def as_typed(value: Any, about: Setting) -> Any:
-    """Return the field's number or numbers, its word or its switch, as they were typed."""
+    """Return the field's number or numbers, word or switch, as typed."""
     if about.type is float:
         typed = tuple(as_written(number) for number in np.atleast_1d(value))
         return typed if about.size > 1 else typed[0]

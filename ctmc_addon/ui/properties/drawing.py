@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drawn structures and tool settings: `scene.ctmc_draw`. Slices are kept packed, so the file holds every stroke.
+"""Define drawn structures and tool settings: `scene.ctmc_draw`, with packed slices, so the file holds every stroke.
 
-Undo, saving, autosave and Blender's question before a file closes then know what was drawn without a word from us.
+Undo, saving, autosave and Blender's question before a file closes then include the drawing without further code.
 As in settings.py, this module must not hold `bpy` itself.
 """
 
@@ -28,12 +28,12 @@ from .kinds import boolean, choice, decimal, text
 
 
 def on_look(owner: Any, _context: Any) -> None:
-    """Show structures as they look now, and the one that is drawn on."""
+    """Send a change event, so that structures are shown as they look now."""
     notify(owner.id_data.ctmc, DRAWN)
 
 
 class CTMCPoint(PropertyGroup):
-    """A point of a stroke, or a corner of a lasso, that an operator is given."""
+    """A point of a stroke, or a corner of a lasso, as an operator's argument."""
 
     at: FloatVectorProperty(size=3, options={"HIDDEN"})
 
@@ -46,7 +46,7 @@ class _CTMCPackedSlice(PropertyGroup):
 
 
 class _CTMCDrawnClick(PropertyGroup):
-    """A click of Grow: its sample (slice, row, column), and whether the structure or its surroundings are there."""
+    """A click of Grow: its sample (slice, row, column), and whether it lies in the structure or its surroundings."""
 
     sample: IntVectorProperty(size=3, options={"HIDDEN"})
     inside: BoolProperty(options={"HIDDEN"})
@@ -163,7 +163,7 @@ CLASSES = (CTMCPoint, _CTMCPackedSlice, _CTMCDrawnClick, CTMCDrawnStructure, CTM
 
 
 def points_of(places: Iterable[Sequence[float]]) -> list[dict[str, Any]]:
-    """Return points as an operator takes them: two numbers each, or three."""
+    """Return points as an operator takes them: two or three numbers each."""
     return [{"name": "", "at": (*place, 0.0)[:3]} for place in places]
 
 
@@ -175,7 +175,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take it away again; what a file holds of it stays in the file."""
+    """Unregister it; the data in files stays."""
     del Scene.ctmc_draw
     for kind in reversed(CLASSES):
         unregister_class(kind)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings of figures: `scene.ctmc_figure`, generated from blender.figure.spec.
+"""Define settings of figures: `scene.ctmc_figure`, generated from blender.figure.spec.
 
-Beside the generated properties stand what the panel alone asks: which kind, format and file, and the switches. As in
+The panel's own properties are added to the generated ones: kind, format, file, and the switches. As in
 settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
 
@@ -17,7 +17,7 @@ from ...core import defaults, descriptions
 from .described import as_typed, property_of, tooltip, with_unit
 from .kinds import boolean, choice, text
 
-FRAMES = "frames"  # instead of a video's suffix
+FRAMES = "frames"  # Value in place of a video's suffix.
 OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (
@@ -36,7 +36,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "limit_mm": {"precision": 2},
     "seconds": {"precision": 1, "min": 0.1, "soft_max": 60.0},
 }
-"""How Blender shows a field, beside what its description says."""
+"""Display options of fields that their descriptions do not contain."""
 
 
 def all_properties() -> dict[str, Any]:
@@ -45,7 +45,7 @@ def all_properties() -> dict[str, Any]:
 
 
 def _generated_properties() -> dict[str, Any]:
-    """Return what is made from the fields of blender.figure.spec."""
+    """Return the properties made from the fields of blender.figure.spec."""
     from ...blender.figure.spec import FIGURE_SETTINGS, PAGES
 
     properties: dict[str, Any] = {}
@@ -66,7 +66,7 @@ def _generated_properties() -> dict[str, Any]:
 
 
 def panel_properties() -> dict[str, Any]:
-    """Return the properties that the panel alone asks for."""
+    """Return the properties that only the panel has."""
     from ...blender.figure.spec import VIDEO_FORMATS, Comparison
 
     frames = (FRAMES, "PNG Frames", "A folder with one picture per frame")
@@ -101,7 +101,7 @@ def panel_properties() -> dict[str, Any]:
 
 
 def values_of(panel: Any, kind: type, page_kind: str = "") -> dict[str, Any]:
-    """Return the values of a described dataclass's fields in the panel, by name; those of a page are of `page_kind`."""
+    """Return the values of a described dataclass's fields in the panel, by name; a page's fields are of `page_kind`."""
     values = {}
     own = defaults(kind)
     for name, about in descriptions(kind).items():
@@ -126,6 +126,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take it away again."""
+    """Unregister it."""
     del Scene.ctmc_figure
     unregister_class(CTMCFigure)

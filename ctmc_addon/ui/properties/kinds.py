@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender's properties with name, description and our translation context.
+"""Wrap Blender's properties with name, description and our translation context.
 
 As in all modules of properties, `bpy` itself must not stand here: see settings.py.
 """
@@ -15,7 +15,7 @@ from ..translations import OURS
 
 
 def _in_our_context(kind: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a kind of property that takes its name and description first."""
+    """Wrap a kind of property so that it takes its name and description first."""
 
     def make(name: str, description: str, **options: Any) -> Any:
         return kind(name=name, description=description, translation_context=OURS, **options)

@@ -14,7 +14,7 @@ DEFAULTS = ReconstructionSettings()
 
 
 def optional(name: str) -> bool:
-    """Return whether a setting may be absent."""
+    """Return whether a setting is optional."""
     return getattr(DEFAULTS, name) is None
 
 
@@ -31,5 +31,5 @@ def highest(about: Setting) -> float:
 
 
 def switch(name: str) -> str:
-    """Return the property that says whether a setting is there."""
+    """Return the property that switches an optional setting on."""
     return f"use_{name}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings of the panel only: those shown as a person thinks of them, the preview, the rotation test.
+"""Define properties of the panel only: settings in a user's terms, the preview, the rotation test.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -36,18 +36,17 @@ def fit_region(properties: Any) -> None:
 
 
 def _get_unit(properties: Any) -> int:
-    """Return the region's unit as its choice shows it."""
     return SETTINGS["region_unit"].choices.index(properties.region_unit)
 
 
 def _set_unit(properties: Any, number: int) -> None:
     """Change the region's unit; the box stays where it is and its numbers are converted."""
-    before, wanted = properties.region_unit, SETTINGS["region_unit"].choices[number]
+    before, unit = properties.region_unit, SETTINGS["region_unit"].choices[number]
     volume = current_volume(properties)
     used = properties.use_region
-    if volume is not None and before != wanted:
-        properties.region = converted_region(volume, tuple(properties.region), before, wanted)
-    properties.region_unit = wanted
+    if volume is not None and before != unit:
+        properties.region = converted_region(volume, tuple(properties.region), before, unit)
+    properties.region_unit = unit
     properties.use_region = used
 
 
@@ -55,7 +54,7 @@ NO_GOAL = "none"
 
 
 def _get_goal(properties: Any) -> int:
-    """0 without a goal, else the number of the goal that is used."""
+    """Return the number of the goal that is used, 0 without a goal."""
     used = [name for name in GOALS if getattr(properties, switch(name))]
     return GOALS.index(used[0]) + 1 if used and properties.simplifier != "none" else 0
 
@@ -71,59 +70,55 @@ def _set_goal(properties: Any, number: int) -> None:
 
 
 def _get_method(properties: Any) -> int:
-    """0 for the built-in simplifier, 1 for Decimate."""
+    """Return 0 for the built-in simplifier, 1 for Decimate."""
     return int(properties.simplifier == "decimate")
 
 
 def _set_method(properties: Any, number: int) -> None:
-    """Change the method of simplification."""
     properties.simplifier = "decimate" if number else "builtin"
 
 
 def _get_ratio(properties: Any) -> float:
-    """Return the share of the triangles that is kept."""
+    """Return the share of the triangles to keep."""
     return float(1.0 - properties.reduction)
 
 
 def _set_ratio(properties: Any, ratio: float) -> None:
-    """Change the share of the triangles that is kept."""
     properties.reduction = min(1.0 - ratio, highest(SETTINGS["reduction"]))
 
 
 def _get_keep_largest(properties: Any) -> bool:
-    """Return whether only the largest components are kept."""
     return bool(properties.keep_parts > 0)
 
 
 def _set_keep_largest(properties: Any, keeps: bool) -> None:
-    """Keep the largest component alone, or all of them."""
+    """Keep only the largest component, or all of them."""
     if keeps != _get_keep_largest(properties):
         properties.keep_parts = int(keeps)
 
 
 def _get_color(properties: Any) -> Any:
-    """Return the color of the active surface, that of bone without one."""
+    """Return the color of the active surface; bone without one."""
     from ..state import surfaces
 
     return surfaces.active_color(properties.id_data)
 
 
 def _set_color(properties: Any, color: Any) -> None:
-    """Give the active surface another color."""
     from ..state import surfaces
 
     surfaces.recolor_active(properties.id_data, tuple(color))
 
 
 def _get_opacity(properties: Any) -> float:
-    """Return the opacity of the active surface, 1 without one."""
+    """Return the opacity of the active surface; 1 without one."""
     from ..state import surfaces
 
     return surfaces.active_opacity(properties.id_data)
 
 
 def set_opacity(properties: Any, opacity: float) -> None:
-    """Give the active surface another opacity."""
+    """Change the opacity of the active surface."""
     from ..state import surfaces
 
     surfaces.fade_active(properties.id_data, opacity)
@@ -135,7 +130,6 @@ def _get_surface_from(properties: Any) -> int:
 
 
 def _set_surface_from(properties: Any, use_label: int) -> None:
-    """Store whether the surface is that of a label."""
     if bool(use_label) != properties.use_label:
         properties.use_label = bool(use_label)
 

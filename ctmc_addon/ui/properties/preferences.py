@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Preferences of the machine, not of a file: threads, preview budget, scene scale, memory limit, units."""
+"""Define preferences of the machine, not of a file: threads, preview budget, scene scale, memory limit, units."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GIB = 2**30
 
 
 def limits_changed(_preferences: bpy.types.AddonPreferences, _context: bpy.types.Context) -> None:
-    """Count again what was counted with other limits."""
+    """Count costs again with the new limits."""
     for scene in bpy.data.scenes:
         change_events.notify(scene.ctmc, "memory_gib")
 
@@ -94,7 +94,7 @@ class Machine:
 
 
 def machine() -> Machine:
-    """The preferences of this machine; the defaults where the package runs without being enabled as an add-on."""
+    """Return the preferences of this machine; the defaults if the package is not enabled as an add-on."""
     addon: Any = bpy.context.preferences.addons.get(ADDON)
     preferences = getattr(addon, "preferences", None)
     if preferences is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The reading options as Blender properties, of a scene and of the dialog that loads a CT.
+"""Define the reading options as Blender properties, of a scene and of the dialog that loads a CT.
 
 0, an empty text and no ticked axis stand for an option that is not given. A scene has a switch for each axis to flip
 and keeps the name as `volume_name`. As in settings.py, this module must not hold `bpy` itself.
@@ -18,11 +18,11 @@ SHOWN = ("spacing", "flip", "series", "time", "strict", "remove_table")
 """The options that say what is read; the others are for the command line (colors are changed in the list)."""
 SIDES = {"x": "Left - Right", "y": "Front - Back", "z": "Head - Feet"}
 LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMERA"}}
-"""How Blender shows an option, beside what its description says."""
+"""Display options of reading options that their descriptions do not contain."""
 
 
 def scene_properties() -> dict[str, Any]:
-    """Return what a scene keeps of how its CT is read and called."""
+    """Return the properties of a scene that store how its CT is read and named."""
     about = descriptions(ReadingOptions)
     properties = {name: option(name) for name in SHOWN if name != "flip"}
     properties |= {f"flip_{axis}": option("flip", axis) for axis in SIDES}
@@ -30,7 +30,7 @@ def scene_properties() -> dict[str, Any]:
 
 
 def dialog_properties() -> dict[str, Any]:
-    """Return what the dialog asks, and what buttons and scripts hand to it."""
+    """Return the properties of the dialog, and those that buttons and scripts set."""
     hidden = {"flip", "series", "time"}
     properties = {
         name: option(name, options={"SKIP_SAVE", "HIDDEN"} if name in hidden else {"SKIP_SAVE"}) for name in SHOWN
@@ -40,7 +40,7 @@ def dialog_properties() -> dict[str, Any]:
 
 
 def option(name: str, axis: str = "", **options: Any) -> Any:
-    """Return the property of one option; of `flip` the switch of one axis, if it is given."""
+    """Return the property of one option, or the switch of one axis of `flip`."""
     about = descriptions(ReadingOptions)[name]
     if axis:
         return boolean(SIDES[axis], tooltip(about), **options)
@@ -48,12 +48,12 @@ def option(name: str, axis: str = "", **options: Any) -> Any:
 
 
 def options_of_scene(stored: Any) -> ReadingOptions:
-    """Return how the panel wants the scene's CT to be read."""
+    """Return the reading options in the panel for the scene's CT."""
     return chosen(stored, "".join(axis for axis in SIDES if getattr(stored, f"flip_{axis}")))
 
 
 def options_of_dialog(operator: Any) -> ReadingOptions:
-    """Return how the dialog, a button or a script wants a CT to be read."""
+    """Return the reading options of the dialog, a button or a script."""
     ticked = "".join(axis for axis, is_ticked in zip(SIDES, operator.flip_axes, strict=True) if is_ticked)
     return chosen(operator, operator.flip or ticked)
 
@@ -70,7 +70,7 @@ def chosen(properties: Any, flip: str) -> ReadingOptions:
 
 
 def show_options(stored: Any, options: ReadingOptions) -> None:
-    """Keep in a scene how its CT was read."""
+    """Store in a scene how its CT was read."""
     for name in SHOWN:
         value = getattr(options, name)
         if name == "flip":

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The other CTs of a scene: `scene.ctmc_scans` has what the panel knew of each, for when it is the panel's again.
+"""Store the other CTs of a scene in `scene.ctmc_scans`: the panel's state of each, to restore when it is active again.
 
 As in settings.py, this module must not hold `bpy` itself.
 """
@@ -39,7 +39,7 @@ CTMCScan = type(
 
 
 def take_over(target: Any, source: Any) -> None:
-    """Copy all that is known of a CT, its structures too, from one place to another; nothing follows it."""
+    """Copy all data of a CT, its structures too, from one place to another without change events."""
     for name in CTMCScan.__annotations__:
         if target.bl_rna.properties[name].type == "COLLECTION":
             _copy_lines(getattr(target, name), getattr(source, name))
@@ -66,6 +66,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away; what a file holds of them stays in the file."""
+    """Unregister them; the data in files stays."""
     del Scene.ctmc_scans
     unregister_class(CTMCScan)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The settings as Blender properties, generated from core.settings: label, text, unit, limits and choices.
+"""Define the settings as Blender properties, generated from core.settings: label, text, unit, limits and choices.
 
-`scene.ctmc` carries the settings' own names. A setting that may be absent has a switch `use_<name>` beside it.
-Beside them stand what the file knows of its CT, its structures, and the panel's own switches.
+`scene.ctmc` has the settings' own names. An optional setting also has a switch `use_<name>`.
+`scene.ctmc` also stores the file's CT, its structures, and the panel's own switches.
 
 This module must not hold `bpy` itself: Blender 4.2 never lets go of a registered PropertyGroup, nor of what its
 functions can see, and a Python whose bpy module stays alive crashes at exit.
@@ -54,21 +54,21 @@ class _SettingsMethods(StructureMethods):
         return [settings] if settings.label is None else self.ticked_settings(settings)
 
     def show_preset(self, **values: Any) -> None:
-        """Show these values and the defaults of all other settings, but of those that belong to one volume."""
+        """Show these values and the defaults of all other settings, except those that belong to one volume."""
         self.from_settings(ReconstructionSettings(**values), but=OF_ONE_VOLUME)
 
     def from_settings(self, settings: ReconstructionSettings, but: Set[str] = frozenset()) -> None:
         """Show these settings, except those named in `but`."""
         for name in (name for name in SETTINGS if name not in but):
             value = getattr(settings, name)
-            if value is not None and value not in SETTINGS[name].words:  # a word is for a script, such as auto
+            if value is not None and value not in SETTINGS[name].words:  # Words such as auto are for scripts.
                 setattr(self, name, value)
             if optional(name):
                 setattr(self, switch(name), value is not None)
 
 
 def _on_change(name: str) -> Callable[[Any, Any], None]:
-    """Use a setting from the moment it gets a value: switch it on, and its rivals off."""
+    """Switch a setting on when it gets a value, and switch its rivals off."""
 
     def update(properties: Any, _context: Any) -> None:
         if name == "region":
@@ -116,7 +116,7 @@ def all_properties() -> dict[str, Any]:
 
 
 def _volume_properties() -> dict[str, Any]:
-    """Return what the file knows of its CT, and how it is to be read."""
+    """Return the properties that store the file's CT and how to read it."""
     return {
         "volume_path": text("CT", "File or folder that the CT was read from"),
         "volume_fingerprint": text("Fingerprint", "Fingerprint of the CT"),
@@ -139,7 +139,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take the settings away again; what a file holds of them stays in the file."""
+    """Unregister the settings; the data in files stays."""
     del Scene.ctmc
     unregister_class(CTMCSettings)
     for kind in reversed(CLASSES):

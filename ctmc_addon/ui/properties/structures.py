@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The structures of a scene's CT: the list `scene.ctmc.labels`, and `scene.ctmc.label_sources`, where labels come from.
+"""Define the structures of a scene's CT: the list `scene.ctmc.labels`, and its sources `scene.ctmc.label_sources`.
 
 A line of the list is a label (`kind` is "label", `value` its number in the label volume of the scene) or a threshold
 (`threshold` and perhaps `upper`). Name, color, opacity and tick are the same for both, and Reconstruct makes what is
@@ -26,10 +26,10 @@ from .kinds import boolean, choice, collection, decimal, decimals, integer, text
 
 LABEL, THRESHOLD = "label", "threshold"
 Line = tuple[int, str, tuple[float, float, float]]
-"""Of the list: a label's value, name and color."""
+"""A line of the list: a label's value, name and color."""
 
-_ticking: list[bool] = []  # not empty while ticks are set by code
-_filling: list[bool] = []  # not empty while code fills the list
+_ticking: list[bool] = []  # Not empty while code sets ticks.
+_filling: list[bool] = []  # Not empty while code fills the list.
 
 
 @contextmanager
@@ -49,14 +49,14 @@ def tick_only(properties: Any, label: int | None) -> None:
     tick(properties, lambda item: item.kind == LABEL and item.value == label)
 
 
-def tick(properties: Any, wanted: Callable[[Any], bool]) -> None:
-    """Tick the structures that are wanted, and no other; the setting `label` stays what it is."""
+def tick(properties: Any, is_requested: Callable[[Any], bool]) -> None:
+    """Tick the requested structures and no other; the setting `label` stays."""
     if _ticking:
         return
     _ticking.append(True)
     for item in properties.labels:
-        if item.chosen != wanted(item):
-            item.chosen = wanted(item)
+        if item.chosen != is_requested(item):
+            item.chosen = is_requested(item)
     _ticking.clear()
 
 
@@ -67,7 +67,7 @@ def _on_tick(item: Any, _context: Any) -> None:
 
 
 def follow_ticks(properties: Any) -> None:
-    """Bring the setting `label` to the ticks, and tell who follows the settings."""
+    """Update the setting `label` from the ticks, and send a change event."""
     ticked = [item for item in properties.labels if item.chosen]
     labels = [item.value for item in ticked if item.kind == LABEL]
     _ticking.append(True)
@@ -80,7 +80,7 @@ def follow_ticks(properties: Any) -> None:
 
 
 def on_look(event: str) -> Callable[[Any, Any], None]:
-    """Give the surfaces of a structure its new name or color."""
+    """Apply the new name or color of a structure to its surfaces."""
 
     def update(item: Any, _context: Any) -> None:
         if not _filling:
@@ -90,7 +90,7 @@ def on_look(event: str) -> Callable[[Any, Any], None]:
 
 
 def on_opacity(item: Any, context: Any) -> None:
-    """Give the surfaces of a structure its new opacity; one that is opaque now was made so by hand."""
+    """Apply the new opacity of a structure to its surfaces; a surface made opaque counts as chosen by hand."""
     if not _filling:
         item.opaque = item.opacity == 1.0
     _on_opacity(item, context)
@@ -100,7 +100,7 @@ _on_opacity = on_look("label_opacity")
 
 
 def _on_limits(item: Any, _context: Any) -> None:
-    """Follow a threshold of the list."""
+    """Send a change event for a threshold of the list."""
     if not _filling:
         notify(item.id_data.ctmc, "label")
 
@@ -166,7 +166,7 @@ class StructureMethods:
         return next((item for item in self.labels if is_made_of(item, settings)), None)
 
     def ticked_settings(self, settings: ReconstructionSettings) -> list[ReconstructionSettings]:
-        """Return these settings for each structure that is ticked; of a label that is not in the list, for that one.
+        """Return these settings for each ticked structure, or for the label itself if it is not in the list.
 
         Raises
         ------
@@ -180,24 +180,24 @@ class StructureMethods:
         return [of_structure(item, settings) for item in ticked] or [replace(settings, label=self.label)]
 
     def color_of(self, label: int | None) -> tuple[float, float, float] | None:
-        """Return the color chosen in the list for a label; None for one that is not in it."""
+        """Return the color chosen in the list for a label; None if it is not in the list."""
         return next((tuple(item.color) for item in self.labels if item.kind == LABEL and item.value == label), None)
 
     def name_of(self, label: int) -> str:
-        """Return what a label's surface is called: its name in the list, else its number."""
+        """Return the name of a label's surface: the label's name in the list, else its number."""
         return next(
             (called(item) for item in self.labels if item.kind == LABEL and item.value == label), f"Label {label}"
         )
 
     def show_labels(self, labels: Iterable[Line]) -> None:
-        """Fill the list with the labels of a CT that has just been loaded, and nothing else."""
+        """Replace the list by the labels of a CT that has just been loaded."""
         self.labels.clear()
         self.label_sources.clear()
         self.add_labels(labels)
         tick_only(self, self.label if self.use_label else None)
 
     def add_labels(self, labels: Iterable[Line], source: str = "") -> list[Any]:
-        """Add labels to the list, none of them ticked; those of a source have its key."""
+        """Add unticked labels to the list; those of a source have its key."""
         first = len(self.labels)
         with filling():
             for value, name, color in labels:
@@ -209,7 +209,7 @@ class StructureMethods:
     def add_threshold(
         self, name: str, color: tuple[float, float, float], threshold: float, upper: float | None = None
     ) -> Any:
-        """Add a structure between two values of the CT to the list, and return its line, not ticked."""
+        """Add an unticked structure between two values of the CT to the list, and return its line."""
         with filling():
             item = self.labels.add()
             item.kind, item.name, item.color, item.threshold = THRESHOLD, name, color, threshold
@@ -219,24 +219,24 @@ class StructureMethods:
 
 
 def called(item: Any) -> str:
-    """Return what the surface of a line is called: its name, else its label's number; empty for a threshold."""
+    """Return the name of a line's surface: its own, else its label's number; empty for a threshold."""
     return str(item.name) or (f"Label {item.value}" if item.kind == LABEL else "")
 
 
 def chosen_opacity(item: Any) -> float | None:
-    """Return the opacity that the name or the list has chosen; None where nobody has."""
+    """Return the opacity that the name or the list has chosen; None without a choice."""
     return None if item is None or (item.opacity == 1.0 and not item.opaque) else round(float(item.opacity), 3)
 
 
 def of_structure(item: Any, settings: ReconstructionSettings) -> ReconstructionSettings:
-    """Return the settings of a structure's surface: its label, or its threshold smoothed as a threshold can be."""
+    """Return the settings of a structure's surface: its label, or its threshold with an allowed smoothing."""
     if item.kind == LABEL:
         return replace(settings, label=item.value)
     return settings.at_threshold(as_written(item.threshold), as_written(item.upper) if item.use_upper else None)
 
 
 def is_made_of(item: Any, settings: ReconstructionSettings) -> bool:
-    """Return whether a surface of these settings is that of a line of the list."""
+    """Return whether a surface with these settings belongs to a line of the list."""
     if item.kind == LABEL:
         return bool(item.value == settings.label)
     return settings.label is None and (settings.threshold, settings.upper) == (
@@ -246,7 +246,7 @@ def is_made_of(item: Any, settings: ReconstructionSettings) -> bool:
 
 
 def structure_properties() -> dict[str, Any]:
-    """Return what the file knows of the structures of its CT."""
+    """Return the properties that store the structures of the file's CT."""
     return {
         "labels": collection("Structures", "Structures of the CT", type=CTMCLabel),
         "label_index": integer("Structure", "Selected line of the list"),

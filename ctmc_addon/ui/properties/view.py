@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the viewport shows besides the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
+"""Define the viewport's settings except the surface: `scene.ctmc_view`, the slice, its window and level, the letters.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -29,7 +29,7 @@ def current_volume(scene: Any) -> Volume | None:
 
 
 def window_and_level(view: Any) -> tuple[float, float]:
-    """Return what was chosen for this volume, else what its kind and range suggest."""
+    """Return window and level chosen for this volume, else those that suit its kind and range."""
     scene = view.id_data
     if view.chosen_for == scene.ctmc.volume_fingerprint:
         return tuple(view.chosen_window)
@@ -57,7 +57,7 @@ def choose(view: Any, window: float, level: float) -> None:
 
 
 def positions_of(view: Any) -> list[float]:
-    """Return where the slice of each plane lies; a file of version 0.2 has one position for all."""
+    """Return the position of the slice in each plane; a file of version 0.2 has one position for all."""
     if not view.is_property_set("positions"):
         # Blender 5 keeps what is registered apart from what a user has added.
         stored = view.bl_system_properties_get() if hasattr(view, "bl_system_properties_get") else view
@@ -67,24 +67,20 @@ def positions_of(view: Any) -> list[float]:
 
 
 def _get_position(view: Any) -> float:
-    """Return where the slice of the present plane lies."""
     return positions_of(view)[list(PLANES).index(view.plane)]
 
 
 def _set_position(view: Any, position: float) -> None:
-    """Move the slice of the present plane."""
     positions = positions_of(view)
     positions[list(PLANES).index(view.plane)] = position
     view.positions = positions
 
 
 def _get_window(view: Any) -> float:
-    """Return the window for its slider."""
     return window_and_level(view)[0]
 
 
 def _get_level(view: Any) -> float:
-    """Return the level for its slider."""
     return window_and_level(view)[1]
 
 
@@ -94,7 +90,6 @@ def set_window(view: Any, window: float) -> None:
 
 
 def _set_level(view: Any, level: float) -> None:
-    """Change the level from its slider."""
     choose(view, window_and_level(view)[0], level)
 
 
@@ -158,7 +153,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take it away again."""
+    """Unregister it."""
     del Scene.ctmc_view
     unregister_class(CTMCView)
     _usual.clear()

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""State of a session that is not stored in the file."""
+"""Keep state of a session that is not stored in the file."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Subscriptions to changes of settings. Does not import Blender, so that properties can import it."""
+"""Subscribe to changes of settings. Does not import Blender, so that properties can import it."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ from . import session
 
 @dataclass(frozen=True)
 class CostEstimates:
-    """The costs of all surfaces, the settings they hold for, and why they cannot be made where that is so."""
+    """Costs of all surfaces, the settings they hold for, and the reason if they cannot be made."""
 
     settings: tuple[ReconstructionSettings, ...]
     estimates: tuple[CostEstimate, ...] = ()
@@ -49,12 +49,12 @@ class CostEstimates:
 
     @property
     def refusal(self) -> str:
-        """Why they cannot be made: no surface at these settings, or too little memory; empty where they can."""
+        """Return why the surfaces cannot be made, such as too little memory; empty if they can."""
         return self.error or next((estimate.sentence for estimate in self.estimates if not estimate.fits), "")
 
 
 def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -> Steps[CostEstimates]:
-    """Count what surfaces will cost, each with these settings in these fields."""
+    """Count the cost of surfaces, each with these settings in these fields."""
     estimates: list[CostEstimate] = []
     settings = tuple(surface_settings for _, surface_settings in works)
     try:
@@ -66,7 +66,7 @@ def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -
 
 
 def learn(scene_uid: int, results: Sequence[Reconstruction], seconds: float) -> None:
-    """Correct the next estimate by what these surfaces have cost.
+    """Correct the next estimate by the measured cost of these surfaces.
 
     Parameters
     ----------
@@ -74,8 +74,8 @@ def learn(scene_uid: int, results: Sequence[Reconstruction], seconds: float) -> 
         session_uid of the scene.
     results : sequence of Reconstruction
     seconds : float
-        What all of them took after their last stages; each has its share by its triangles, as a small one
-        beside a large one would make every triangle expensive.
+        Time for all of them after their last stages, shared by triangles: equal shares would make every
+        triangle of a small surface expensive.
     """
     scene = session.scene_of(scene_uid)
     cost = None if scene is None else session.of(scene).cost

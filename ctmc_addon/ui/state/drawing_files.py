@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write drawings for other programs: a `.seg.nrrd` beside the .blend, whenever that is saved.
+"""Write drawings for other programs: a `.seg.nrrd` next to the .blend, whenever that is saved.
 
 The .blend itself holds the drawing, so this file may be moved or deleted; 3D Slicer opens it, and so does Load Labels.
 """
@@ -21,38 +21,38 @@ from ...core.segmentation import layers_of
 from ..properties.structures import called
 from . import drawings, masks, scans, session, volumes
 
-SUFFIX = " drawn.seg.nrrd"  # a segmentation that somebody else has put beside the .blend is not touched
-SHORT = 4  # letters of a fingerprint
-_written: dict[tuple[int, str], Any] = {}  # by session_uid of the scene, and path: what was written there
+SUFFIX = " drawn.seg.nrrd"  # A segmentation of a user next to the .blend has another name and is not overwritten.
+SHORT = 4  # Letters of a fingerprint in a file name.
+_written: dict[tuple[int, str], Any] = {}  # The written state, by session_uid of the scene, and path.
 
 
-def _path_beside(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
-    """Return where the drawing on a CT of a scene goes: after the .blend, and scene and CT where several have one.
+def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
+    """Return the path of the drawing on a CT of a scene: named after the .blend, and scene and CT if there are several.
 
-    CTs may have one name, as of a file in each patient's folder, so the fingerprint tells them apart.
+    CTs may share a name, such as that of a file in each patient's folder, so the fingerprint tells them apart.
     """
     drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
     fingerprint = ct.volume_fingerprint
-    called_ct = volumes.called_as(ct, volumes.require_known(fingerprint))
+    called_ct = volumes.called_as(ct, volumes.require_ct(fingerprint))
     stem = Path(blend).stem + (f" {scene.name} {called_ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
     return Path(blend).with_name(file_name(stem) + SUFFIX)
 
 
 def after_save(blend: str, *_: Any) -> None:
-    """Write the drawings of a .blend that was saved, on every CT in memory; what goes wrong is said in the panel."""
+    """Write the drawings of a saved .blend, on every CT in memory; the panel shows errors."""
     for scene in bpy.data.scenes if blend else ():
         for ct in scans.all_of(scene):
-            known = volumes.known(ct.volume_fingerprint)
-            if known is None or known.file is not None:
+            loaded = volumes.ct_of(ct.volume_fingerprint)
+            if loaded is None or loaded.file is not None:
                 continue
             try:
-                write(_path_beside(blend, scene, ct), scene, ct)
+                write(_path_of(blend, scene, ct), scene, ct)
             except (CtmcError, OSError, MemoryError) as error:
                 session.of(scene).message = str(error)
 
 
 def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
-    """Write what was drawn on a CT of a scene, unless it is written there already; an empty drawing writes nothing."""
+    """Write the drawing on a CT of a scene, unless it is empty or written already."""
     items = [(item, masks.of(scene, item)) for item in drawings.structures_of(ct)]
     items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
     lines = [next(line for line in ct.labels if line.source == item.key) for item, _ in items]
@@ -65,7 +65,7 @@ def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
         Segment(called(line), srgb(line.color), label, layer)
         for label, (line, layer) in enumerate(zip(lines, used, strict=True), 1)
     ]
-    affine = np.asarray(volumes.require_known(ct.volume_fingerprint).volume.affine)
+    affine = np.asarray(volumes.require_ct(ct.volume_fingerprint).volume.affine)
     with whole_file(path) as temporary_path:
         finish(write_labels_steps(temporary_path, layers, segments, affine))
     _written[key] = state

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Keep drawings in the file: each is a line of the list of structures, and a source of labels, the mask."""
+"""Keep drawings in the file: each is a line of the list of structures, and its mask is a source of labels."""
 
 from __future__ import annotations
 
@@ -18,12 +18,12 @@ from . import change_events, masks, session, volumes
 
 
 def structures(scene: bpy.types.Scene) -> Iterator[Any]:
-    """Yield what was drawn on the scene's CT, as far as the list of structures has it."""
+    """Yield the drawn structures of the scene's CT that are in the list of structures."""
     return structures_of(scene.ctmc)
 
 
 def structures_of(ct: Any) -> Iterator[Any]:
-    """Yield what was drawn on a CT of a scene, of which the panel knows `ct`, as far as its list has it."""
+    """Yield the drawn structures of a CT of a scene, stored as `ct`, that are in its list."""
     fingerprint, sources = ct.volume_fingerprint, {line.source for line in ct.labels}
     for item in ct.id_data.ctmc_draw.structures:
         if fingerprint and item.fingerprint == fingerprint and item.key in sources:
@@ -36,7 +36,7 @@ def line_of(scene: bpy.types.Scene, item: Any) -> Any:
 
 
 def drawn_by(scene: bpy.types.Scene, line: Any) -> Any | None:
-    """Return what was drawn of a line of the list of structures; None of a label from a file, or a threshold."""
+    """Return the drawing of a line of the list of structures; None for a label from a file, or a threshold."""
     return next((item for item in structures(scene) if item.key == line.source), None)
 
 
@@ -62,14 +62,14 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 
 
 def _free_value(scene: bpy.types.Scene) -> int:
-    """Return a label that no line of the list has, and no surface of the CT, whose line may be gone."""
-    made = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
-    used = [one.settings.label or 0 for one in made if one.fingerprint == scene.ctmc.volume_fingerprint]
+    """Return a label that no line of the list and no surface of the CT uses."""
+    provenances = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
+    used = [one.settings.label or 0 for one in provenances if one.fingerprint == scene.ctmc.volume_fingerprint]
     return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
 def connect(scene: bpy.types.Scene, item: Any) -> Any:
-    """Give what was drawn its line in the list of structures, where it has none; return the line."""
+    """Return the line of a drawing in the list of structures; add it if needed."""
     stored = scene.ctmc
     if not any(source.key == item.key for source in stored.label_sources):
         value = _free_value(scene)
@@ -80,7 +80,7 @@ def connect(scene: bpy.types.Scene, item: Any) -> Any:
 
 
 def _connect_all(scene: bpy.types.Scene) -> None:
-    """Connect all that was drawn on the scene's CT, which has just been loaded."""
+    """Connect all drawings on the scene's CT, which has just been loaded."""
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
         return
     for item in scene.ctmc_draw.structures:
@@ -89,18 +89,18 @@ def _connect_all(scene: bpy.types.Scene) -> None:
 
 
 def take_along(scene: bpy.types.Scene, before: str) -> int:
-    """Move what was drawn on a CT to the panel's, which has the same samples; return how many structures that were.
+    """Move the drawings on a CT to the panel's CT, which has the same samples; return the number of structures.
 
     Parameters
     ----------
     before : str
-        Fingerprint of the CT that was drawn on, as it was read before.
+        Fingerprint of the CT that was drawn on, before it was read again.
     """
     items = [item for item in scene.ctmc_draw.structures if item.fingerprint == before]
     parked = next((scan for scan in scene.ctmc_scans if scan.volume_fingerprint == before), None)
     if parked is None:
         return 0
-    earlier = volumes.known(before)
+    earlier = volumes.ct_of(before)
     for item in items:
         item.fingerprint = scene.ctmc.volume_fingerprint
         if earlier is not None:
@@ -125,18 +125,18 @@ def take_along(scene: bpy.types.Scene, before: str) -> int:
 
 
 def forget(scene: bpy.types.Scene, key: str) -> None:
-    """Remove what was drawn of a structure whose line was removed."""
+    """Remove the drawing of a structure whose line was removed."""
     drawing = scene.ctmc_draw
     place = next((at for at, item in enumerate(drawing.structures) if item.key == key), None)
     if place is not None:
         drawing.structures.remove(place)
-        for ct in volumes.all_known():
+        for ct in volumes.all_cts():
             ct.drawn.pop((scene.session_uid, key), None)
         change_events.notify(scene.ctmc, change_events.DRAWN)
 
 
 def remove(scene: bpy.types.Scene, line: Any) -> None:
-    """Remove a line of the list, with what was drawn of it; the setting `label` is then that of another line.
+    """Remove a line of the list with its drawing; the setting `label` is then that of another line.
 
     Without a line, surfaces are made at a threshold again, but of a volume of labels.
     """
@@ -154,7 +154,7 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
 
 
 def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
-    """Return what is chosen of a CT after lines of its list have gone; a volume `of_labels` has no threshold."""
+    """Return a valid choice after lines of a CT's list were removed; a volume `of_labels` has no threshold."""
     chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
     chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
     if labels and stored.label not in [line.value for line in labels]:
@@ -165,12 +165,12 @@ def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
 
 
 def chosen_in(stored: Any) -> dict[str, Any]:
-    """Return the marked line, and of what a surface is made; a value stands before its switch, which it switches on."""
+    """Return the marked line and the settings that choose the surface; a value precedes its switch."""
     return {name: getattr(stored, name) for name in ("label_index", "label", "use_label", "use_threshold")}
 
 
 def choose(stored: Any, chosen: dict[str, Any]) -> None:
-    """Bring this back, without ticks that follow."""
+    """Restore this choice without change events of ticks."""
     with filling():
         for name, value in chosen.items():
             if getattr(stored, name) != value:
@@ -178,7 +178,7 @@ def choose(stored: Any, chosen: dict[str, Any]) -> None:
 
 
 def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
-    """Return a hash of what the file has of a drawn line of the list; empty of another line."""
+    """Return a hash of the stored drawing of a line of the list; empty for other lines."""
     item = None if line is None else drawn_by(scene, line)
     if item is None:
         return ""
@@ -192,11 +192,11 @@ def hash_of(scene: bpy.types.Scene, line: Any | None) -> str:
 
 
 def follow_file(*_: Any) -> None:
-    """Bring all masks to what the file has, after undo or redo."""
+    """Update all masks from the file, after undo or redo."""
     scenes = {scene.session_uid: scene for scene in bpy.data.scenes}
     changed = set()
     items = {(uid, item.key): item for uid, scene in scenes.items() for item in scene.ctmc_draw.structures}
-    for ct in volumes.all_known():
+    for ct in volumes.all_cts():
         for key, drawn in list(ct.drawn.items()):
             if key not in items:
                 del ct.drawn[key]
@@ -204,7 +204,7 @@ def follow_file(*_: Any) -> None:
             elif masks.take(drawn, items[key]):
                 changed.add(key[0])
     for scene in scenes.values():
-        _connect_all(scene)  # a structure whose removal was undone
+        _connect_all(scene)  # Connect structures whose removal was undone.
     for uid in changed & scenes.keys():
         change_events.notify(scenes[uid].ctmc, change_events.DRAWN)
     if changed:
@@ -212,15 +212,15 @@ def follow_file(*_: Any) -> None:
 
 
 def after_load(*_: Any) -> None:
-    """Take what an opened file has, where its CT is in memory still."""
-    for ct in volumes.all_known():
+    """Connect the drawings of an opened file to CTs that are still in memory."""
+    for ct in volumes.all_cts():
         ct.drawn.clear()
     for scene in bpy.data.scenes:
         _connect_all(scene)
 
 
 def follow(properties: Any, name: str) -> None:
-    """Connect what was drawn with a CT that was loaded, and keep the names and colors of the list."""
+    """Connect the drawings with a CT that was loaded, and keep the names and colors of the list."""
     scene = properties.id_data
     if name == "volume":
         _connect_all(scene)

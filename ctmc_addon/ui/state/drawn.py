@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A drawn structure in memory; its CT keeps it, and `masks` makes and changes it."""
+"""Hold a drawn structure in memory; its CT keeps it, and `masks` makes and changes it."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ class Drawn:
     Parameters
     ----------
     labels : Volume
-        The mask as labels of the list of structures. After every change of the file they are another volume, as what
-        is known of a volume, such as where its labels lie, is kept with it.
+        The mask as labels of the list of structures. Every change of the file replaces the volume, because derived
+        data, such as the boxes of its labels, is kept with it.
     unpacked : dict of int to bytes
         Slices of the file that the mask was made from.
     revision : int
-        Another number after every change of the mask; what shows it asks whether it has shown this one.
+        A new number after every change of the mask, by which viewers notice it.
     hash : str
-        Of the slices of the file; empty until it is asked for.
+        Hash of the slices of the file; empty until it is requested.
     grown : tuple or None
-        The clicks and settings of the last Grow, and what came of them, which the next click changes.
+        The clicks, settings and result of the last Grow, which the next click changes.
     """
 
     mask: Flags

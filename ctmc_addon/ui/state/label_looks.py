@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A name, color or opacity that a structure is given in the list goes to the surfaces that were made of it."""
+"""Apply a name, color or opacity of the list's structures to their surfaces."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ NAME, COLOR, OPACITY = "label_name", "label_color", "label_opacity"
 
 
 def follow(properties: Any, name: str) -> None:
-    """Bring the surfaces of the scene's CT to the names, colors and opacities of the list."""
+    """Update the surfaces of the scene's CT to the names, colors and opacities of the list."""
     if name not in (NAME, COLOR, OPACITY):
         return
     scene = properties.id_data

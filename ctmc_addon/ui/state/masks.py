@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The masks of drawn structures in memory: kept with their CT, made of the slices that the file holds packed.
+"""Keep the masks of drawn structures in memory, with their CT, unpacked from the slices in the file.
 
-So nothing is lost that Blender does not lose: undo and redo bring back other slices, and `follow_file` unpacks those
-that differ. While a stroke is drawn its mask is ahead of the file, until `store` or `revert`.
+Blender's undo and redo thus cover drawings: they restore other slices, and `follow_file` unpacks those that differ.
+While a stroke is drawn its mask is ahead of the file, until `store` or `revert`.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from . import change_events, volumes
 from .drawn import Drawn
 
 _revisions = count(1)
-_strokes: list[Any] = []  # the operator whose stroke is being drawn
+_strokes: list[Any] = []  # The operator whose stroke is being drawn.
 
 
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
@@ -35,8 +35,8 @@ def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
 
 
 def of(scene: bpy.types.Scene, item: Any) -> Drawn:
-    """Return a structure in memory, made of the file where it is not there yet; its CT must be loaded."""
-    key, ct = (scene.session_uid, item.key), volumes.require_known(item.fingerprint)
+    """Return a structure in memory, unpacked from the file if needed; its CT must be loaded."""
+    key, ct = (scene.session_uid, item.key), volumes.require_ct(item.fingerprint)
     if key not in ct.drawn:
         mask = np.zeros(ct.volume.shape, bool)
         ct.drawn[key] = Drawn(mask, label_volume(mask, ct.volume))
@@ -45,7 +45,7 @@ def of(scene: bpy.types.Scene, item: Any) -> Drawn:
 
 
 def take(drawn: Drawn, item: Any) -> bool:
-    """Bring a mask to what the file has of it, in a copy: work under way may read it; return whether it had changed."""
+    """Update a mask from the file, in a copy because work in progress may read it; return whether it had changed."""
     content = {entry.number: entry.content for entry in item.slices}
     numbers = content.keys() | drawn.unpacked.keys()
     changed = {n: content.get(n, b"") for n in numbers if content.get(n, b"") != drawn.unpacked.get(n, b"")}
@@ -59,7 +59,7 @@ def take(drawn: Drawn, item: Any) -> bool:
 
 
 def store(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
-    """Put slices of a mask that have changed into the file."""
+    """Store changed slices of a mask in the file."""
     drawn = of(scene, item)
     places = {entry.number: at for at, entry in enumerate(item.slices)}
     for number, content in packed_slices(drawn.mask, numbers).items():
@@ -80,17 +80,17 @@ def _is_stored(drawn: Drawn) -> None:
 
 
 def touched(drawn: Drawn) -> None:
-    """Note that a mask has changed and is ahead of the file, within a stroke."""
+    """Note a change within a stroke that the file does not have yet."""
     drawn.revision = next(_revisions)
 
 
 def begin_stroke(operator: Any) -> None:
-    """Note that a stroke is being drawn: its mask is ahead of the file."""
+    """Note that a stroke has begun: its mask is ahead of the file."""
     _strokes.append(operator)
 
 
 def end_stroke(operator: Any) -> None:
-    """Note that it is done, or cancelled."""
+    """Note that the stroke has ended."""
     if operator in _strokes:
         _strokes.remove(operator)
 
@@ -101,14 +101,14 @@ def stroke_under_way() -> bool:
 
 
 def revert(scene: bpy.types.Scene, item: Any, numbers: Iterable[int]) -> None:
-    """Bring slices of a mask back to what the file has: a stroke is cancelled."""
+    """Restore slices of a mask from the file, because a stroke is cancelled."""
     drawn = of(scene, item)
     unpack_into(drawn.mask, {number: drawn.unpacked.get(number, b"") for number in numbers})
     touched(drawn)
 
 
 def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Flags) -> None:
-    """Put another part into a structure, in the file too."""
+    """Replace a window of a structure, in the file too."""
     drawn = of(scene, item)
     differs = (drawn.mask[window] != part).any(axis=(1, 2))
     drawn.mask[window] = part
@@ -116,7 +116,7 @@ def replace(scene: bpy.types.Scene, item: Any, window: Window, part: Flags) -> N
 
 
 def window_in(scene: bpy.types.Scene, item: Any) -> Window | None:
-    """Return the window of a mask that holds all of it; None where it is empty."""
+    """Return the smallest window of a mask that holds all of it; None if it is empty."""
     drawn = of(scene, item)
     numbers = [number for number, content in drawn.unpacked.items() if content]
     if not numbers:

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was measured of a surface, kept with its object: it comes back with undo and with the file.
+"""Keep the measurements of a surface with its object, so that they return with undo and with the file.
 
-It holds for the positions, keys and modifiers that were measured; for any other state of the object nothing is
-shown. It is of the patient: where the object stands in the scene, and how large, does not matter.
+They hold for the measured positions, keys and modifiers; for any other state of the object nothing is shown. They
+describe the patient, whatever the object's location and scale in the scene.
 """
 
 from __future__ import annotations
@@ -30,13 +30,14 @@ from ...core.mesh import (
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
 State = list[Any]
-UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")  # settings that change no mesh
+UNSEEN = ("show_", "is_", "name", "use_pin", "use_apply", "execution", "persistent")
+"""Beginnings of the names of settings that change no mesh."""
 STAGES = {"Measuring": 2, "Looking for self-intersections": 2, "Comparing with the full surface": 3}
 
 
 @dataclass(frozen=True)
 class Measurement:
-    """Measures of a surface, and its distance to the full surface in mm, where it is simplified and that is known.
+    """Measures of a surface, and its distance to the full surface in mm, if it is simplified and that is known.
 
     `self_intersections` are pairs of triangles that cross, touch or overlap each other, None of an older file.
     """
@@ -47,7 +48,7 @@ class Measurement:
 
     @property
     def finished(self) -> FinishedSurface:
-        """What is known of the surface."""
+        """Return the measures of the surface, counts included."""
         return FinishedSurface(
             measures=self.measures, distance=self.distance, self_intersections=self.self_intersections
         )
@@ -56,9 +57,9 @@ class Measurement:
 def measurement_steps(
     mesh: TriangleMesh, full: TriangleMesh | None, self_intersections: int | None = None
 ) -> Steps[Measurement]:
-    """Measure a surface, and how far simplification has moved it; both meshes in RAS+ mm.
+    """Measure a surface, and its distance from the surface before simplification; both meshes in RAS+ mm.
 
-    `self_intersections` are counted where they are not known.
+    `self_intersections` are counted if they are None.
     """
     stages = Stages(STAGES)
     measuring, crossing, comparing = STAGES
@@ -73,12 +74,12 @@ def measurement_steps(
 
 
 def mesh_state(obj: bpy.types.Object) -> State:
-    """Return what tells one state of an object's surface from another: positions, keys and the modifiers that show."""
+    """Return an identifier of an object's surface: positions, keys and visible modifiers."""
     return [*plain_state(obj, None)[:-1], _modifiers_text(obj)]
 
 
 def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
-    """`mesh_state` as it would be without modifiers, the key `alpha` at this value; None leaves it where it is."""
+    """Return `mesh_state` without modifiers, with the key `alpha` at this value; None leaves it."""
     mesh = obj.data
     positions, values = key_state(mesh, alpha)
     # A sum of bit patterns is quick enough for every redraw: 1 ms for a million vertices.
@@ -92,7 +93,7 @@ def _modifiers_text(obj: bpy.types.Object) -> str:
 
 
 def settings_text(modifier: bpy.types.Modifier) -> str:
-    """Return what a modifier does, as text: its settings, and those of its nodes' inputs."""
+    """Return the effect of a modifier as text: its settings, and its nodes' inputs."""
     names = [
         setting.identifier
         for setting in modifier.bl_rna.properties
@@ -102,7 +103,7 @@ def settings_text(modifier: bpy.types.Modifier) -> str:
 
 
 def _inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
-    """Return what a Geometry Nodes modifier is given, as text; Blender 5.2 keeps a group for each input."""
+    """Return the inputs of a Geometry Nodes modifier as text; Blender 5.2 keeps a group for each input."""
     if modifier.type != "NODES":
         return []
     if not hasattr(modifier, "properties"):
@@ -112,7 +113,7 @@ def _inputs_of_nodes(modifier: bpy.types.Modifier) -> list[str]:
 
 
 def _setting_text(modifier: bpy.types.Modifier, name: str) -> str:
-    """Return a setting of a modifier; of another object, its name and where it stands."""
+    """Return a setting of a modifier as text; for an object, its name and transform."""
     value = getattr(modifier, name)
     if isinstance(value, bpy.types.Object):
         return f"{value.name} {[list(row) for row in value.matrix_world]}"
@@ -120,11 +121,11 @@ def _setting_text(modifier: bpy.types.Modifier, name: str) -> str:
         return str(getattr(value, "name", ""))
     if isinstance(value, (str, int, float, type(None))):
         return str(value)
-    return str(sorted(value) if isinstance(value, set) else list(value))  # the order of a set changes with every start
+    return str(sorted(value) if isinstance(value, set) else list(value))  # The order of a set changes with every start.
 
 
 def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
-    """Note on an object what was measured of it in this state."""
+    """Store the measurements of an object in this state."""
     values = asdict(measurement)
     quality = values["measures"]["quality"]
     if quality is not None and not math.isfinite(quality["median_radius_ratio"]):
@@ -133,17 +134,17 @@ def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
-    """Return what was measured of an object as it is now; None where that is not known."""
+    """Return the measurements of an object in its present state; None if it was not measured."""
     try:
         stored = parsed_json(obj[PROPERTY])
         if stored.pop("state") != mesh_state(obj):
             return None
-        if "small" not in stored["measures"]:  # files of 0.3 count components below 10 mm3
+        if "small" not in stored["measures"]:  # Files of 0.3 count components below 10 mm3.
             stored["measures"].pop("small_components", None)
-        if "quality" in stored:  # files of 0.3 and 0.4 have it beside the measures
+        if "quality" in stored:  # Files of 0.3 and 0.4 have it outside of the measures.
             stored["measures"]["quality"] = stored.pop("quality")
         measurement: Measurement = from_stored(Measurement, stored)
     except (KeyError, TypeError, ValueError):
-        return None  # of an older version, or another add-on's property
+        return None  # Made by an older version, or another add-on.
     # An open surface has no volume, and every other has one.
     return None if measurement.measures.closed == math.isnan(measurement.measures.volume) else measurement

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Several CTs in a scene: the one whose object or collection is active is the panel's, with its own structures.
+"""Switch between several CTs in a scene: the panel shows the one whose object or collection is active.
 
-What the panel knew of the others is in `scene.ctmc_scans`, so undo and saving need nothing here. Their values stay in
-memory while there is room (`volumes.keep`).
+The panel's state of every other CT is in `scene.ctmc_scans`, so undo and saving need nothing here. Their values stay
+in memory while there is room (`volumes.keep`).
 """
 
 from __future__ import annotations
@@ -17,16 +17,16 @@ from ..properties.scans import take_over
 from ..properties.structures import filling
 from . import change_events
 
-_seen: dict[int, tuple[Any, ...]] = {}  # by the scene's session_uid: the object and collection that were active last
+_seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
 
 
 def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
-    """Return what the panel knows of each CT of a scene, its own first."""
+    """Return the panel's state of each CT of a scene, the present one first."""
     return (scene.ctmc, *scene.ctmc_scans)
 
 
 def park(scene: bpy.types.Scene) -> None:
-    """Keep what the panel knows of its CT, before another is loaded."""
+    """Store the panel's state of its CT, before another is loaded."""
     stored, scans = scene.ctmc, scene.ctmc_scans
     if not stored.volume_fingerprint:
         return
@@ -36,14 +36,14 @@ def park(scene: bpy.types.Scene) -> None:
 
 
 def forget(scene: bpy.types.Scene, fingerprint: str) -> None:
-    """Drop what was kept of a CT: it is the panel's again."""
+    """Drop the stored state of a CT, which is the panel's again."""
     for number in reversed(range(len(scene.ctmc_scans))):
         if scene.ctmc_scans[number].volume_fingerprint == fingerprint:
             scene.ctmc_scans.remove(number)
 
 
 def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
-    """Make another CT of the scene the panel's, and say so; return whether it is one."""
+    """Switch the panel to another CT of the scene and report it; return whether it exists."""
     is_another = bring_back(scene, fingerprint)
     if is_another:
         change_events.notify(scene.ctmc, "volume")
@@ -51,7 +51,7 @@ def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
 
 
 def bring_back(scene: bpy.types.Scene, fingerprint: str) -> bool:
-    """Give the panel what it knew of another CT of the scene, and keep what it knows now; return whether it is one."""
+    """Restore the panel's state of another CT of the scene, and store the present one; return whether it exists."""
     if not fingerprint or fingerprint == scene.ctmc.volume_fingerprint:
         return False
     if not any(scan.volume_fingerprint == fingerprint for scan in scene.ctmc_scans):
@@ -64,7 +64,7 @@ def bring_back(scene: bpy.types.Scene, fingerprint: str) -> bool:
 
 
 def _active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> str:
-    """Return the CT that the object or the collection which became active is of; empty where it is of none.
+    """Return the CT of the object or collection that became active; empty if it belongs to none.
 
     An object that is no longer selected is still Blender's active one, but has not become so.
 
@@ -72,7 +72,7 @@ def _active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> st
     ----------
     context : bpy.types.Context
     what : tuple
-        What has changed, of `_active_in`; the object goes first.
+        Changed parts of `_active_in`; the object comes first.
     """
     layer = context.view_layer
     obj, before = layer.objects.active, _seen.get(context.scene.session_uid)
@@ -86,7 +86,7 @@ def _active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> st
 
 
 def _active_in(context: bpy.types.Context) -> tuple[Any, ...]:
-    """Return what tells one active object and collection from another."""
+    """Return an identifier of the active object and collection."""
     layer = context.view_layer
     obj = layer.objects.active
     is_selected = obj is not None and obj.select_get(view_layer=layer)
@@ -94,12 +94,12 @@ def _active_in(context: bpy.types.Context) -> tuple[Any, ...]:
 
 
 def note(context: bpy.types.Context) -> None:
-    """Take what is active now as seen: a CT that has just been loaded stays the panel's."""
+    """Take the present active object as seen, so that a CT that has just been loaded stays the panel's."""
     _seen[context.scene.session_uid] = _active_in(context)
 
 
 def follow(*_: Any) -> None:
-    """Bring the panel to the CT of what has become active; nothing else is looked at while that is the same."""
+    """Switch the panel to the CT of the newly active object or collection."""
     from .. import jobs
 
     context = bpy.context
@@ -114,14 +114,14 @@ def follow(*_: Any) -> None:
 
 
 def notice(context: bpy.types.Context) -> None:
-    """Follow soon where something else is active: a collection that is clicked tells nobody but who draws."""
+    """Follow soon if the active object or collection changed; only drawing notices a click on a collection."""
     has_changed = len(context.scene.ctmc_scans) and _seen.get(context.scene.session_uid) != _active_in(context)
     if has_changed and not bpy.app.timers.is_registered(follow):
         bpy.app.timers.register(follow, first_interval=0.0)
 
 
 def clear(*_: Any) -> None:
-    """Forget what was active, as another file is loaded."""
+    """Forget the active objects, because another file is loaded."""
     _seen.clear()
 
 
@@ -129,7 +129,7 @@ HANDLERS = {"depsgraph_update_post": follow, "load_pre": clear}
 
 
 def register() -> None:
-    """Listen for what becomes active, and for another file."""
+    """Listen for changes of the active object, and for another file."""
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of a scene in this session and never stored in the file: messages, cost estimate, full surfaces.
+"""Keep a scene's data of this session that is never stored in the file: messages, cost estimates, full surfaces.
 
 Data-blocks are kept by their session_uid: undo makes every reference to one invalid.
 """
@@ -15,19 +15,19 @@ import bpy
 from ...core import Reconstruction, ReconstructionSettings
 
 Origin = tuple[str, ReconstructionSettings]
-"""What decides a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
+"""Key of a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
 
 
 @dataclass
 class Session:
-    """What is known of one scene.
+    """Data of one scene in this session.
 
     Parameters
     ----------
     message : str
-        What went wrong last; stays until something else is done.
+        The last error; stays until the next action.
     load_message : str
-        What was wrong with the last load; stays until the next.
+        The error of the last load; stays until the next.
     full : dict of Origin to Reconstruction
         Surfaces of the last run before simplification: the next level of simplification needs no extraction.
     cost : CostEstimates or None
@@ -36,9 +36,9 @@ class Session:
     last_surface : int or None
         `session_uid` of the surface that Results showed last.
     table : (tuple of StructureRow, ValueKind) or None
-        What was measured of all surfaces, and what the values of their CT are.
+        Measures of all surfaces, and the kind of their CT's values.
     ticked_names : frozenset of str
-        Of the structures that were ticked in the last list, for the next one.
+        Names of the structures that were ticked in the last list, for the next one.
     """
 
     message: str = ""
@@ -60,7 +60,7 @@ def of(scene: bpy.types.Scene) -> Session:
 
 
 def scene_of(uid: int) -> bpy.types.Scene | None:
-    """Return the scene with this session_uid; None where it is gone.
+    """Return the scene with this session_uid; None if it was removed.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def scene_of(uid: int) -> bpy.types.Scene | None:
 
 
 def object_of(uid: int | None) -> bpy.types.Object | None:
-    """Return the object with this session_uid; None where it is gone.
+    """Return the object with this session_uid; None if it was removed.
 
     Parameters
     ----------
@@ -86,7 +86,7 @@ def viewports() -> Iterator[bpy.types.Area]:
 
 
 def redraw_panels() -> None:
-    """Draw the sidebars again, and nothing else: a viewport full of triangles is expensive."""
+    """Redraw only the sidebars, because a viewport full of triangles is expensive."""
     for area in viewports():
         for region in area.regions:
             if region.type == "UI":
@@ -94,13 +94,13 @@ def redraw_panels() -> None:
 
 
 def redraw_viewports() -> None:
-    """Draw the 3D viewports again."""
+    """Redraw the 3D viewports."""
     for area in viewports():
         area.tag_redraw()
 
 
 def clear(*_: Any) -> None:
-    """Forget all scenes, as another file is loaded."""
+    """Forget all scenes, because another file is loaded."""
     _sessions.clear()
 
 

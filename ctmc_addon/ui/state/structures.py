@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The voxels of a scene's structures: one label volume on the grid of its CT, made of all sources of labels.
+"""Keep the voxels of a scene's structures: one label volume on the grid of its CT, combined from all sources.
 
 The list `scene.ctmc.labels` and the sources `scene.ctmc.label_sources` are the file's, so undo, saving and opening need
 nothing here; the voxels of a source are kept by its key while the session lasts. What is combined is derived from both.
 
-A structure from elsewhere is a source without a path: `add_labels(scene, labels, key)`. The voxels of a drawn one are
-its mask.
+A structure from elsewhere is a source without a path: `add_labels(scene, labels, key)`. The voxels of a drawn
+structure are its mask.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20,
 
 
 class PlacedLabels(NamedTuple):
-    """Labels on the grid of a CT, where they were read from, and the key to know them again by."""
+    """Labels on the grid of a CT, their file, and the key that identifies them."""
 
     path: Path
     labels: Volume
@@ -50,14 +50,14 @@ _combined: dict[int, tuple[tuple[Any, ...], Volume]] = {}
 
 
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
-    """Return the voxels of a source of a scene; None where they are not in memory."""
+    """Return the voxels of a source of a scene; None if they are not in memory."""
     return _sources.get(key) or masks.voxels_of(scene, key)
 
 
 def label_volume(scene: bpy.types.Scene) -> Volume | None:
-    """Return the labels of a scene's CT on its grid: its own where it is a label volume, and all that were added.
+    """Return the labels of a scene's CT on its grid: its own if it is a label volume, and all added ones.
 
-    None where there are none in memory.
+    None if no labels are in memory.
     """
     ct = volumes.loaded(scene)
     if ct is None:
@@ -67,38 +67,38 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
     added = [(volume, offset) for volume, offset in sources if volume is not None]
     if not added:
         return own[0][0] if own else None
-    key = (*own, *added)  # the volumes themselves: the id of one that is gone may be another's
-    known = _combined.get(scene.session_uid)
-    if known is None or known[0] != key:
-        known = (key, combined_labels(own + added))
-        _combined[scene.session_uid] = known
-    return known[1]
+    key = (*own, *added)  # Volumes, not ids, which Python reuses.
+    combined = _combined.get(scene.session_uid)
+    if combined is None or combined[0] != key:
+        combined = (key, combined_labels(own + added))
+        _combined[scene.session_uid] = combined
+    return combined[1]
 
 
 def volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:
-    """Return what a surface of these settings is made from: the labels, or the values of the CT.
+    """Return the volume of a surface with these settings: the labels, or the values of the CT.
 
     Parameters
     ----------
     settings : ReconstructionSettings
-        Of which only the label matters.
+        Only the label matters.
     """
     labels = label_volume(scene) if settings.label is not None else None
     return labels or volumes.current_full(scene)
 
 
 def shown_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:
-    """Do what `volume_of` does for what the viewport shows: of a CT that does not fit in memory, the coarse copy."""
+    """Return the volume as `volume_of` does, but the coarse copy of a CT that does not fit in memory."""
     return volumes.current(scene) if volumes.is_coarse(scene) else volume_of(scene, settings)
 
 
 def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume:
-    """Return what a surface of these settings is made from.
+    """Return the volume of a surface with these settings.
 
     Raises
     ------
     LabelError
-        If it is of a label of a file that is not in memory.
+        If its label is from a file that is not in memory.
     ReadError
         If the CT is not in memory.
     """
@@ -109,13 +109,13 @@ def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) 
 
 
 def origin_of(scene: bpy.types.Scene, item: Any) -> tuple[str, int]:
-    """Return the file that a label of the list was added from, and its number there; no path for all others."""
+    """Return the file of a label of the list, and its number there; no path for other labels."""
     source = next((one for one in scene.ctmc.label_sources if item is not None and one.key == item.source), None)
     return ("", 0) if source is None else (bpy.path.abspath(source.path), item.value - source.offset)
 
 
 def missing(scene: bpy.types.Scene) -> list[Any]:
-    """Return the sources that the file knows and this session has not read."""
+    """Return the sources of the file that this session has not read."""
     return [source for source in scene.ctmc.label_sources if voxels_of(scene, source.key) is None]
 
 
@@ -139,28 +139,28 @@ def read_steps(path: Path, ct: Volume) -> Steps[PlacedLabels]:
             what = labels.kind.plural
             raise LabelError(f"{labels.name} holds {what}, such as {value}, and not labels; load it as a CT")
         raise LabelError(f"{labels.name} holds {labels.kind} and not labels; load it as a CT")
-    if not source.has_geometry and labels.shape == ct.shape:  # such as slices painted over those of the CT
+    if not source.has_geometry and labels.shape == ct.shape:  # Such as slices painted over those of the CT.
         labels = replace(labels, affine=ct.affine)
     placed = yield from stages.run(placing, placed_labels_steps(labels, ct))
     statistics = yield from stages.run(counting, volume_statistics_steps(placed))
-    if not placed.label_names and len(statistics.labels) == 1:  # a mask, called after its file
+    if not placed.label_names and len(statistics.labels) == 1:  # A mask is named after its file.
         placed = replace(placed, label_names={statistics.labels[0][0]: labels.name})
     return PlacedLabels(path, placed, statistics.fingerprint)
 
 
-def read_again_steps(wanted: Sequence[tuple[str, Path]], ct: Volume) -> Steps[list[tuple[str, PlacedLabels | str]]]:
-    """Read the labels of sources again, each with its key; in place of those that cannot be read, why."""
+def read_again_steps(sources: Sequence[tuple[str, Path]], ct: Volume) -> Steps[list[tuple[str, PlacedLabels | str]]]:
+    """Reload the labels of sources, each with its key; an error message replaces labels that cannot be read."""
     out: list[tuple[str, PlacedLabels | str]] = []
-    for number, (key, path) in enumerate(wanted):
+    for number, (key, path) in enumerate(sources):
         try:
-            out.append((key, (yield from equal_part(read_steps(path, ct), number, len(wanted)))))
+            out.append((key, (yield from equal_part(read_steps(path, ct), number, len(sources)))))
         except CtmcError as error:
             out.append((key, str(error)))
     return out
 
 
 def put(key: str, labels: Volume) -> None:
-    """Keep the voxels of a source; those it had before are dropped."""
+    """Store the voxels of a source, replacing earlier ones."""
     _sources[key] = labels
 
 
@@ -170,11 +170,11 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
     Parameters
     ----------
     labels : Volume
-        As `placed_labels_steps` returns them; its `label_names` and `label_colors` go to the list.
+        Result of `placed_labels_steps`; its `label_names` and `label_colors` go to the list.
     key : str
-        No other source of the scene has it.
+        A key that no other source of the scene has.
     path : Path, optional
-        Where they were read from, to read them again with the file; without one nothing reads them again.
+        The file of the labels, to reload them with the .blend; without one they are not reloaded.
     """
     stored = scene.ctmc
     values = list(finish(label_extents_steps(labels)))
@@ -193,7 +193,7 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
 
 
 def discard_unused(*_: Any) -> None:
-    """Release the labels that no scene of a newly opened file refers to."""
+    """Release the labels that no scene of a newly opened file uses."""
     cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
     used = {source.key for ct in cts for source in ct.label_sources}
     for key in set(_sources) - used:

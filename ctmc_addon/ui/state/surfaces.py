@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which objects of the scene are surfaces of ours, which are selected, and which CT they are of."""
+"""Find our surfaces in the scene, the selected ones, and the CT of each."""
 
 from __future__ import annotations
 
@@ -47,14 +47,14 @@ def selected_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def label_and_name(obj: bpy.types.Object) -> tuple[int, str]:
-    """Where an object stands in a file of several: as its label on the command line."""
+    """Return the sort key of an object in a file of several: its label, then its name, as on the command line."""
     provenance = read_provenance(obj)
     label = None if provenance is None else provenance.settings.label
     return (-1 if label is None else label, obj.name)
 
 
 def shown_in(scene: bpy.types.Scene) -> list[bpy.types.Object]:
-    """Return the scene's surfaces that are not switched off in viewports."""
+    """Return the scene's surfaces that are enabled in viewports."""
     return [obj for obj in scene.objects if is_surface(obj) and not obj.hide_viewport]
 
 
@@ -66,7 +66,7 @@ def _surfaces_of_ct(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def surface_of_results(context: bpy.types.Context) -> bpy.types.Object | None:
-    """Return the active surface; while something else is active, such as a slice, the surface that was last."""
+    """Return the active surface; while another object is active, such as a slice, the last active surface."""
     obj, scene_session = context.view_layer.objects.active, session.of(context.scene)
     if is_surface(obj):
         scene_session.last_surface = obj.session_uid
@@ -76,52 +76,52 @@ def surface_of_results(context: bpy.types.Context) -> bpy.types.Object | None:
 
 
 def _of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
-    """Return the scene's active object, if it was reconstructed by us and is not another file's."""
+    """Return the scene's active object, if we reconstructed it and it is not linked from another file."""
     layer = bpy.context.view_layer if bpy.context.scene == scene else scene.view_layers[0]
     obj = layer.objects.active
     return obj if is_surface(obj) and obj.library is None else None
 
 
 def active_color(scene: bpy.types.Scene) -> Color:
-    """Return the color of the surface that Results shows, that of bone without one."""
+    """Return the color of the surface that Results shows; bone without one."""
     obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return BONE if obj is None else material_color(obj)
 
 
 def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
-    """Give the scene's active surface another color."""
+    """Change the color of the scene's active surface."""
     obj = _of_scene(scene)
     if obj is not None:
         recolor(obj, color)
 
 
 def active_opacity(scene: bpy.types.Scene) -> float:
-    """Return the opacity of the surface that Results shows, 1 without one."""
+    """Return the opacity of the surface that Results shows; 1 without one."""
     obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
     return 1.0 if obj is None else material_opacity(obj)
 
 
 def fade_active(scene: bpy.types.Scene, opacity: float) -> None:
-    """Give the scene's active surface another opacity."""
+    """Change the opacity of the scene's active surface."""
     obj = _of_scene(scene)
     if obj is not None:
         set_opacity(obj, round(opacity, 3))
 
 
 def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
-    """Whether a surface was made of the CT in memory: of the same values at the same place, whatever its name."""
+    """Return whether a surface belongs to the CT in memory: the same values at the same position, whatever its name."""
     loaded, provenance = volumes.loaded(scene), read_provenance(obj)
     return loaded is not None and provenance is not None and provenance.fingerprint == loaded.statistics.fingerprint
 
 
 def unit_of(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> str:
-    """Return HU for a surface of the CT in memory whose values are HU; nothing for others."""
+    """Return HU for a surface of the CT in memory whose values are HU; else an empty text."""
     loaded = volumes.loaded(scene)
     return "HU" if is_of_ct(obj, scene) and loaded is not None and loaded.volume.kind == ValueKind.HU else ""
 
 
 def of_structure(scene: bpy.types.Scene, item: Any) -> list[bpy.types.Object]:
-    """Return the surfaces in a scene that are of a line of the list of structures."""
+    """Return the surfaces in a scene that belong to a line of the list of structures."""
     out = []
     for obj in scene.objects:
         provenance = read_provenance(obj)
@@ -150,30 +150,30 @@ def can_change(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def mirrored_text(change: ShapeChange) -> str:
-    """Return what is said of a mirrored object; empty for one that is not."""
+    """Return the warning of a mirrored object; empty for any other."""
     return translate("Mirrored: left and right are exchanged") if change.mirrored else ""
 
 
 def scaled_text(change: ShapeChange) -> str:
-    """Return what is said of a scaled object; empty for one that is as large as the patient."""
+    """Return the warning of a scaled object; empty for one that is as large as the patient."""
     text = translate("Scaled by {factor}: not the patient's size; Measure and Measure All give that")
     return text.format(factor=change.factors_text) if change.scaled else ""
 
 
 def full_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
-    """The surface before simplification: of the last run, or as the object itself still has it; None if unknown."""
-    return known_full(obj, scene) or read_back(obj)
+    """Return the surface before simplification, from the last run or the object itself; None if unknown."""
+    return full_of_last_run(obj, scene) or read_back(obj)
 
 
-def known_full(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
-    """The surface before simplification of the last run; None of one whose components were picked since."""
+def full_of_last_run(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstruction | None:
+    """Return the surface before simplification of the last run; None if components were picked since."""
     if PICKED in require_provenance(obj).notes:
         return None
     return session.of(scene).full.get(origin_of(obj))
 
 
 def origin_of(obj: bpy.types.Object) -> session.Origin:
-    """Return what decides the surface that an object had before simplification."""
+    """Return the key of the surface that an object had before simplification."""
     provenance = require_provenance(obj)
     return origin(provenance.fingerprint, provenance.settings)
 
@@ -193,12 +193,12 @@ def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin
 
 
 def made_of(settings: ReconstructionSettings) -> tuple[float | None, ...]:
-    """Return what tells the surface of one structure from another's: label, threshold, upper limit."""
+    """Return the settings that distinguish structures: label, threshold, upper limit."""
     return settings.label, settings.threshold, settings.upper
 
 
 def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> dict[ReconstructionSettings, int]:
-    """Return which selected object each of the surfaces to make goes into; those not in it get a new object.
+    """Return the selected object for each surface to make; a surface without one gets a new object.
 
     A single surface goes into the active one, several into those of the same structures.
 
@@ -211,8 +211,8 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     if len(runs) == 1:
         objects = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:
-        known = {made_of(settings_of(obj)): obj for obj in reversed(selected)}
-        objects = {run: known[made_of(run)] for run in runs if made_of(run) in known}
+        objects_by_structure = {made_of(settings_of(obj)): obj for obj in reversed(selected)}
+        objects = {run: objects_by_structure[made_of(run)] for run in runs if made_of(run) in objects_by_structure}
     for obj in objects.values():
         require_updatable(obj)
     return {run: obj.session_uid for run, obj in objects.items()}

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which of our tools is active in the viewport."""
+"""Find which of our tools is active in the viewport."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 
 
 def tool_of(context: Any) -> str:
-    """Return the name of the tool of ours that is active; empty for any other."""
+    """Return the name of our active tool; empty for any other."""
     if context.workspace is None or context.mode != "OBJECT":
         return ""
     tool = context.workspace.tools.from_space_view3d_mode("OBJECT", create=False)

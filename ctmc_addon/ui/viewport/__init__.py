@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What the 3D viewport shows and lets the mouse move."""
+"""Show previews and drawings in the 3D viewport, and follow the mouse there."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The slider of alpha moves the selected surfaces at once, through their shape keys."""
+"""Move the selected surfaces at once with the slider of alpha, through their shape keys."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The colors of a deviation map in the 3D viewports: shown, with a legend in mm or um, and put back as it was."""
+"""Show the colors of a deviation map in the 3D viewports, with a legend in mm or um, and restore them afterwards."""
 
 from __future__ import annotations
 
@@ -14,11 +14,11 @@ from ..state import session
 from ..translations import translate
 
 ATTRIBUTE, USUAL = "VERTEX", "MATERIAL"
-_before: dict[int, tuple[str, str]] = {}  # how each viewport was shaded, by its address
+_before: dict[int, tuple[str, str]] = {}  # Earlier shading of each viewport, by its address.
 
 
 def _shadings() -> list[Any]:
-    """Return how the 3D viewports of all windows are shaded."""
+    """Return the shading settings of the 3D viewports of all windows."""
     return [area.spaces.active.shading for area in session.viewports()]
 
 
@@ -36,7 +36,7 @@ def show() -> None:
 
 
 def hide() -> None:
-    """Shade the viewports as they were before."""
+    """Restore the viewports' earlier shading."""
     for shading in _shadings():
         if shading.type == "SOLID" and shading.color_type == ATTRIBUTE:
             kind, color = _before.pop(shading.as_pointer(), ("SOLID", USUAL))
@@ -44,7 +44,7 @@ def hide() -> None:
 
 
 def draw(context: bpy.types.Context) -> None:
-    """Draw the legend of the active surface, where its colors are shown."""
+    """Draw the legend of the active surface, if its colors are shown."""
     shading = context.space_data.shading
     largest = painted_mm(context.view_layer.objects.active)
     if largest is not None and shading.type == "SOLID" and shading.color_type == ATTRIBUTE:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The tools in the viewport's toolbar: Grow, Brush, Eraser, Scissors; their cursor, and what the status bar says.
+"""Define the tools in the viewport's toolbar: Grow, Brush, Eraser, Scissors; their cursor and status text.
 
-The circle is the brush's on the slice under the mouse, so it is seen at a slant where the slice is.
+The circle shows the brush on the slice under the mouse, so it looks slanted where the slice is.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from ..state.tools import tool_of
 from ..translations import translate
 from .slice_hits import SliceHit, brush_along, brush_under, slice_under
 
-CIRCLE = 64  # corners
-WATCH = 0.3  # seconds between two looks whether the tool is still active
+CIRCLE = 64  # Corners of the circle.
+WATCH = 0.3  # Seconds between two checks whether the tool is still active.
 HELP = {
     "ctmc.grow": "Click: grow. Alt click: surroundings",
     "ctmc.brush": "Drag: draw. Ctrl: erase. F: radius",
@@ -30,12 +30,12 @@ HELP = {
     "ctmc.scissors": "Drag: remove what is inside. Ctrl: keep it",
 }
 BRUSHES = ("ctmc.brush", "ctmc.eraser")
-_held: list[SliceHit] = []  # where the circle stays while its radius changes
-_status: list[str] = []  # names of the workspaces whose status bar has a text of ours
+_held: list[SliceHit] = []  # Position of the circle while its radius changes.
+_status: list[str] = []  # Names of the workspaces whose status bar shows our text.
 
 
 def _keys_of(operator: str, modifier: str, switch: str, state: bool = False) -> tuple[Any, ...]:
-    """Return the keys of a tool: the mouse calls its operator, with a modifier whose switch is the other way."""
+    """Return the keys of a tool: the mouse calls its operator, with a modifier the one with the switch inverted."""
     mouse, modified = {"type": "LEFTMOUSE", "value": "PRESS"}, {"type": "LEFTMOUSE", "value": "PRESS", modifier: True}
     kind = operator.replace("ctmc.", "CTMC_OT_")
     return (
@@ -51,7 +51,7 @@ RADIUS = ("ctmc.draw_radius", {"type": "F", "value": "PRESS"}, None)
 
 
 class Tool:
-    """What all tools share; inherited before `bpy.types.WorkSpaceTool`."""
+    """Base of all tools; inherited before `bpy.types.WorkSpaceTool`."""
 
     bl_space_type = "VIEW_3D"
     bl_context_mode = "OBJECT"
@@ -59,7 +59,7 @@ class Tool:
 
 
 class _BrushTool(Tool):
-    """What brush and eraser share."""
+    """Base of brush and eraser."""
 
     @staticmethod
     def draw_settings(context: Any, layout: Any, _tool: Any) -> None:
@@ -70,7 +70,7 @@ class _BrushTool(Tool):
     @staticmethod
     def draw_cursor(context: Any, _tool: Any, xy: tuple[float, float]) -> None:
         """Draw the circle of the brush where the mouse is on a slice."""
-        if not hasattr(context.scene, "ctmc_draw"):  # the extension was disabled with the tool in the hand
+        if not hasattr(context.scene, "ctmc_draw"):  # The extension was disabled while its tool was active.
             return
         hit = _held[0] if _held else _hit_at(context, xy)
         if hit is not None:
@@ -130,12 +130,12 @@ TOOLS = (_GrowTool, BrushOfSlices, _EraserOfSlices, _ScissorsTool)
 
 
 def hold(hit: SliceHit | None) -> None:
-    """Keep the circle at a place; None lets it follow the mouse again."""
+    """Keep the circle at a position; None lets it follow the mouse again."""
     _held[:] = [] if hit is None else [hit]
 
 
 def _hit_at(context: Any, xy: tuple[float, float]) -> SliceHit | None:
-    """Return what the brush meets at a place of the window, in the region that is drawn."""
+    """Return where the brush hits at a position of the window, in the current region."""
     from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
     region, view = context.region, context.region_data
@@ -191,7 +191,7 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
 
 
 def _place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
-    """Return where a point is, and the value of the CT there."""
+    """Return the position of a point and the value of the CT there."""
     place, value = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm), value_at(volume, point_mm)
     if value is None:
         return translate("{place}: outside the CT").format(place=place)
@@ -208,7 +208,7 @@ def say(context: Any, text: str) -> None:
 
 
 def watch() -> float | None:
-    """Give the status bar back once another tool is active."""
+    """Clear our status text once another tool is active."""
     if tool_of(bpy.context):
         return WATCH
     quiet()
@@ -216,7 +216,7 @@ def watch() -> float | None:
 
 
 def quiet() -> None:
-    """Take our text out of the status bar."""
+    """Clear our status text."""
     while _status:
         workspace = bpy.data.workspaces.get(_status.pop())
         if workspace is not None:
@@ -227,14 +227,14 @@ _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_hover,
 
 
 def register() -> None:
-    """Put the tools behind Blender's own."""
+    """Register the tools behind Blender's own."""
     _register()
     for number, tool in enumerate(TOOLS):
         bpy.utils.register_tool(tool, separator=number == 0)
 
 
 def unregister() -> None:
-    """Take them away, and the text in the status bar."""
+    """Unregister the tools and clear the status text."""
     if bpy.app.timers.is_registered(watch):
         bpy.app.timers.unregister(watch)
     quiet()

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What was drawn, in the viewport: on the slices, and as a coarse surface that follows every stroke.
+"""Show drawings in the viewport: on the slices, and as a coarse surface that follows every stroke.
 
 While a tool that draws on slices is active, the surface ends at the slice, on the viewer's side, so that it never hides
-what is drawn. Nothing of this is written to the file.
+the drawing. Nothing of this is written to the file.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from ..state.tools import tool_of
 from .slice_hits import slices_in
 
 DISPLAY_GAMMA = 2.2
-SOON = 0.01  # seconds from a change to the surface
-CROP_MM = 4.0  # around a structure, for its surface
-EDGE = 0.17  # cosine: nobody draws on a slice that is seen nearly from its edge, 10 degrees, so it ends no surface
-CUTTING = "ctmc.scissors"  # cuts through everything, so the whole surface is shown
+SOON = 0.01  # Seconds from a change to the surface.
+CROP_MM = 4.0  # Margin around a structure for its surface.
+EDGE = 0.17  # Cosine: a slice seen at less than 10 degrees is not drawn on, so it ends no surface.
+CUTTING = "ctmc.scissors"  # Scissors cut through everything, so the whole surface is shown.
 
 _handlers: list[Any] = []
 _pictures: dict[Any, tuple[Any, OverlayPicture | None]] = {}
 """The picture of each scene, structure and slice, with the state that it shows."""
-_surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # by scene and structure: revision, surface
+_surfaces: dict[tuple[int, str], tuple[int, PreviewSurface | None]] = {}  # Revision and surface by scene and structure.
 
 
 def _seen_color(item: Any) -> tuple[float, ...]:
-    """Return a structure's color as it appears: what is stored are amounts of light."""
+    """Return a structure's display color, converted from its linear color."""
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in item.color)
 
 
 def pictures_of(scene: bpy.types.Scene, key: Any, corners_mm: Any, section: Any = None) -> Iterator[OverlayPicture]:
-    """Yield a picture of each drawn structure in a slice, made again only when it has changed."""
+    """Yield a picture of each drawn structure in a slice, updated only when it has changed."""
     active, scale = drawings.active(scene), machine().scale
     for item in drawings.structures(scene):
         if not item.shown:
@@ -96,23 +96,23 @@ def draw() -> None:
 
 
 def discard(scene: bpy.types.Scene) -> None:
-    """Release the pictures and surfaces of structures, slices and scenes that have gone, or are of another CT."""
+    """Release pictures and surfaces of removed structures, slices and scenes, or of another CT."""
     if not (_pictures or _surfaces):
         return
     ct, uid = volumes.loaded(scene), scene.session_uid
     slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
     structures = {item.key for item in drawings.structures(scene)}
-    others = {other.session_uid for other in bpy.data.scenes} - {uid}
+    other_scenes = {other.session_uid for other in bpy.data.scenes} - {uid}
     for of, key, at in list(_pictures):
-        if of not in others and not (of == uid and key in structures and at in slices):
+        if of not in other_scenes and not (of == uid and key in structures and at in slices):
             del _pictures[of, key, at]
     for of, key in list(_surfaces):
-        if of not in others and not (of == uid and key in structures):
+        if of not in other_scenes and not (of == uid and key in structures):
             del _surfaces[of, key]
 
 
 def _draw_surfaces(context: Any) -> None:
-    """Draw the coarse surfaces, up to the slice where there is one to draw on."""
+    """Draw the coarse surfaces, up to the slice if there is one to draw on."""
     scene, region = context.scene, context.region_data
     if any(is_behind(scene, item) for item in drawings.structures(scene)):
         _wake()
@@ -124,7 +124,7 @@ def _draw_surfaces(context: Any) -> None:
 
 
 def is_made(scene: bpy.types.Scene, item: Any) -> bool:
-    """Return whether a structure's surface stands in the viewport as it was drawn; the two would flicker."""
+    """Return whether the viewport already shows a structure's surface as drawn, which would flicker with this one."""
     line = drawings.line_of(scene, item)
     objects = [obj for obj in surfaces.of_structure(scene, line) if obj.visible_get()]
     return drawings.hash_of(scene, line) in [require_provenance(obj).drawn for obj in objects]
@@ -142,7 +142,7 @@ def labels_of(scene: bpy.types.Scene) -> set[int]:
 
 
 def end_of(context: Any) -> tuple[float, float, float, float]:
-    """Return the plane at which surfaces end in a view: that of its slice, to draw on it, and in Quad View."""
+    """Return the plane at which surfaces end in a view: that of its slice, while drawing and in Quad View."""
     draws = tool_of(context) not in ("", CUTTING)
     return _plane_of(context) if draws or context.region_data.use_clip_planes else WHOLE
 
@@ -165,25 +165,25 @@ def _plane_of(context: Any) -> tuple[float, float, float, float]:
 
 
 def follow(_properties: Any, name: str) -> None:
-    """Draw again after a change; drawing finds out what is behind."""
+    """Redraw after a change; drawing finds outdated surfaces."""
     if name == change_events.DRAWN:
         session.redraw_viewports()
 
 
 def is_behind(scene: bpy.types.Scene, item: Any) -> bool:
     """Return whether a structure has changed since its surface was made."""
-    made = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
-    return made != masks.of(scene, item).revision
+    shown_revision = _surfaces.get((scene.session_uid, item.key), (-1, None))[0]
+    return shown_revision != masks.of(scene, item).revision
 
 
 def _wake() -> None:
-    """Make surfaces once the event is over, and no stroke is being drawn."""
+    """Start a timer that makes surfaces once the event is over, and no stroke is being drawn."""
     if not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=SOON)
 
 
 def tick() -> float | None:
-    """Make the surfaces of structures that have changed, one at a time."""
+    """Make the surfaces of changed structures, one at a time."""
     if jobs.running() is not None or masks.stroke_under_way():
         return 10 * SOON
     for scene in bpy.data.scenes:
@@ -194,7 +194,7 @@ def tick() -> float | None:
                 revision = masks.of(scene, item).revision
                 try:
                     surface = surface_of(scene, item)
-                except (CtmcError, MemoryError):  # none is shown until the next stroke
+                except (CtmcError, MemoryError):  # Show none until the next stroke.
                     surface = None
                 _surfaces[scene.session_uid, item.key] = (revision, surface)
                 session.redraw_viewports()
@@ -203,7 +203,7 @@ def tick() -> float | None:
 
 
 def surface_of(scene: bpy.types.Scene, item: Any) -> PreviewSurface | None:
-    """Return a structure's surface, as fine as the time for a preview allows; None of an empty one."""
+    """Return a structure's surface, as fine as the time for a preview allows; None if it is empty."""
     window, volume = masks.window_in(scene, item), volumes.require_loaded(scene).volume
     if window is None:
         return None
@@ -216,13 +216,13 @@ def surface_of(scene: bpy.types.Scene, item: Any) -> PreviewSurface | None:
 
 
 def clear(*_: Any) -> None:
-    """Forget what is shown, as another file is loaded."""
+    """Forget everything shown, because another file is loaded."""
     _pictures.clear()
     _surfaces.clear()
 
 
 def register() -> None:
-    """Draw in every 3D viewport; a Blender without a window has none."""
+    """Draw in every 3D viewport of a Blender with a window."""
     change_events.subscribe(follow)
     bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
     if not bpy.app.background:
@@ -230,7 +230,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Leave no handler, no timer and no picture."""
+    """Remove handler, timer and pictures."""
     change_events.unsubscribe(follow)
     bpy.app.handlers.load_pre.remove(clear)
     if bpy.app.timers.is_registered(tick):

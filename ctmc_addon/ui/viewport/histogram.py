@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The histogram in the viewport, whose lines set threshold and upper limit: what it shows, and in which viewport.
+"""Show the histogram in one viewport, with lines that set threshold and upper limit.
 
-One viewport has it at a time. Nothing of it is stored.
+Nothing of it is stored.
 """
 
 from __future__ import annotations
@@ -33,14 +33,14 @@ PIXELS_OF_A_TICK = 70.0
 
 @dataclass
 class Open:
-    """The histogram that is open.
+    """The open histogram and its viewport.
 
     Parameters
     ----------
     area : int
         `as_pointer` of its viewport.
     handler : object
-        What draws it.
+        The draw handler.
     range : (low, high) or None
         The axis, kept while a line is dragged.
     pointed, held : float, bool or None
@@ -54,16 +54,16 @@ class Open:
     held: bool | None = None
 
 
-_open: list[Open] = []  # at most one
+_open: list[Open] = []  # Holds at most one.
 
 
 def current() -> Open | None:
-    """Return the histogram that is open."""
+    """Return the open histogram, if any."""
     return _open[0] if _open else None
 
 
 def show(area: bpy.types.Area) -> Open:
-    """Open it in a viewport."""
+    """Open the histogram in a viewport."""
     hide()
     handler = bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_PIXEL")
     _open.append(Open(area.as_pointer(), handler))
@@ -72,32 +72,32 @@ def show(area: bpy.types.Area) -> Open:
 
 
 def hide() -> None:
-    """Close it, wherever it is."""
+    """Close the histogram, in any viewport."""
     while _open:
         bpy.types.SpaceView3D.draw_handler_remove(_open.pop().handler, "WINDOW")
     session.redraw_viewports()
 
 
 def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
-    """Threshold and upper limit as a reconstruction would use them."""
+    """Return threshold and upper limit of a reconstruction."""
     settings = scene.ctmc
     return used_threshold(scene), settings.upper if settings.use_upper else None
 
 
 def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:
-    """Return what `restore_limits` brings back."""
+    """Return the stored limits, for `restore_limits`."""
     settings = scene.ctmc
     return settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label
 
 
 def restore_limits(scene: bpy.types.Scene, stored: tuple[Any, ...]) -> None:
-    """Bring back what the limits were before a drag."""
+    """Restore the limits from before a drag."""
     settings = scene.ctmc
     settings.threshold, settings.upper, settings.use_threshold, settings.use_upper, settings.use_label = stored
 
 
 def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
-    """Return where the open histogram lies in its viewport; None where no CT is loaded, or labels."""
+    """Return the open histogram's strip in its viewport; None without a CT, or with labels."""
     ct, shown = volumes.loaded(scene), current()
     if ct is None or shown is None or ct.volume.kind == ValueKind.LABEL:
         return None
@@ -108,7 +108,7 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
 
 
 def _bands_of(volume: Volume, strip: Strip) -> list[tuple[float, float, tuple[str, ...]]]:
-    """Return the tissues on the axis: lowest and highest value, and what they may be called."""
+    """Return the tissues on the axis: lowest and highest value, and possible names."""
     bands = tissue_bands(strip.low, strip.high) if volume.kind == ValueKind.HU else []
     named = [(band, translate(band.name)) for band in bands]
     return [(band.low, band.high, (f"{name} {band.low:.6g}", name)) for band, name in named]
@@ -131,13 +131,13 @@ def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
 
 
 def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
-    """Return the pixel of a line; one that is not there yet stands at the end."""
+    """Return the pixel of a line; a limit that is not set is at the end."""
     value = limits_of(scene)[is_upper]
     return strip.axis[1] if value is None else strip.x_of(value)
 
 
 def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None:
-    """Bring a line of the histogram to a pixel, and with it the threshold or the upper limit.
+    """Move a line of the histogram to a pixel, and with it the threshold or the upper limit.
 
     Parameters
     ----------
@@ -164,7 +164,7 @@ def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None
 
 
 def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
-    """Return what the strip shows of the scene's CT."""
+    """Return the strip's content for the scene's CT."""
     ct, opened = volumes.require_loaded(scene), current()
     first, last = strip.axis
     bars = histogram_bars(ct.statistics, strip.low, strip.high, max(1, int(last - first)))
@@ -190,12 +190,11 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
 
 
 def with_unit(value: float, is_hu: bool) -> str:
-    """Return a value, with its unit where it has one."""
+    """Return a value with its unit, if it has one."""
     return f"{value:.6g} HU" if is_hu else f"{value:.6g}"
 
 
 def _title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
-    """Return the limits in words."""
     threshold, upper = limits_of(scene)
     words = {"Threshold": threshold, "Upper Limit": upper}
     phrases = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]
@@ -203,21 +202,21 @@ def _title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
 
 
 def draw() -> None:
-    """Draw the histogram in the viewport that has it open."""
+    """Draw the histogram in its viewport."""
     context, opened = bpy.context, current()
     if opened is None or context.area is None or context.area.as_pointer() != opened.area:
         return
     if context.region != next(region for region in context.area.regions if region.type == "WINDOW"):
-        return  # in quad view, this is one of the other three regions
+        return  # In quad view, this is one of the other three regions.
     strip = strip_of(context.area, context.scene)
     if strip is not None:
         draw_strip(strip, shown_of(strip, context.scene))
 
 
 def register() -> None:
-    """Register nothing: what draws is added when the histogram is opened."""
+    """Do nothing, because the draw handler is added when the histogram is opened."""
 
 
 def unregister() -> None:
-    """Leave nothing in the viewport."""
+    """Close the histogram."""
     hide()

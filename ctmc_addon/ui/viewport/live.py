@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What follows the settings while nobody has pressed a button: preview, cost estimate, the surface's own alpha.
+"""Follow the settings without a button: preview, cost estimate, and alpha of the selected surfaces.
 
 A property's update only marks. A timer of `bpy.app.timers`, there only while there is something to do, first shows a
 coarse surface, then, once nothing has changed for a moment, counts the cost and refines, a few tens of milliseconds at
@@ -23,35 +23,35 @@ from ..state import change_events, label_looks, masks, session, structures, volu
 from ..state.cost_estimates import CostEstimates, estimate_steps
 from . import alpha, drawn, preview
 
-IDLE = 0.25  # seconds without a change after which costs are counted and the preview is refined
-TICK = 0.03  # seconds of work between two looks at the events
-SOON = 0.01  # seconds to the next tick
+IDLE = 0.25  # Seconds without a change before costs are counted and the preview is refined.
+TICK = 0.03  # Seconds of work between two checks for events.
+SOON = 0.01  # Seconds to the next tick.
 
 
 @dataclass
 class Live:
-    """What is under way for the scene that has changed last.
+    """Work in progress for the scene that changed last.
 
     Parameters
     ----------
     changed : float or None
-        When a setting last changed; None once everything has followed.
+        Time of the last change of a setting; None once everything is up to date.
     stale : bool
         Whether the coarse surface is behind the settings.
     work : list of Steps
-        They hold no data-block, which undo would take from under them.
+        They hold no data-block, which undo would invalidate.
     """
 
     scene: int = 0
     fields: FieldCache | None = None
-    others: FieldCache | None = None
+    other_fields: FieldCache | None = None
     changed: float | None = None
     stale: bool = False
     alpha_moved: bool = False
     work: list[Steps[None]] = field(default_factory=list)
 
     def stop_work(self) -> None:
-        """Drop what was being refined or counted."""
+        """Drop unfinished refinement and cost counting."""
         for steps in self.work:
             steps.close()
         self.work.clear()
@@ -61,7 +61,7 @@ live = Live()
 
 
 def mark(properties: Any, name: str) -> None:
-    """Note that a setting has changed; this is cheap, as it runs within the slider's own event."""
+    """Note that a setting has changed; this is cheap, because it runs within the slider's own event."""
     if name == "window":
         return
     scene = properties.id_data
@@ -77,13 +77,13 @@ def mark(properties: Any, name: str) -> None:
 
 
 def _shows_drawn(scene: bpy.types.Scene) -> bool:
-    """Return whether the preview is of a structure that was drawn, which shows a preview of its own."""
+    """Return whether the preview is of a drawn structure, which has a preview of its own."""
     settings = preview.settings_of(scene)
     return settings is not None and drawn.shows(scene, settings.label)
 
 
 def start(scene: bpy.types.Scene, stale: bool) -> None:
-    """Follow the settings of a scene from now on; `stale` if the preview's surface is behind them."""
+    """Follow the settings of a scene from now on; `stale` if the preview's surface is outdated."""
     live.stop_work()
     live.scene, live.changed, live.stale = scene.session_uid, time.perf_counter(), live.stale or stale
     session.of(scene).cost = None
@@ -115,13 +115,15 @@ def tick() -> float | None:
 
 
 def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
-    """Follow with the preview; when nothing changes, count, then refine, a few steps at a time."""
+    """Update the preview; once nothing changes, count the cost, then refine, a few steps at a time."""
     budget = machine().budget
-    wanted = preview.settings_of(scene)
-    volume = (None if wanted is None else structures.shown_volume_of(scene, wanted)) or loaded.volume
+    preview_settings = preview.settings_of(scene)
+    volume = (
+        None if preview_settings is None else structures.shown_volume_of(scene, preview_settings)
+    ) or loaded.volume
     if live.fields is None or live.fields.volume is not volume or live.fields.budget != budget:
         preview.prepare(volume)
-        live.fields, live.others = FieldCache(volume, budget), None
+        live.fields, live.other_fields = FieldCache(volume, budget), None
     if live.stale:
         live.stale = False
         preview.follow(scene)
@@ -135,7 +137,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         settings = tuple(scene.ctmc.all_settings())
         works = [(fields_of(scene, run), run) for run in settings]
         counting = [cost_steps(live.scene, works)] if loaded.file is None else []
-        live.work = [*counting, preview.refine_steps(live.scene, wanted)]
+        live.work = [*counting, preview.refine_steps(live.scene, preview_settings)]
     stop = time.perf_counter() + TICK
     while live.work:
         try:
@@ -145,20 +147,20 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
             session.redraw_panels()
         if live.work and time.perf_counter() > stop:
             return SOON
-    live.changed = None  # everything has followed: no timer is left
+    live.changed = None  # Everything is up to date, so no timer is left.
     return None
 
 
 def fields_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> FieldCache:
-    """Return the fields to count the cost of a surface in: labels and gray values have their own."""
+    """Return the fields in which to count the cost of a surface; labels and gray values have separate ones."""
     volume = structures.shown_volume_of(scene, settings)
     assert live.fields is not None, "advance has made them"
     assert volume is not None, "a CT is loaded"
     if live.fields.volume is volume:
         return live.fields
-    if live.others is None or live.others.volume is not volume:
-        live.others = FieldCache(volume, live.fields.budget)
-    return live.others
+    if live.other_fields is None or live.other_fields.volume is not volume:
+        live.other_fields = FieldCache(volume, live.fields.budget)
+    return live.other_fields
 
 
 def cost_steps(scene_uid: int, works: list[tuple[FieldCache, ReconstructionSettings]]) -> Steps[None]:
@@ -170,9 +172,9 @@ def cost_steps(scene_uid: int, works: list[tuple[FieldCache, ReconstructionSetti
 
 
 def clear(*_: Any) -> None:
-    """Drop all work and what is shown, as another file is loaded."""
+    """Drop all work and the preview, because another file is loaded."""
     live.stop_work()
-    live.changed = live.fields = live.others = None
+    live.changed = live.fields = live.other_fields = None
     preview.state.shown = preview.state.maker = None
     preview.state.requested = False
 
@@ -208,7 +210,7 @@ _drawing: list[Any] = []
 
 
 def register() -> None:
-    """Listen for changes; draw where there is a window."""
+    """Subscribe to changes, and draw if there is a window."""
     change_events.subscribe(mark)
     for name, handler in HANDLERS.items():
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
@@ -217,7 +219,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Leave no timer, no handler and no picture."""
+    """Remove timer, handlers and pictures."""
     change_events.unsubscribe(mark)
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)

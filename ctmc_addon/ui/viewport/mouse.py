@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators that take clicks in a 3D viewport, and where the mouse is there."""
+"""Take clicks in a 3D viewport, and find the mouse there."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ COVERING = {"UI", "TOOLS", "HEADER", "TOOL_HEADER", "HUD", "ASSET_SHELF"}
 
 
 class Clicks:
-    """An operator that takes clicks in the viewport it was pressed in; inherited before `bpy.types.Operator`."""
+    """An operator that takes clicks in the viewport it was started in; inherited before `bpy.types.Operator`."""
 
     def ask(self, context: bpy.types.Context) -> None:
         """Say in the status bar what to click."""
         raise NotImplementedError
 
     def invoke(self: Any, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
-        """Begin, where there is a viewport."""
+        """Begin, if there is a viewport."""
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
@@ -31,7 +31,7 @@ class Clicks:
         return {"RUNNING_MODAL"}
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Give pointer and status bar back."""
+        """Restore pointer and status bar."""
         if context.window is not None:
             context.window.cursor_modal_restore()
         if context.workspace is not None:
@@ -39,18 +39,18 @@ class Clicks:
 
 
 def is_end(event: bpy.types.Event) -> bool:
-    """Return whether an event ends clicks that have no last one."""
+    """Return whether an event ends an operator that takes any number of clicks."""
     return event.type in ("ESC", "RIGHTMOUSE", "RET", "NUMPAD_ENTER") and event.value == "PRESS"
 
 
 def viewport_at(context: bpy.types.Context, pointer: int) -> bpy.types.Area | None:
-    """Return the 3D viewport that had this pointer when an operator began; None where it is gone."""
+    """Return the 3D viewport that had this pointer when an operator began; None if it was closed."""
     areas = [area for area in context.window.screen.areas if area.type == "VIEW_3D"]
     return next((area for area in areas if area.as_pointer() == pointer), None)
 
 
 def window_under(area: bpy.types.Area, event: bpy.types.Event) -> bpy.types.Region | None:
-    """The region of the viewport that the mouse is in, one of four in quad view; None on its bars and outside."""
+    """Return the viewport's region under the mouse, one of four in quad view; None on its bars and outside."""
 
     def holds(region: bpy.types.Region) -> bool:
         x, y = event.mouse_x - region.x, event.mouse_y - region.y
@@ -62,7 +62,7 @@ def window_under(area: bpy.types.Area, event: bpy.types.Event) -> bpy.types.Regi
 
 
 def ray_under(area: bpy.types.Area, event: bpy.types.Event) -> tuple[Any, Any] | None:
-    """Origin and direction of the ray under the mouse, world space; None where the mouse is not in the viewport."""
+    """Return origin and direction of the ray under the mouse, world space; None outside of the viewport."""
     from bpy_extras.view3d_utils import region_2d_to_origin_3d, region_2d_to_vector_3d
 
     region = window_under(area, event)

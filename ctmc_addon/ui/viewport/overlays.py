@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The slice, the region's box and the patient's sides, drawn over every 3D viewport; nothing of it is stored.
+"""Draw the slice, the region's box and the patient's sides over every 3D viewport; nothing of it is stored.
 
 The draw handlers exist only where there is a window. They read the scene, keep the last picture on the graphics card
 and draw nothing where no volume is loaded or the viewport's overlays are switched off.
@@ -55,8 +55,8 @@ def _scene_volume(context: bpy.types.Context) -> Volume | None:
     return volumes.current(context.scene)
 
 
-def wanted_labels(settings: Any) -> tuple[int, ...]:
-    """Return the labels that the next surfaces are made of; none where it is a threshold."""
+def requested_labels(settings: Any) -> tuple[int, ...]:
+    """Return the labels of the next surfaces; none if they are by threshold."""
     if not settings.use_label:
         return ()
     ticked = [item for item in settings.labels if item.chosen]
@@ -64,17 +64,17 @@ def wanted_labels(settings: Any) -> tuple[int, ...]:
 
 
 def label_colors(settings: Any) -> dict[int, tuple[float, ...]]:
-    """Return the colors of the labels of the list, as they appear: what is stored are amounts of light."""
+    """Return the display colors of the labels of the list, converted from linear colors."""
     return {item.value: _as_it_appears(item.color) for item in settings.labels if item.kind == LABEL}
 
 
 def _as_it_appears(color: Any) -> tuple[float, ...]:
-    """Return a color as the screen shows it, of amounts of light."""
+    """Return the display color of a linear color."""
     return tuple(light ** (1 / DISPLAY_GAMMA) for light in color)
 
 
 def _ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]], ...]:
-    """Return the thresholds of the list that are ticked: lowest and highest value, and the color as it appears."""
+    """Return the ticked thresholds of the list: lowest and highest value, and display color."""
     if not settings.use_label:
         return ()
     return tuple(
@@ -85,13 +85,13 @@ def _ticked_bands(settings: Any) -> tuple[tuple[float, float, tuple[float, ...]]
 
 
 def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
-    """Return the current slice, made again only when something about it has changed."""
+    """Return the current slice, updated only when it has changed."""
     view, settings = scene.ctmc_view, scene.ctmc
     shown_slice = slice_at(volume, view.plane, view.position)
-    labels, bands = wanted_labels(settings), _ticked_bands(settings)
+    labels, bands = requested_labels(settings), _ticked_bands(settings)
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
-    draws = bool(tool_of(bpy.context))  # what is drawn is seen best on gray
+    draws = bool(tool_of(bpy.context))  # Drawings show best on gray.
     above = None if settings.use_label or draws else used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
@@ -117,7 +117,7 @@ def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
 
 
 def shows_slice(scene: bpy.types.Scene, volume: Volume) -> bool:
-    """Return whether the slice is drawn: not in the plane of a cut, which shows the same picture where it cuts."""
+    """Return whether the slice is drawn: not in the plane of a cut, which shows the same picture."""
     view = scene.ctmc_view
     if not view.show_slice:
         return False
@@ -126,7 +126,7 @@ def shows_slice(scene: bpy.types.Scene, volume: Volume) -> bool:
 
 
 def _shown_labels(scene: bpy.types.Scene, volume: Volume) -> Volume | None:
-    """Return the labels on the samples of the volume that is shown; None where there are none on these."""
+    """Return the labels on the samples of the shown volume; None if there are none on these samples."""
     labels = volume if volumes.is_coarse(scene) else structures.label_volume(scene)
     return labels if labels is not None and labels.kind == ValueKind.LABEL and len(scene.ctmc.labels) else None
 
@@ -165,7 +165,7 @@ def _draw_on_top() -> None:
 
 
 def register() -> None:
-    """Draw in every 3D viewport; a Blender without a window has none."""
+    """Draw in every 3D viewport of a Blender with a window."""
     if bpy.app.background:
         return
     add = bpy.types.SpaceView3D.draw_handler_add
@@ -174,7 +174,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Draw no more, and free the picture."""
+    """Stop drawing, and free the picture."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     _last.clear()

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The coarse surface in the viewport that follows the settings; nothing of it is written to the file."""
+"""Show a coarse surface in the viewport that follows the settings; nothing of it is written to the file."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from ..state.tools import tool_of
 from . import drawn
 
 PreviewKey = tuple[Any, ...]
-"""What decides where a surface lies, as `key_of` has it."""
+"""Settings that decide the position of a surface, as `key_of` returns them."""
 
 
 @dataclass
 class State:
-    """What is shown, of which scene, and what makes it.
+    """The shown surface, its scene, and its maker.
 
     Parameters
     ----------
     requested : bool
-        Whether a surface is to be shown as soon as one is known: `shown` is None while its threshold is counted.
+        Whether a surface is to be shown as soon as it is ready: `shown` is None while its threshold is computed.
     key : PreviewKey or None
-        What decides where that lies which is shown.
+        Settings that decide the position of the shown surface.
     """
 
     scene: int = 0
@@ -47,14 +47,14 @@ state = State()
 
 
 def prepare(volume: Volume) -> None:
-    """Forget what was shown and get ready for another volume."""
+    """Forget the shown surface and prepare for another volume."""
     limits = machine()
     state.shown, state.requested = None, False
     state.maker = Preview(volume, limits.preview_seconds, limits.budget)
 
 
 def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
-    """Return the settings to preview, for what is in memory; None where it is off or they contradict each other."""
+    """Return the settings to preview, for the volume in memory; None if it is off or they contradict each other."""
     ct = volumes.loaded(scene)
     try:
         settings = scene.ctmc.all_settings()[0] if scene.ctmc.preview else None
@@ -64,7 +64,7 @@ def settings_of(scene: bpy.types.Scene) -> ReconstructionSettings | None:
 
 
 def follow(scene: bpy.types.Scene) -> None:
-    """Show a coarse surface for the settings as they are now, within the budget of the preferences."""
+    """Show a coarse surface for the present settings, within the budget of the preferences."""
     settings = settings_of(scene)
     if settings is None or state.maker is None:
         hide()
@@ -75,7 +75,7 @@ def follow(scene: bpy.types.Scene) -> None:
 
 
 def refine_steps(scene_uid: int, settings: ReconstructionSettings | None) -> Steps[None]:
-    """Show a finer surface, now that there is time."""
+    """Show a finer surface while idle."""
     if settings is None or state.maker is None:
         return
     surface = yield from state.maker.refine_steps(settings)
@@ -94,7 +94,7 @@ def show(scene: bpy.types.Scene, surface: PreviewResult | None) -> None:
 
 
 def recolor(scene: bpy.types.Scene) -> None:
-    """Show the preview in the color that its surface will have."""
+    """Show the preview in the color of its future surface."""
     settings = settings_of(scene)
     item = None if settings is None else scene.ctmc.structure_of(settings)
     state.color = color_of(None if settings is None else settings.label) if item is None else tuple(item.color)
@@ -109,7 +109,7 @@ def move(alpha: float) -> None:
 
 
 def hide() -> None:
-    """Show nothing."""
+    """Hide the preview."""
     state.requested = False
     if state.shown is not None:
         state.shown = None
@@ -117,7 +117,7 @@ def hide() -> None:
 
 
 def is_made(context: bpy.types.Context) -> bool:
-    """Whether the surface that is shown stands in the viewport already; the two would flicker through each other."""
+    """Return whether the viewport already shows the same surface as an object; the two would flicker."""
     fingerprint = context.scene.ctmc.volume_fingerprint
     if state.key is None:
         return False
@@ -132,7 +132,7 @@ def is_made(context: bpy.types.Context) -> bool:
 
 
 def _preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
-    """Return where the preview of a scene lies; None where there is none."""
+    """Return the key of the preview's position in a scene; None without one."""
     ct, settings = volumes.loaded(scene), settings_of(scene)
     try:
         return None if ct is None or settings is None else key_of(settings, quick_threshold(ct.volume, settings))
@@ -142,9 +142,9 @@ def _preview_key(scene: bpy.types.Scene) -> PreviewKey | None:
 
 @lru_cache(maxsize=256)
 def key_of(settings: ReconstructionSettings, threshold: float | None) -> PreviewKey:
-    """Return what decides where a surface lies: label or threshold that is used, upper limit, smoothing.
+    """Return the settings that decide the position of a surface: label or threshold, upper limit, smoothing.
 
-    All other settings leave out parts or move it by less than a voxel.
+    All other settings remove parts or move it by less than a voxel.
     """
     value = None if threshold is None or settings.label is not None else float(f"{threshold:.6g}")
     return settings.label, value, settings.upper, settings.smoothing_method, settings.smoothing_width_mm
@@ -155,7 +155,7 @@ def draw() -> None:
     context = bpy.context
     if state.shown is None or context.scene.session_uid != state.scene or volumes.current(context.scene) is None:
         return
-    if is_made(context) or tool_of(context):  # it would hide the slice that is drawn on
+    if is_made(context) or tool_of(context):  # The preview would hide the slice that is drawn on.
         return
     if state.key is not None and drawn.shows(context.scene, state.key[0]):
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The region that a surface is sought in, as a box with handles in the viewport.
+"""Show the region in which a surface is extracted as a box with handles in the viewport.
 
 The handles write `scene.ctmc.region` and nothing else: an arrow on each side of the box moves that side, the one in
 its middle moves the box.
@@ -26,13 +26,13 @@ from ...core.volume import (
 from ..properties.preferences import machine
 from ..state import volumes
 
-COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # x, y, z as everywhere in Blender
+COLORS = ((0.9, 0.25, 0.3), (0.4, 0.75, 0.2), (0.2, 0.5, 0.95))  # Colors of x, y and z as everywhere in Blender.
 
 
 class _RegionFace:
-    """One side of the box, as Blender's arrow handle asks for it and moves it.
+    """One side of the box, as Blender's arrow handle reads and moves it.
 
-    An arrow stands at its base plus an offset along its direction; the base is where the side would be at 0.
+    An arrow is at its base plus an offset along its direction; the base is the side's position at 0.
     """
 
     def __init__(self, scene: bpy.types.Scene, volume: SampleGrid, face: int) -> None:
@@ -49,7 +49,7 @@ class _RegionFace:
         self.base = self.middle - step * (region[self.axis] + region[self.axis + 3]) / 2
 
     def offset(self) -> float:
-        """Return where the side is, from the base outwards, Blender units."""
+        """Return the position of the side, from the base outwards, Blender units."""
         return float(self.outward * self.settings.region[self.face] * self.unit)
 
     def move(self, offset: float) -> None:
@@ -64,14 +64,14 @@ class _RegionFace:
 
 
 def current_face(face: int) -> _RegionFace | None:
-    """Return the side as it is at this moment; Blender keeps handles longer than any scene or volume."""
+    """Return the present side; Blender keeps handles longer than any scene or volume."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
     return None if volume is None else _RegionFace(scene, volume, face)
 
 
 def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
-    """Return what the arrow of a side reads and writes."""
+    """Return the getter and setter for the arrow of a side."""
 
     def read() -> float:
         side = current_face(face)
@@ -86,7 +86,7 @@ def handle_of(face: int) -> tuple[Callable[[], float], Callable[[float], None]]:
 
 
 def read_middle() -> tuple[float, float, float]:
-    """Return the move handle's offset: it stands in the box's middle, as its matrix says."""
+    """Return the move handle's offset, the box's middle; the base is at 0."""
     side = current_face(0)
     if side is None:
         return (0.0, 0.0, 0.0)
@@ -95,7 +95,7 @@ def read_middle() -> tuple[float, float, float]:
 
 
 def write_middle(point: Any) -> None:
-    """Bring the box's middle to a place in the viewport."""
+    """Move the box's middle to a position in the viewport."""
     scene = bpy.context.scene
     volume = volumes.current_full(scene)
     if volume is None:
@@ -110,7 +110,7 @@ def write_middle(point: Any) -> None:
 
 
 class CTMC_GGT_region(bpy.types.GizmoGroup):
-    """The handles of the region's box."""
+    """Handles of the region's box."""
 
     bl_idname = "CTMC_GGT_region"
     bl_label = "CTMC Region"
@@ -125,7 +125,6 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
         return bool(shown and context.scene.ctmc.use_region and volumes.current_full(context.scene) is not None)
 
     def setup(self, _context: bpy.types.Context) -> None:
-        """Make the handles."""
         for face in range(6):
             arrow = self.gizmos.new("GIZMO_GT_arrow_3d")
             read, write = handle_of(face)
@@ -143,7 +142,7 @@ class CTMC_GGT_region(bpy.types.GizmoGroup):
         middle.color_highlight, middle.alpha_highlight = (1.0, 1.0, 0.6), 1.0
 
     def draw_prepare(self, _context: bpy.types.Context) -> None:
-        """Stand where the box is now."""
+        """Move the handles to the present box."""
         for face, arrow in enumerate(list(self.gizmos)[:6]):
             side = current_face(face)
             if side is not None:

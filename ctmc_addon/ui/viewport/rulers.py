@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The values of distances and angles beside their wires, and the wire of the one that is being made."""
+"""Draw the values of rulers next to their wires, and the wire of a ruler in progress."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from ...blender.rulers import place_of, points_of, rulers_of, text_of
 from ...blender.viewport import draw_labels, draw_lines, draw_path
 
 COLOR = (1.0, 0.85, 0.35, 1.0)
-LETTERS = 13.0  # pixels
+LETTERS = 13.0  # Height in pixels.
 WIDTH = 2.0
 
 
 @dataclass
 class _Pending:
-    """The points that were clicked so far, and the one under the mouse; world space."""
+    """The points clicked so far, and the one under the mouse; world space."""
 
     world_points: list[Any] = field(default_factory=list)
     next_point: Any = None
@@ -30,7 +30,7 @@ _handlers: list[Any] = []
 
 
 def _draw_wire() -> None:
-    """Draw the wire that is being made."""
+    """Draw the wire of the ruler in progress."""
     world_points = [*pending.world_points, *([] if pending.next_point is None else [pending.next_point])]
     if len(world_points) < 2:
         return
@@ -41,14 +41,14 @@ def _draw_wire() -> None:
 
 
 def _draw_values() -> None:
-    """Draw the line and the value of each ruler that is seen, over everything."""
+    """Draw the line and the value of each visible ruler, on top of everything."""
     context = bpy.context
     if context.space_data is None or not context.space_data.overlay.show_overlays:
         return
     from bpy_extras.view3d_utils import location_3d_to_region_2d
 
     rulers = [ruler for ruler in rulers_of(context.scene) if ruler.visible_get()]
-    for ruler in rulers:  # its wire lies in the slice that was measured on, which hides half of it
+    for ruler in rulers:  # The measured slice hides half of its wire.
         places = [location_3d_to_region_2d(context.region, context.region_data, point) for point in points_of(ruler)]
         if None not in places:
             draw_path([(place.x, place.y) for place in places], COLOR)
@@ -58,7 +58,7 @@ def _draw_values() -> None:
 
 
 def register() -> None:
-    """Draw in every 3D viewport; a Blender without a window has none."""
+    """Draw in every 3D viewport of a Blender with a window."""
     if bpy.app.background:
         return
     add = bpy.types.SpaceView3D.draw_handler_add
@@ -67,7 +67,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Draw no more."""
+    """Stop drawing."""
     while _handlers:
         bpy.types.SpaceView3D.draw_handler_remove(_handlers.pop(), "WINDOW")
     pending.world_points, pending.next_point = [], None

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which slice is under the mouse, and where: the one drawn in the viewport, and slices that are objects.
+"""Find the slice under the mouse and the position on it: the drawn slice, and slices that are objects.
 
-Surfaces are looked through: who draws on a slice means the slice. A brush that draws on surfaces asks for those too.
+Surfaces are ignored, because drawing on a slice means the slice. A brush that draws on surfaces tests those too.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from .mouse import ray_under, window_under
 
 @dataclass(frozen=True)
 class SliceHit:
-    """A place on a slice, and the slice's corners; RAS+ mm. On a surface they are those of a square across the ray."""
+    """A position on a slice, and the slice's corners; RAS+ mm. On a surface, a square across the ray stands for it."""
 
     point_mm: tuple[float, float, float]
     corners_mm: NDArray[np.float64]
@@ -33,7 +33,7 @@ class SliceHit:
 
     @property
     def normal(self) -> NDArray[np.float64]:
-        """The slice's normal, of length 1."""
+        """Return the slice's normal, of length 1."""
         return slice_normal(self.corners_mm)
 
 
@@ -50,7 +50,7 @@ def slices_in(scene: bpy.types.Scene, space: Any) -> Iterator[NDArray[np.float64
 
 
 def _slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corners: Any = None) -> SliceHit | None:
-    """Return where a ray meets the nearest slice that a viewport shows, or that with these corners; None beside it."""
+    """Return where a ray meets the nearest visible slice, or that with these corners; None without a hit."""
     (origin, direction), scale = ray, machine().scale
     planes = slices_in(scene, space) if corners is None else (corners,)
     ways = [(where_ray_meets(corners_mm * scale, origin, direction), corners_mm) for corners_mm in planes]
@@ -64,11 +64,11 @@ def _slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corne
 
 
 def _surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | None:
-    """Return where a ray meets a surface of the panel's CT; None where it meets nothing, or another object first."""
-    found = hit(scene, bpy.context.view_layer.depsgraph, *ray)
-    if found is None or not surfaces.is_of_ct(found[0], scene):
+    """Return where a ray meets a surface of the panel's CT; None if it meets nothing, or another object first."""
+    surface_hit = hit(scene, bpy.context.view_layer.depsgraph, *ray)
+    if surface_hit is None or not surfaces.is_of_ct(surface_hit[0], scene):
         return None
-    place = patient_mm(*found, machine().scale)
+    place = patient_mm(*surface_hit, machine().scale)
     across = ray[1].orthogonal().normalized()
     down = ray[1].normalized().cross(across)
     square = np.array([(0.0, 0.0, 0.0), across[:], (across + down)[:], down[:]], np.float64)
@@ -76,7 +76,7 @@ def _surface_along(scene: bpy.types.Scene, ray: tuple[Any, Any]) -> SliceHit | N
 
 
 def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, Any]) -> SliceHit | None:
-    """Return what the brush meets first along a ray: a slice, or a surface where it draws on those too."""
+    """Return the brush's first hit along a ray: a slice, or a surface if it draws on those too."""
     slice_hit = _slice_along(scene, space, ray)
     if not scene.ctmc_draw.on_surfaces or view.use_clip_planes:  # Quad View hides surfaces before a slice
         return slice_hit
@@ -86,18 +86,18 @@ def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, A
 
 
 def slice_under(scene: bpy.types.Scene, area: Any, event: Any) -> SliceHit | None:
-    """Return where the mouse is on the nearest slice; None beside it."""
+    """Return the mouse position on the nearest slice; None without one."""
     ray = ray_under(area, event)
     return None if ray is None else _slice_along(scene, area.spaces.active, ray)
 
 
 def brush_under(scene: bpy.types.Scene, area: Any, event: Any, held: SliceHit | None = None) -> SliceHit | None:
-    """Return what the brush meets under the mouse; a stroke stays on the slice where it began, or on surfaces.
+    """Return the brush's hit under the mouse; a stroke stays on the slice where it began, or on surfaces.
 
     Parameters
     ----------
     held : SliceHit or None
-        Where the stroke was last; None as it begins.
+        The last hit of the stroke; None at its beginning.
     """
     ray, region = ray_under(area, event), window_under(area, event)
     if ray is None or region is None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that are moved show the CT where they are, while it is in memory; window and level follow the sidebar."""
+"""Update slices that are moved from the CT in memory; window and level follow the sidebar."""
 
 from __future__ import annotations
 
@@ -14,19 +14,19 @@ from ..properties.preferences import machine
 from ..properties.view import window_and_level
 from ..state import change_events, session, volumes
 
-STRAIGHT = 0.999  # cosine
-MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # what colors Solid shading
+STRAIGHT = 0.999  # Smallest cosine that counts as straight.
+MATERIAL, PICTURE = "MATERIAL", "TEXTURE"  # Color types of Solid shading.
 
 
 def show(scene: bpy.types.Scene, *, again: bool = False) -> None:
-    """Take the pictures of the slices of the scene's CT."""
+    """Update the pictures of the slices of the scene's CT."""
     ct = volumes.loaded(scene)
     if ct is not None:
         refresh(scene, ct.volume, ct.statistics.fingerprint, machine().scale, again=again)
 
 
 def show_from_sides(scene: bpy.types.Scene) -> None:
-    """Let each view of a quad view that clips show the slice that it sees first, and not what lies before it."""
+    """Show in each clipping view of a quad view its first slice, and nothing in front of it."""
     for area in session.viewports():
         for view in area.spaces.active.region_quadviews:
             seen = _first_seen(scene, view) if view.lock_rotation and view.use_clip_planes else None
@@ -35,7 +35,7 @@ def show_from_sides(scene: bpy.types.Scene) -> None:
 
 
 def _first_seen(scene: bpy.types.Scene, view: bpy.types.RegionView3D) -> bpy.types.Object | None:
-    """Return the slice of the panel's CT that faces a view and is nearest to its eye; None where there is none."""
+    """Return the slice of the panel's CT that faces a view and is nearest to its eye; None without one."""
     back = view.view_rotation @ Vector((0.0, 0.0, 1.0))
     planes = slices_of(scene, scene.ctmc.volume_fingerprint)
     facing = [obj for obj in planes if obj.visible_get() and _is_along(obj, back)]
@@ -49,14 +49,14 @@ def _is_along(obj: bpy.types.Object, back: Vector) -> bool:
 
 
 def follow(properties: Any, name: str) -> None:
-    """Give the slices the sidebar's window and level after a setting has changed."""
+    """Apply the sidebar's window and level to the slices after a setting has changed."""
     if name == "window":
         scene: bpy.types.Scene = properties.id_data
         show_window(scene, properties.volume_fingerprint, *window_and_level(scene.ctmc_view))
 
 
 def show_pictures() -> None:
-    """Let Solid shading show pictures, where it shows the colors of materials; what has none keeps its color."""
+    """Show pictures in Solid shading if it shows the colors of materials; objects without one keep their color."""
     for area in session.viewports():
         shading = area.spaces.active.shading
         if shading.color_type == MATERIAL:
@@ -64,7 +64,7 @@ def show_pictures() -> None:
 
 
 def _after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> None:
-    """Take the pictures of slices that a change of the scene has moved."""
+    """Update the pictures of slices that a change of the scene has moved."""
     moved = (update.id for update in depsgraph.updates if update.is_updated_transform)
     if any(isinstance(block, bpy.types.Object) and is_slice(block) for block in moved):
         show(scene)
@@ -73,7 +73,7 @@ def _after_update(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> Non
 
 def after_undo(scene: bpy.types.Scene, *_: Any) -> None:
     """Update all pictures: undo restores the positions of slices, but not their pictures."""
-    bpy.context.view_layer.update()  # the world matrices of what undo brought back are not there before
+    bpy.context.view_layer.update()  # Undo does not restore world matrices.
     show(scene, again=True)
     show_from_sides(scene)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volume objects follow the threshold, window and level of the sidebar."""
+"""Update Volume objects by the threshold, window and level of the sidebar."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NUMBERS = ("threshold", "window", "level")
 
 
 def follow(properties: Any, name: str) -> None:
-    """A setting of the scene has changed: give the present numbers to the materials of the CT's volumes."""
+    """Apply a changed setting of the scene to the materials of the CT's volumes."""
     if name not in NUMBERS:
         return
     scene: bpy.types.Scene = properties.id_data

@@ -58,9 +58,9 @@ def test_a_file_of_version_0_2_keeps_its_slice(scene, volume):
 
 def test_the_tint_follows_threshold_and_labels(scene, volume):
     settings = scene.ctmc
-    assert viewport.wanted_labels(settings) == ()
+    assert viewport.requested_labels(settings) == ()
     settings.label = 3
-    assert viewport.wanted_labels(settings) == (3,)
+    assert viewport.requested_labels(settings) == (3,)
 
 
 def test_fitting_the_region_takes_the_whole_volume_and_uses_it(scene, volume):

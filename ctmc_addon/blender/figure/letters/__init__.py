@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The letters of figures: a font in which 1, I and l differ, the same in every Blender.
+"""Write the letters of figures in a font in which 1, I and l differ, the same in every Blender.
 
 `ctmc-letters.woff2` is made by tools/make_font.py from GNU FreeFont's FreeSans (COPYING.txt), in which a text object
 leaves no holes. Characters that it lacks are taken from Blender's own font, which has other fonts behind it.
@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 FILE = Path(__file__).with_name("ctmc-letters.woff2")
-CAP = 0.729  # height of a capital letter over the size of the letters, which is that of the em
+CAP = 0.729  # Height of a capital letter, as a share of the em.
 EM = 1.2660  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
 CHARACTERS = frozenset(
     chr(code)
@@ -20,7 +20,7 @@ CHARACTERS = frozenset(
         range(0xA0, 0x180),  # Latin-1 and Latin Extended-A
         range(0x386, 0x3CF),  # Greek
         range(0x400, 0x460),  # Cyrillic
-        range(0x2010, 0x2027),  # dashes, quotation marks, dots
+        range(0x2010, 0x2027),  # Dashes, quotation marks, dots.
         (0x202F, 0x2032, 0x2033, 0x20AC, 0x2122, 0x2190, 0x2191, 0x2192, 0x2193),
         (0x2206, 0x2211, 0x2212, 0x221A, 0x221E, 0x2248, 0x2260, 0x2264, 0x2265),
     )
@@ -29,7 +29,7 @@ CHARACTERS = frozenset(
 
 
 def text_curve(body: str, size: float) -> Any:
-    """Return a text in letters of a size; the font is inside the file."""
+    """Return a text of this size as a curve; the font is stored in the file."""
     import bpy
 
     curve: Any = bpy.data.curves.new("CTMC Text", "FONT")
@@ -42,7 +42,7 @@ def text_curve(body: str, size: float) -> Any:
 
 
 def font() -> Any:
-    """Return the font as a block of the file, packed: a .blend names no folder of this machine."""
+    """Return the font as a packed data-block, so that a .blend names no folder of this machine."""
     import bpy
 
     for block in bpy.data.fonts:

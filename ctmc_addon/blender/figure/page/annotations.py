@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Letters, scale bars, legends and the patient's axes on a figure, as objects before its camera.
+"""Write letters, scale bars and legends on a figure, as objects in front of its camera.
 
 They are placed in page space (see spec.py) and stand still before the camera, so that the .blend shows what the picture
 shows.
@@ -26,14 +26,14 @@ from ..spec import WHITE, Box, ColorScale
 
 LINE_MM = 0.25
 GAP_MM = 1.0
-COLUMN_GAP_MM = 3.0  # between columns of a legend
+COLUMN_GAP_MM = 3.0  # Gap between columns of a legend.
 NO_BREAK = "\N{NO-BREAK SPACE}"
-LEADING = 1.3  # from line to line over the size of the letters
+LEADING = 1.3  # Line spacing, in letter sizes.
 
 
 @dataclass
 class Board:
-    """The plane before a figure's camera on which is written.
+    """The plane in front of a figure's camera that holds the writing.
 
     Parameters
     ----------
@@ -42,11 +42,11 @@ class Board:
         Blender units of a millimeter on the page.
     size_mm : (width, height)
     depth : float
-        From the camera, Blender units.
+        Distance from the camera, Blender units.
     font_mm : float
         Size of the letters.
     pen, paper : (red, green, blue) float
-        Of letters and lines, and of the page behind them.
+        Colors of letters and lines, and of the page behind them.
     """
 
     scene: bpy.types.Scene
@@ -70,7 +70,7 @@ class Board:
     def put(
         self, name: str, shape: Any, x: float, y: float, material: bpy.types.Material | None = None, behind: float = 0.0
     ) -> Any:
-        """An object of `shape`, drawn in millimeters, whose origin lies at (x, y) of the page, mm `behind` it."""
+        """Add an object of `shape`, drawn in millimeters, with its origin at (x, y) of the page, mm `behind` it."""
         obj = bpy.data.objects.new(name, shape)
         if material is not None:
             shape.materials.append(material)
@@ -84,7 +84,7 @@ class Board:
         return obj
 
     def local(self, x: float, y: float, behind: float = 0.0) -> Vector:
-        """(x, y) of the page in the camera's space, `behind` mm behind the board."""
+        """Return (x, y) of the page in the camera's space, `behind` mm behind the board."""
         width, height = self.size_mm
         return Vector((x - width / 2, y - height / 2, -behind)) * self.unit - Vector((0.0, 0.0, self.depth))
 
@@ -98,13 +98,13 @@ class Board:
         size: float = 1.0,
         ink: bpy.types.Material | None = None,
     ) -> Any:
-        """Letters at (x, y), `size` times the page's."""
+        """Write letters at (x, y), `size` times the page's."""
         shape = text_curve(body, size * self.font_mm)
         shape.align_x, shape.align_y, shape.resolution_u = across, along, 4
         return self.put("CTMC Text", shape, x, y, ink or self.ink())
 
     def width_of(self, body: str, size: float = 1.0) -> float:
-        """Width of one line of letters, mm."""
+        """Return the width of one line of letters, mm."""
         shape = text_curve(body, size * self.font_mm)
         obj = bpy.data.objects.new("CTMC Text", shape)
         self.scene.collection.objects.link(obj)
@@ -156,11 +156,11 @@ def scale_bar(board: Board, length_mm: float, page_mm: float, x: float, y: float
     ----------
     board : Board
     length_mm : float
-        In the patient.
+        Length in the patient.
     page_mm : float
-        On the page.
+        Length on the page.
     x : float
-        Of its left end, mm on the page.
+        Left end, mm on the page.
     y : float
     """
     board.rectangle((x, y, x + page_mm, y + 3 * LINE_MM))
@@ -191,9 +191,9 @@ def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: floa
     board : Board
     entries : sequence of (name, Color)
     x : float
-        Of the first column's left end, mm on the page.
+        Left end of the first column, mm on the page.
     y : float
-        Of the first column's last baseline.
+        Last baseline of the first column.
     columns : int
     """
     side = CAP * board.font_mm
@@ -208,7 +208,7 @@ def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: floa
 
 
 def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
-    """A bar of the colors in a box of the page, its title above and its distances below."""
+    """Draw a color bar in a box of the page, with its title above and its distances below."""
     left, bottom, right, _ = box
     font = board.font_mm
     inset = board.width_of(_last_label(scale)) / 2
@@ -234,5 +234,5 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
 
 
 def _last_label(scale: ColorScale) -> str:
-    """Return the text at the end of the color bar: its largest distance."""
+    """Return the text of the largest distance, at the end of the color bar."""
     return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm / scale.unit.size:g}"

@@ -21,12 +21,12 @@ from .annotations import LINE_MM, Board, disc
 LETTERS = (("R", (1.0, 0.0, 0.0)), ("A", (0.0, 1.0, 0.0)), ("S", (0.0, 0.0, 1.0)))
 OPPOSITE = {"R": "L", "A": "P", "S": "I"}
 PIVOT = "CTMC Orientation"
-REACH = 1.6  # from the middle to the letters, over their size
-ARM = 0.6  # of the reach
-SIZE = 0.9  # of the letters, over the page's
-CLEARING = 0.58  # around a letter, over its size: what lies behind leaves it room
-FADE = (0.1, 0.3)  # how far behind the middle a letter begins to fade and is gone, over the reach
-SHADES = (-0.2, 0.4)  # how far behind the middle an arm begins to become lighter and is as light as it gets
+REACH = 1.6  # Distance from the middle to the letters, in letter sizes.
+ARM = 0.6  # Length of an arm, as a share of the reach.
+SIZE = 0.9  # Size of the letters, relative to the page's.
+CLEARING = 0.58  # Radius around a letter that stays clear of what lies behind, in letter sizes.
+FADE = (0.1, 0.3)  # Distances behind the middle at which a letter begins to fade and is invisible, in reaches.
+SHADES = (-0.2, 0.4)  # Distances behind the middle at which an arm begins to get lighter and is lightest.
 FAR: Color = (0.55, 0.55, 0.55)
 
 
@@ -47,7 +47,7 @@ def orientation_marker(board: Board, x: float, y: float, rotation: Any, flat: bo
     Parameters
     ----------
     rotation : Matrix
-        How the patient is rotated in the scene, 3 x 3.
+        Rotation of the patient in the scene, 3 x 3.
     flat : bool
         The engine has no nodes: letters that point away are left out, and do not come when the axes turn.
     clear : bool
@@ -108,7 +108,7 @@ def page_ink(paper: Color | None, limits: list[float]) -> bpy.types.Material:
 
 
 def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
-    """Return the socket of 0 at the first distance before the camera to 1 at the second."""
+    """Return a socket that rises from 0 at the first distance from the camera to 1 at the second."""
     tree = material.node_tree
     camera, share = tree.nodes.new("ShaderNodeCameraData"), tree.nodes.new("ShaderNodeMapRange")
     share.inputs["From Min"].default_value, share.inputs["From Max"].default_value = limits
@@ -117,7 +117,7 @@ def _depth_share(material: bpy.types.Material, limits: list[float]) -> Any:
 
 
 def _axis_lines(reach_mm: float) -> Any:
-    """Three crossing lines of a visible width."""
+    """Return three crossing lines of a visible width."""
     lines = bpy.data.curves.new("CTMC Axes", "CURVE")
     lines.dimensions, lines.bevel_depth, lines.bevel_resolution = "3D", 0.7 * LINE_MM, 2
     for _, direction in LETTERS:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names beside the structures: in a column left and right of a picture, each with a line to where it is seen."""
+"""Write names in a column left and right of a picture, each with a line to its structure."""
 
 from __future__ import annotations
 
@@ -17,29 +17,30 @@ from .layout import SheetLayout
 from .ruler_marks import add_line
 
 LINE_MM = 0.18
-BORDER_MM = 0.22  # of paper around a line, so that it is seen on any ground
-DOT_MM = 0.9  # at its end
-ALONE = 0.15  # of what is seen of a structure: so much of it before nothing else is where its line ends
-STUB_MM = 1.5  # of a line before it turns
+BORDER_MM = 0.22  # Border of paper around a line, so that it shows on any ground.
+DOT_MM = 0.9  # Diameter of the dot at a line's end.
+UNOBSTRUCTED_SHARE = 0.15
+"""A line ends on the unobstructed part of a structure if it is more than this share of the visible part."""
+STUB_MM = 1.5  # Length of a line before it bends.
 
 
 @dataclass(frozen=True)
 class Callout:
-    """A name, its color, and where its structure is seen, mm on the page; None where it is not."""
+    """A name, its color, and the position of its visible structure, mm on the page; None if it is hidden."""
 
     name: str
     color: Color
     at: tuple[float, float] | None
 
 
-def seen_at(maps: DepthMaps, which: int, others: Sequence[int]) -> tuple[float, float] | None:
-    """Return a place at which a surface is seen, (right, up), as far inside of what is seen of it as there is one.
+def seen_at(maps: DepthMaps, which: int, occluders: Sequence[int]) -> tuple[float, float] | None:
+    """Return a position, (right, up), as far inside the visible part of a surface as possible; None if it is hidden.
 
-    Where some of it lies before nothing else, the place is there.
+    A part with no other surface behind or in front of it is preferred.
     """
-    seen = maps.visible(which, others)
-    alone = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
-    inside = alone if alone.sum() > ALONE * seen.sum() else seen
+    seen = maps.visible(which, occluders)
+    unobstructed = seen & ~np.isfinite(np.delete(maps.depths, which, axis=0)).any(axis=0)
+    inside = unobstructed if unobstructed.sum() > UNOBSTRUCTED_SHARE * seen.sum() else seen
     if not inside.any():
         return None
     while (smaller := eroded(inside)).any():
@@ -56,7 +57,7 @@ def eroded(mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]) -> None:
-    """Write the names in the columns beside the first picture of a page, each at the height of its structure."""
+    """Write the names left and right of the first picture of a page, each at the height of its structure."""
     left, bottom, right, top = layout.pictures[0]
     middle = (left + right) / 2
     # Half of them on each side, those farthest left at the left; what is not seen has no place of its own.
@@ -72,7 +73,7 @@ def draw_callouts(board: Board, layout: SheetLayout, callouts: Sequence[Callout]
 
 
 def _draw_callout(board: Board, callout: Callout, outer: float, height: float, side: int) -> None:
-    """Write one name at a height, from the outer edge of its column, a square of its color and its line inwards."""
+    """Write one name at a height, with a square of its color and a line inwards."""
     square, cap = CAP * board.font_mm, CAP * board.font_mm
     base = height - cap / 2
     start = outer if side < 0 else outer - square
@@ -95,7 +96,7 @@ def _draw_callout(board: Board, callout: Callout, outer: float, height: float, s
 def spread(wished: NDArray[np.float64], gap: float, low: float, high: float) -> NDArray[np.float64]:
     """Return heights at least a gap apart and between two limits, near the wished ones; rising, as these are.
 
-    Where the limits leave too little room, the gap is less.
+    The gap is less if the limits leave too little room.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cells with surfaces, arranged on a page before one camera.
+"""Arrange cells with surfaces on a page in front of one camera.
 
 The camera is orthographic, so cells side by side in one scene are seen from the same side and at the same scale. They
 stand far behind each other, so that no shadow of one falls on another.
@@ -41,14 +41,14 @@ from .slice_pictures import SlicePictures
 
 @dataclass
 class FigureScene:
-    """A scene made for a figure: where it is, what is in it, what is to be removed again.
+    """A scene made for a figure, with its contents and everything to remove afterwards.
 
     Parameters
     ----------
     size : (width, height) int
         Pixels.
     paper : (red, green, blue) float
-        Of the page.
+        Color of the page.
     unit : float
         Blender units of a millimeter on the page.
     scale : float
@@ -60,9 +60,9 @@ class FigureScene:
     pictures : list of SlicePictures
         The slices of every cell.
     asides : list of (3,) float64
-        How far every cell was moved, Blender units.
+        Offset of every cell, Blender units.
     blocks : list of ID
-        What was made, but the scene.
+        Everything that was made, except the scene.
     written_rows : int
         Rows of pixels at the bottom with text and bars only.
     """
@@ -84,7 +84,7 @@ class FigureScene:
     removed: bool = False
 
     def shown(self, cell: int) -> list[bpy.types.Object]:
-        """Return what stands in a cell, surfaces first."""
+        """Return the objects of a cell, surfaces first."""
         outlines = self.outlines[cell] if self.outlines else []
         return [*self.copies[cell], *outlines, *self.pictures[cell].anchors.values()]
 
@@ -94,7 +94,7 @@ class FigureScene:
         for shell in [shell for outlines in self.outlines for shell in outlines]:
             positions, faces = world_positions(shell), meshes.read_triangles(shell.data)
             a, b, c = positions[faces].transpose(1, 0, 2)  # (F, 3) each
-            sign = 1.0 if shell.matrix_world.determinant() > 0 else -1.0  # a mirrored object turns its triangles round
+            sign = 1.0 if shell.matrix_world.determinant() > 0 else -1.0  # A mirrored object reverses its triangles.
             towards = sign * (np.cross(b - a, c - a) * backward).sum(axis=1) > 0.0
             material, whole = shell.data.materials[0], shell.data
             shell.data = meshes.new_mesh(SHELL, meshes.read_positions(whole), faces[towards])
@@ -106,7 +106,7 @@ class FigureScene:
         if self.removed:
             return
         self.removed = True
-        self.scene.render.use_persistent_data = False  # or the engine keeps what it has of the scene
+        self.scene.render.use_persistent_data = False  # Else the engine keeps its data of the scene.
         bpy.data.batch_remove([*self.blocks, self.scene])
         self.blocks = []
         # Blender brings its own letters with the first text, and leaves them.
@@ -123,12 +123,12 @@ def compose_steps(
     turning: bool = False,
     even: bool = False,
 ) -> Steps[FigureScene]:
-    """Return a new scene with copies of what the cells show, camera, light and everything that is written.
+    """Return a new scene with copies of the cells' objects, camera, light and all writing.
 
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     turning : bool
         Frame the surfaces for a turn about the z axis.
     even : bool
@@ -159,7 +159,7 @@ def compose_steps(
         for cell, copies, pictures in zip(cells, figure.copies, figure.pictures, strict=True):
             layers = (
                 2 * sum(surface.opacity < 1.0 for surface in cell.surfaces) - 1
-            )  # a ray enters and leaves each but the last
+            )  # A ray enters and leaves each but the last.
             for surface, copy in zip(cell.surfaces, copies, strict=True):
                 yield SETTING_UP
                 figure.blocks += assign_materials(copy, surface, style, page, figure.unit, pictures, layers)
@@ -186,18 +186,18 @@ def _add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene
 
 
 def _has_outlines(style: FigureStyle) -> bool:
-    """Return whether surfaces get outlines; Workbench knows no material that is clear from behind."""
+    """Return whether surfaces get outlines; Workbench has no material that is transparent from behind."""
     return style.style == "illustration" and style.distances is None and style.engine != "workbench"
 
 
 def _add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
-    """Give every solid surface its outline."""
+    """Add an outline to every opaque surface."""
     ink = outline_material()
     figure.blocks.append(ink)
     for cell, copies in zip(cells, figure.copies, strict=True):
         figure.outlines.append([])
         for surface, copy in zip(cell.surfaces, copies, strict=True):
-            if surface.opacity < 1.0:  # its far side would be seen through it; its rim is dark by itself
+            if surface.opacity < 1.0:  # Its far side would show through; its rim is dark anyway.
                 continue
             yield SETTING_UP
             shell = bpy.data.objects.new(SHELL, outline_shell(copy, OUTLINE_MM * figure.unit / scale_in_scene(copy)))
@@ -240,10 +240,10 @@ def arrange(
     even: bool,
     turning: bool = False,
 ) -> None:
-    """Lay the page out, put the camera before it and every cell in its place, and write what is to be written."""
+    """Lay the page out, place camera and cells, and add all writing."""
     page = page.wide(sum(bool(surface.name) for surface in cells[0].surfaces))
     scene, axes = figure.scene, view_axes(style.azimuth, style.elevation)
-    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # right, up, backward
+    seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # Right, up, backward.
     low, high = seen.min(axis=0), seen.max(axis=0)
     extent, middle = high - low, (low + high) / 2
     extent = np.maximum(extent, 1e-6 * max(extent.max(), 1e-6))
@@ -258,13 +258,13 @@ def arrange(
     camera = bpy.data.cameras.new("CTMC Camera")
     eye = bpy.data.objects.new("CTMC Camera", camera)
     figure.blocks += [eye, camera]
-    room = 30.0 * unit  # what is written stands in it
+    room = 30.0 * unit  # Room for the writing.
     first = layout.center(0)
     at = [middle[axis] + (size_mm[axis] / 2 - first[axis]) * unit for axis in range(2)]
     eye.matrix_world = matrix_of_axes(axes, axes @ np.array([*at, high[2] + room]))
     camera.type = "ORTHO"
     camera.ortho_scale = unit * max(figure.size) / page.pixels_per_mm
-    suns, world = _lights_of(style, alone=len(cells) == 1)
+    suns, world = _lights_of(style, single_cell=len(cells) == 1)
     sun = next(iter(suns.values()))
     towards = sun_axes(sun, style.azimuth, style.elevation)[:, 2]
     step_back = _shadow_free_step(axes, towards, (size_mm[0] * unit, size_mm[1] * unit), extent[2], sun.angle)
@@ -289,14 +289,14 @@ def arrange(
     _annotate(figure, layout, cells, style, board)
 
 
-def _lights_of(style: FigureStyle, alone: bool) -> tuple[Mapping[str, Sun], float]:
+def _lights_of(style: FigureStyle, single_cell: bool) -> tuple[Mapping[str, Sun], float]:
     """Return the suns of a style, the one with a shadow first, and the strength of the light from all sides.
 
-    A rim light stands behind the surfaces, so behind one that is not alone stand others, which would shade it.
+    A rim light stands behind the surfaces, so other cells behind one would shade it.
     """
     if style.style != "illustration" or style.distances is not None:
         return SUNS, WORLD
-    suns = {name: sun if alone or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
+    suns = {name: sun if single_cell or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
     return suns, FROM_ALL_SIDES
 
 
@@ -310,11 +310,11 @@ def _shadow_free_step(
     axes : (3, 3) float64
         The camera's right, up and backward axis as columns.
     sun : (3,) float64
-        Towards the sun.
+        Direction to the sun.
     size : (width, height)
         Blender units.
     depth : float
-        Of the deepest object, Blender units.
+        Depth of the deepest object, Blender units.
     angle : float
         Width of the sun, degrees.
 
@@ -322,7 +322,7 @@ def _shadow_free_step(
     --------
     The sun stands to the right, at 45 degrees: a shadow moves left as far as it falls back.
 
-    >>> round(shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5, 12.0), 3)
+    >>> round(_shadow_free_step(np.eye(3), np.array([0.5, 0.0, 0.5]) ** 0.5, (2.0, 1.0), 0.5, 12.0), 3)
     2.97
     """
     right, up, back = (axes * sun[:, None]).sum(axis=0)
@@ -336,7 +336,7 @@ def _shadow_free_step(
 def _annotate(
     figure: FigureScene, layout: SheetLayout, cells: Sequence[Cell], style: FigureStyle, board: Board
 ) -> None:
-    """Captions, scale bar, legend or color bar, and the patient's axes."""
+    """Draw captions, scale bar, legend or color bar, and the patient's axes."""
     down = LEADING * board.font_mm
     for which, text in enumerate(layout.texts):
         x, y = layout.caption_at(which)
@@ -363,7 +363,7 @@ def _annotate(
     if style.distances is not None:
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
         color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
-    elif layout.named_beside:
+    elif layout.has_name_columns:
         draw_callouts(board, layout, _callouts_of(figure, cells[0], style, board))
     elif named:
         entries = [(shown.name, shown_color(copy, shown, style)) for shown, copy in named]
@@ -377,7 +377,7 @@ def _annotate(
 
 
 def _callouts_of(figure: FigureScene, cell: Cell, style: FigureStyle, board: Board) -> list[Callout]:
-    """Return the names of the first cell's surfaces, and where on the page each is seen past those that are solid."""
+    """Return the names of the first cell's surfaces and their positions on the page, looking past transparent ones."""
     into_camera = np.array(figure.scene.camera.matrix_world.inverted())
     copies = figure.copies[0]
     maps = depth_maps(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where everything stands on the page: rows of cells with their captions, a footer, a caption for the whole."""
+"""Lay out a page: rows of cells with their captions, a footer, and a caption for the whole."""
 
 from __future__ import annotations
 
@@ -13,37 +13,38 @@ from ..spec import FEW_STRUCTURES, Box, Cell, FigureStyle, Page
 from .annotations import COLUMN_GAP_MM, LEADING, Board
 
 MARGIN_MM = 2.5
-GAP_MM = 3.0  # between cells side by side
+GAP_MM = 3.0  # Gap between cells side by side.
 ROW_GAP_MM = 4.0
 MOST_IN_A_COLUMN = 6
 FOOTER_GAP_MM = 2.0
-ROOM = 1.04  # around what a cell shows
-HEIGHTS = (0.4, 1.25)  # of a cell over its width, where the page's height is free
-MOST_HEIGHT_MM = 230.0  # what a journal's page holds, where the height is free
+ROOM = 1.04  # Room for a cell's contents, as a multiple of their size.
+HEIGHTS = (0.4, 1.25)  # Lowest and highest ratio of height to width of a cell, if the page's height is free.
+MOST_HEIGHT_MM = 230.0  # Height of a journal's page: the limit if the height is free.
 LEAST_OF_REST = 1.07  # A picture is at least this much taller than its legend and all else on the page.
-SMALLEST_MM = 8.0  # a picture
-LEADER_MM = 4.0  # from a name to the picture, at least
-LEAST_SHARE = 0.36  # of the width, which names leave the picture
+SMALLEST_MM = 8.0  # Smallest picture.
+LEADER_MM = 4.0  # Shortest line from a name to the picture.
+LEAST_SHARE = 0.36  # Smallest share of the width that names leave for the picture.
 
 
 @dataclass(frozen=True)
 class SheetLayout:
-    """A page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
+    """Positions of a page's parts, mm from its lower left corner; `unit` is Blender units of a millimeter."""
 
     height_mm: float
     unit: float
     margin: float
     pictures: tuple[Box, ...]
-    texts: tuple[tuple[str, ...], ...]  # lines under every picture
-    captions_top: float  # below a picture, to the top of its caption's first capital
+    texts: tuple[tuple[str, ...], ...]  # Lines under every picture.
+    captions_top: float  # Distance from a picture down to the top of its caption's first capital.
     cap_mm: float
     footer_bottom: float
     footer_mm: float
     caption_top: float
     caption: tuple[str, ...]
     legend_columns: int = 1
-    legend_above_mm: float = 0.0  # from the footer's bottom to a legend above scale bar and axes; 0 where it is beside
-    named_beside: bool = False  # names stand beside the picture, and none in the footer
+    legend_above_mm: float = 0.0
+    """Distance from the footer's bottom to a legend above scale bar and axes; 0 for a legend at their side."""
+    has_name_columns: bool = False  # Names are in columns left and right of the picture, and not in the footer.
 
     def center(self, which: int) -> tuple[float, float]:
         """Return the middle of a cell's picture."""
@@ -51,7 +52,7 @@ class SheetLayout:
         return (left + right) / 2, (bottom + top) / 2
 
     def caption_at(self, which: int) -> tuple[float, float]:
-        """Middle of the first baseline of a cell's caption."""
+        """Return the middle of the first baseline of a cell's caption."""
         left, bottom, right, _ = self.pictures[which]
         return (left + right) / 2, bottom - self.captions_top - self.cap_mm
 
@@ -70,13 +71,13 @@ def make_layout(
     Parameters
     ----------
     extent : (width, height)
-        What every cell must have room for, Blender units.
+        Room that every cell needs, Blender units.
     board : Board
         Measures letters.
     reach_mm : float
-        Of the patient's axes.
+        Reach of the patient's axes.
     turning : bool
-        What is shown will turn, so names cannot stand beside it.
+        The surfaces will turn, so names cannot be left and right of them.
 
     Raises
     ------
@@ -87,7 +88,7 @@ def make_layout(
     rows = math.ceil(len(cells) / columns)
     inner = page.printed_width_mm - 2 * MARGIN_MM
     names = [surface.name for surface in cells[0].surfaces if surface.name]
-    aside = 0.0 if turning or len(cells) > 1 else _names_beside_mm(names, style, board, inner)
+    aside = 0.0 if turning or len(cells) > 1 else _name_columns_mm(names, style, board, inner)
     width = (inner - (columns - 1) * GAP_MM) / columns - 2 * aside
     font, cap = page.font_mm, CAP * page.font_mm
     texts = tuple(tuple(row for line in cell.lines for row in board.lines_of(line, width)) for cell in cells)
@@ -96,16 +97,16 @@ def make_layout(
     caption = tuple(board.lines_of(style.caption, inner)) if style.caption else ()
     caption_mm = (cap + (len(caption) - 1) * LEADING * font + 0.3 * font) if caption else 0.0
     names = [] if aside else names
-    beside = (
+    bar_and_axes_mm = (
         0.25 * inner + 5.0 + (2 * reach_mm + font + 6.0 if style.orientation else 0.0)
-    )  # the scale bar and the axes
+    )  # Width of the scale bar and the axes.
     widths = [board.width_of(name) for name in names]
-    legend_columns, legend_above = _columns_of_legend(widths, inner - beside, cap), 0.0
+    legend_columns, legend_above = _columns_of_legend(widths, inner - bar_and_axes_mm, cap), 0.0
     footer = footer_mm(math.ceil(len(names) / legend_columns), style, font, reach_mm)
     across = _columns_of_legend(widths, inner, cap)
     above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
     stacked = above + _legend_mm(math.ceil(len(names) / across), font)
-    if names and style.distances is None and stacked < footer:  # a long legend takes the page's width
+    if names and style.distances is None and stacked < footer:  # A long legend takes the page's width.
         legend_columns, legend_above, footer = across, above, stacked
     below = (
         MARGIN_MM
@@ -159,12 +160,12 @@ def make_layout(
         caption=caption,
         legend_columns=legend_columns,
         legend_above_mm=legend_above,
-        named_beside=aside > 0,
+        has_name_columns=aside > 0,
     )
 
 
-def _names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
-    """Return the width of the columns of names beside a picture; 0 where names stand in the footer or not at all."""
+def _name_columns_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
+    """Return the width of the columns of names left and right of a picture; 0 without such columns."""
     if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0
     wide = max(board.width_of(name) for name in names) + CAP * board.font_mm + LEADER_MM
@@ -172,11 +173,11 @@ def _names_beside_mm(names: Sequence[str], style: FigureStyle, board: Board, inn
 
 
 def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: float) -> int:
-    """Columns of a legend with names of these widths: one for a few, else as many as there is room for.
+    """Return the columns of a legend with names of these widths: one for a few, else as many as fit.
 
     Examples
     --------
-    >>> columns_of_legend([20.0] * 5, 100.0, 2.0), columns_of_legend([20.0] * 60, 100.0, 2.0)
+    >>> _columns_of_legend([20.0] * 5, 100.0, 2.0), _columns_of_legend([20.0] * 60, 100.0, 2.0)
     (1, 3)
     """
     if len(widths_mm) <= MOST_IN_A_COLUMN:
@@ -191,7 +192,6 @@ def _columns_of_legend(widths_mm: Sequence[float], room_mm: float, side_mm: floa
 
 
 def _legend_mm(rows: int, font: float) -> float:
-    """Return the height of a legend with some rows, mm."""
     return (rows - 1) * LEADING * font + font
 
 
@@ -205,7 +205,7 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
     font : float
         Size of the letters, mm.
     reach_mm : float
-        From the middle of the patient's axes to their letters.
+        Distance from the middle of the patient's axes to their letters.
     """
     heights = [0.0]
     if style.scale_bar:
@@ -220,11 +220,11 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
 
 
 def _columns_for(count: int) -> int:
-    """Cells side by side: all of up to three, else as many as make the sheet about square.
+    """Return the cells per row: all of up to three, else as many as make the sheet about square.
 
     Examples
     --------
-    >>> [columns_for(count) for count in (1, 3, 4, 6, 9)]
+    >>> [_columns_for(count) for count in (1, 3, 4, 6, 9)]
     [1, 3, 2, 3, 3]
     """
     return count if count <= 3 else math.ceil(math.sqrt(count))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distances and angles on a figure: a line with ends, or with an arc, and the value beside it.
+"""Draw distances and angles on a figure: a line with ends, or with an arc, and the value next to it.
 
 They are drawn on the page, before the surfaces, with a white border, so that they are read on any ground.
 """
@@ -18,12 +18,12 @@ from ...surface import mesh_data as meshes
 from ..letters import CAP, text_curve
 from .annotations import Board
 
-WIDTH_MM = 0.35  # of lines
-BORDER_MM = 0.25  # of white around lines and letters
-END_MM = 1.6  # length of a line's ends
-ARC_MM = 3.5  # radius of an angle's arc, or half of its shorter side
-ROOM_MM = 1.2  # from a line to its value
-PAGE_EDGE_MM = 1.0  # which values stay clear of
+WIDTH_MM = 0.35  # Width of lines.
+BORDER_MM = 0.25  # White border around lines and letters.
+END_MM = 1.6  # Length of a line's ends.
+ARC_MM = 3.5  # Largest radius of an angle's arc; short sides have half of their length.
+ROOM_MM = 1.2  # Distance from a line to its value.
+PAGE_EDGE_MM = 1.0  # Values keep this distance from the page's edge.
 
 
 def ruler_mark(board: Board, points_mm: Sequence[tuple[float, float]], text: str) -> None:
@@ -68,7 +68,7 @@ def ends(points: NDArray[np.float64]) -> list[NDArray[np.float64]]:
 
 
 def arc(points: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the arc of an angle, the shorter way round."""
+    """Return the arc of an angle below 180 degrees."""
     sides = points[[0, 2]] - points[1]
     first, last = np.arctan2(sides[:, 1], sides[:, 0])
     way = (last - first + math.pi) % (2 * math.pi) - math.pi
@@ -80,14 +80,14 @@ def arc(points: NDArray[np.float64]) -> NDArray[np.float64]:
 def value_position(
     points: NDArray[np.float64], wide: float, tall: float, page_mm: tuple[float, float]
 ) -> tuple[float, float]:
-    """Middle of the baseline of a value: beside the middle of a line, or beyond the corner of an angle.
+    """Return the middle of a value's baseline: next to the middle of a line, or beyond the corner of an angle.
 
     It is on the other side where that would leave the page.
     """
     if len(points) == 2:
         along = unit(points[1] - points[0])
         away = np.array([-along[1], along[0]])
-        away = away if away[1] >= 0 else -away  # above
+        away = away if away[1] >= 0 else -away  # Put the value above.
         at = points.mean(axis=0)
     else:
         away = -unit(unit(points[0] - points[1]) + unit(points[2] - points[1]))
@@ -113,7 +113,7 @@ def unit(vector: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def add_line(board: Board, line: NDArray[np.float64], width: float, color: Color, behind: float) -> bpy.types.Object:
-    """Return a line through places of the page, its ends half its width beyond the first and the last."""
+    """Return a line through positions of the page, extended at both ends by half its width."""
     steps = np.diff(line, axis=0)
     along = steps / np.maximum(np.hypot(*steps.T), 1e-9)[:, None] * width / 2
     across = np.column_stack([-along[:, 1], along[:, 0]])

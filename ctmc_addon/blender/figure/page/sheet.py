@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Sheets: one volume reconstructed with several settings, side by side (Su and Ma, figures 6 to 8); and distance maps.
+"""Make sheets: one volume reconstructed with several settings, side by side; and distance maps.
 
 Every cell is a reconstruction of its own, timed as a whole. Errors are distances to the surface of full resolution:
 a stride of one pixel, no simplification, and alpha 1 where alphas are compared.
@@ -41,7 +41,7 @@ CELL_STAGES = {"Reconstructing": 10, **MEASURING}
 
 @dataclass(frozen=True)
 class Compared:
-    """A cell of a sheet: its letter, title, surface, and how far that is from full resolution, mm.
+    """A cell of a sheet: letter, title, surface, and its distance to full resolution, mm.
 
     `seconds` are those of the reconstruction, from gray values to triangles: the median of three if one is short.
     With `volume` the caption has the surface's volume, and the distance is to the surface that is not smoothed.
@@ -77,7 +77,7 @@ class Compared:
 
 
 def _unbroken(text: str) -> str:
-    """Return a text that stays on one line."""
+    """Return a text with no-break spaces, so that it stays on one line."""
     return text.replace(" ", NO_BREAK)
 
 
@@ -138,7 +138,7 @@ def _cells_steps(
     deviation: bool,
     budget: Budget,
 ) -> Steps[tuple[list[Compared], list[DistanceMap]]]:
-    """Return every cell of a sheet, and its distance map if there is to be one."""
+    """Return every cell of a sheet, with its distance map if requested."""
     compared, maps = [], []
     for number, (title, settings) in enumerate(variants):
         stages = Stages(CELL_STAGES if deviation else {name: CELL_STAGES[name] for name in list(CELL_STAGES)[:2]})
@@ -202,7 +202,7 @@ def deviation_figure_steps(
 
 
 def _require_measurable(settings: ReconstructionSettings, limit_mm: float | None) -> None:
-    """Raise `SettingsError` for a simplifier that works in Blender, or a color bar that ends nowhere."""
+    """Raise `SettingsError` for a simplifier that works in Blender, or a color bar without a positive end."""
     if settings.simplifies and settings.simplifier == "decimate":
         raise SettingsError("distances need the built-in simplifier; choose it (leave out --simplifier decimate)")
     if limit_mm is not None and not 0 < limit_mm <= 1000:
@@ -234,7 +234,7 @@ def _rendered_steps(
     blend: str | os.PathLike[str] | None,
     own_process: bool,
 ) -> Steps[tuple[int, int]]:
-    """Make an object for every surface, or for its map, in a scene of its own, and render them as cells."""
+    """Make an object of every surface or map in a separate scene, and render them as cells."""
     surfaces = [
         replace(result, mesh=maps[at].mesh if maps else result.mesh, surface=None)
         for at, (result, _) in enumerate(results)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices of the CT in a figure: their planes, and the caps of surfaces that were cut open at them.
+"""Show slices of the CT in a figure: their planes, and the caps of surfaces that were cut at them.
 
 The picture of a slice lies where its plane lies (blender/slices). A figure's copies move on the page and may turn, so
 the pictures hang on copies of the planes, or on empties where a plane itself is not shown.
@@ -19,14 +19,14 @@ from ...surface.evaluate import evaluated_copy
 
 @dataclass
 class SlicePictures:
-    """The objects that carry the pictures of a cell: a copy of the plane, or an empty, for each slice."""
+    """Objects that carry the pictures of a cell: a copy of the plane, or an empty, for each slice."""
 
     scene: bpy.types.Scene
     blocks: list[bpy.types.ID]
     anchors: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
 
     def add_plane(self, plane: bpy.types.Object, scene: bpy.types.Scene | None) -> None:
-        """Show a slice."""
+        """Add a copy of a slice's plane that shows its picture."""
         mesh, evaluated = evaluated_copy(plane, scene)
         self.blocks.append(mesh)
         copy = self.add_anchor(plane, mesh)
@@ -58,7 +58,7 @@ class SlicePictures:
         """Give a surface its material and leave the caps that show a slice as they are."""
         before = list(mesh.materials)
         caps = [slot for slot, old in enumerate(before) if old is not None and shows_slice(old)]
-        if not caps:  # a large mesh takes its time to be asked for its slots
+        if not caps:  # Reading the slots of a large mesh is slow.
             mesh.materials.clear()
             mesh.materials.append(material)
             if (numbers := mesh.attributes.get("material_index")) is not None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The style illustration: a soft key light, a rim light, light from all sides, outlines, and organs like glass.
+"""Render the style illustration: a soft key light, a rim light, light from all sides, outlines, glassy organs.
 
 Light from all sides reaches what is open and not what is recessed, so recesses are shaded (ambient occlusion). An
 outline is a shell around the surface, one line wide, of which only the side that faces away is seen: it looks out
@@ -38,15 +38,15 @@ SUNS = {
     "CTMC Fill": Sun(-40.0, 0.0, 0.10, 0.0, False, (0.90, 0.95, 1.0)),
     "CTMC Rim": Sun(-152.0, 32.0, 0.75, 8.0, True, (0.96, 0.98, 1.0)),
 }
-FROM_ALL_SIDES = 0.44  # white
-OUTLINE_MM = 0.14  # on the page
+FROM_ALL_SIDES = 0.44  # Strength of the white light from all sides.
+OUTLINE_MM = 0.14  # Width of an outline on the page.
 OUTLINE: Color = (0.012, 0.010, 0.012)
-TINT = 0.4  # of the color of a translucent organ, in what is seen through it
+TINT = 0.4  # Share of a translucent organ's color in everything seen through it.
 SHELL = "CTMC Outline"
 
 
 def outline_shell(obj: bpy.types.Object, width: float) -> bpy.types.Mesh:
-    """Return a mesh around an object's surface, its sides exchanged, `width` units of the object away from it."""
+    """Return a mesh around an object's surface with reversed normals, `width` units of the object away from it."""
     mesh = obj.data
     normals = np.empty(3 * len(mesh.vertices), np.float32)
     mesh.vertex_normals.foreach_get("vector", normals)
@@ -60,7 +60,7 @@ def outline_shell(obj: bpy.types.Object, width: float) -> bpy.types.Mesh:
 
 
 def outline_material() -> bpy.types.Material:
-    """Return dark ink that is clear from behind."""
+    """Return dark ink that is transparent from behind."""
     material = flat_material(SHELL, OUTLINE)
     tree = material.node_tree
     clear = clear_shader(tree)
@@ -90,11 +90,11 @@ def glass_material(
     Parameters
     ----------
     seen : callable
-        Gives the socket that says, in a tree, whether the surface is seen at all: 0 or 1.
+        Returns, for a node tree, the socket of 0 or 1: whether the surface is visible.
     opacity : float
-        Of what faces the camera.
+        Opacity where the surface faces the camera.
     azimuth, elevation : float
-        Of the camera, degrees.
+        Angles of the camera, degrees.
     """
     material = surface_material(name, color)
     tree = material.node_tree

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One picture of a scene as it stands: rendered, its page cleaned, written as a PNG.
+"""Render one picture of a scene, clean its page, and write it as a PNG.
 
-The PNG knows its resolution and nothing of this machine.
+The PNG stores its resolution and nothing of this machine.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from ...colors import Color
 from ...output_files import require_room
 from .samples import OVERLAP, clean_border, clean_page, is_denoised, without_noise
 
-TILE_PIXELS = 1_000_000  # of a large picture, rendered in tiles for the memory of the denoiser
+TILE_PIXELS = 1_000_000  # A large picture is rendered in tiles of this size to limit the denoiser's memory.
 WRITTEN_PIXELS = 100_000  # A written part of fewer pixels is not worth a tile of its own.
 
 
@@ -30,9 +30,9 @@ class RenderRequest(NamedTuple):
     Parameters
     ----------
     path : str
-        A PNG that is there and empty.
+        An existing, empty PNG.
     name : str
-        What people call it.
+        Name in messages.
     dpi : float
     paper : (red, green, blue) float
         Color of the page.
@@ -41,7 +41,7 @@ class RenderRequest(NamedTuple):
     pivot : str
         Name of the object that turns; empty where none does.
     angle : float
-        Of the pivot about the z axis, radians.
+        Angle of the pivot about the z axis, radians.
     """
 
     path: str
@@ -53,7 +53,7 @@ class RenderRequest(NamedTuple):
     angle: float = 0.0
 
     def make(self, scene: bpy.types.Scene) -> None:
-        """Render it.
+        """Render the picture.
 
         Raises
         ------
@@ -107,7 +107,7 @@ def tiles_of(size: tuple[int, int], written: int = 0) -> list[tuple[int, int]]:
 
 
 def pillow() -> Any:
-    """Return the module `PIL.Image`, or an `OutputError`."""
+    """Return the module `PIL.Image`, or raise an `OutputError`."""
     try:
         from PIL import Image
     except ImportError as error:
@@ -117,19 +117,19 @@ def pillow() -> Any:
 
 @contextmanager
 def opened_png(path: Path, name: str) -> Iterator[Any]:
-    """A PNG with all of its pixels, or an `OutputError`."""
+    """Return a PNG with all of its pixels, or raise an `OutputError`."""
     try:
         with pillow().open(path) as picture:
             picture.load()
             yield picture
-    except (OSError, SyntaxError) as error:  # what Pillow raises for a file that ends too early
+    except (OSError, SyntaxError) as error:  # Pillow raises these for a truncated file.
         raise OutputError(f"{name} came out incomplete; free some space or choose another disk") from error
 
 
 def render_to(scene: bpy.types.Scene, path: Path) -> None:
-    """Render a scene to a file, or an `OutputError`."""
+    """Render a scene to a file, or raise an `OutputError`."""
     scene.render.filepath = str(path.resolve())
     try:
         bpy.ops.render.render(write_still=True, scene=scene.name)
-    except RuntimeError as error:  # how Blender's operators report what they could not do
+    except RuntimeError as error:  # Blender's operators report their failures so.
         raise OutputError(f"the figure could not be rendered: {str(error).strip()}") from error

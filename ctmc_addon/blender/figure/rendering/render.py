@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
+"""Render figures: surfaces on a page as a PNG of a size in millimeters, with the .blend that made it.
 
 Rendered in a scene of its own; the user's scene and settings are left as they are.
 """
@@ -25,8 +25,8 @@ from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
 
 PICTURE_SAMPLES = 9
-PICTURE_SIZE = (1200, 900)  # of the plain picture beside a reconstruction
-PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # its triangle edges are two pixels wide
+PICTURE_SIZE = (1200, 900)  # Size of the plain picture next to a reconstruction, pixels.
+PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # Makes triangle edges two pixels wide.
 
 
 def figure_steps(
@@ -47,7 +47,7 @@ def figure_steps(
     blend : path, optional
         A .blend with the figure's own scene; nothing else of the present file goes in.
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     own_process : bool
         Render in a Blender of its own, which closing the steps ends at any moment.
 
@@ -91,14 +91,14 @@ def render_figure_steps(
     chosen: Sequence[float | None] = (),
     own_process: bool = False,
 ) -> Steps[tuple[int, int]]:
-    """Render the plain picture that stands beside a reconstruction, with nothing written on it.
+    """Render the plain picture next to a reconstruction, with nothing written on it.
 
     Returns its size in pixels.
 
     Parameters
     ----------
     scene : Scene or None
-        Where the objects are evaluated; None takes the first scene that holds each.
+        Scene in which the objects are evaluated; None takes the first scene that holds each.
     size : (width, height) int
         Pixels.
     style : str
@@ -140,12 +140,12 @@ def require_png(path: Path) -> None:
 
 
 def require_own_blend(path: Path) -> None:
-    """Raise `OutputError` for a .blend that is there already and is not a figure's: it may be somebody's work."""
+    """Raise `OutputError` for an existing .blend that is not a figure's: it may be somebody's work."""
     if path.exists() and path.stat().st_size:
         try:
             with bpy.data.libraries.load(str(path)) as (there, _):
                 own = any(name.startswith(NAME) for name in there.scenes)
-        except (OSError, ValueError):  # not a .blend, or the one that is open
+        except (OSError, ValueError):  # Not a .blend, or the open one.
             own = False
         if not own:
             raise OutputError(f"{path.name} already exists and is not a figure; move it, or choose another name")

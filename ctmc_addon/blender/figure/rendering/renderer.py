@@ -32,30 +32,30 @@ from .picture import RenderRequest
 
 Task = RenderRequest | Video
 WORKER = Path(__file__).with_name("renderer_worker.py")
-MARK = b"ctmc-renderer "  # begins what the process says: Blender prints to the same stream
+MARK = b"ctmc-renderer "  # Begins each answer of the process, because Blender prints to the same stream.
 SCENE = "scene.blend"
-TICK = 0.02  # seconds between two looks whether there is an answer
+TICK = 0.02  # Seconds between two checks for an answer.
 
 
 class Renderer(Protocol):
-    """Renders tasks one after the other.
+    """Render tasks one after the other.
 
     Parameters
     ----------
     folder : Path
-        For what is not complete; it is removed at the end.
+        Folder for incomplete files; it is removed at the end.
     """
 
     folder: Path
 
     def make_steps(self, task: Task, step: Step) -> Steps[None]:
-        """Do a task; yields the step, with the share of the task that is done if that is known."""
+        """Do a task and yield its step, with the finished share of the task if known."""
         ...
 
 
 @contextmanager
-def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterator[Renderer]:
-    """Give a renderer of a figure's scene, whose hidden folder stands beside a path.
+def renderer_of(figure: FigureScene, output: Path, own_process: bool) -> Iterator[Renderer]:
+    """Provide a renderer of a figure's scene, with a hidden folder next to the output.
 
     A process of its own has a copy of the scene: the figure is removed from this file as soon as that is written.
 
@@ -64,12 +64,12 @@ def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterato
     OutputError
         If the folder cannot be made, or no process can be started.
     """
-    folder = beside.with_name(temporary_name())
+    folder = output.with_name(temporary_name())
     try:
         try:
             folder.mkdir(0o700)
         except OSError as error:
-            raise refused(beside, error) from error
+            raise refused(output, error) from error
         if not own_process:
             yield _ThisProcess(figure.scene, folder)
             return
@@ -87,20 +87,19 @@ def renderer_of(figure: FigureScene, beside: Path, own_process: bool) -> Iterato
 
 
 class _ThisProcess:
-    """Renders here: quick to start, deaf until each task is done."""
+    """Render in this process: quick to start, but not interruptible during a task."""
 
     def __init__(self, scene: bpy.types.Scene, folder: Path) -> None:
         self.scene = scene
         self.folder = folder
 
     def make_steps(self, task: Task, step: Step) -> Steps[None]:
-        """Do a task."""
         yield step
         task.make(self.scene)
 
 
 class _RenderProcess:
-    """A Blender of its own that has opened the scene in `folder`; `close` must be called at the end."""
+    """Render in a separate Blender that has opened the scene in `folder`; `close` must be called at the end."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
@@ -127,12 +126,12 @@ class _RenderProcess:
         self._send(_greeting(folder / SCENE))
 
     def make_steps(self, task: Task, step: Step) -> Steps[None]:
-        """Do a task; yields the step while that goes on.
+        """Do a task and yield its step meanwhile.
 
         Raises
         ------
         OutputError
-            The sentence of the process, or how it ended.
+            With the message of the process, or its exit code.
         """
         self._send({"task": type(task).__name__, "fields": task._asdict()})
         while True:
@@ -169,12 +168,12 @@ class _RenderProcess:
 
     def _send(self, request: dict[str, Any]) -> None:
         assert self.process.stdin is not None
-        with suppress(OSError):  # it has ended, which the wait for its answer will say
+        with suppress(OSError):  # The process has ended; waiting for its answer reports that.
             self.process.stdin.write(json.dumps(request).encode("ascii") + b"\n")
             self.process.stdin.flush()
 
     def _read(self) -> None:
-        """Hand on what the process says, and None at its end."""
+        """Queue the lines of the process, and None at its end."""
         assert self.process.stdout is not None
         try:
             with self.process.stdout as stream:
@@ -187,7 +186,7 @@ class _RenderProcess:
 
 
 def command() -> list[str]:
-    """Return how the process is started: as a second Blender inside Blender, else by this Python, which has bpy."""
+    """Return the command of the process: a second Blender inside Blender, else this Python, which has bpy."""
     if bpy.app.binary_path:
         return [
             *(bpy.app.binary_path, "--background", "--factory-startup"),
@@ -197,7 +196,7 @@ def command() -> list[str]:
 
 
 def _greeting(blend: Path) -> dict[str, Any]:
-    """Return the first request: what to run, with which .blend, and where modules are found."""
+    """Return the first request: the module to run, the .blend, and the module search path."""
     request = first_request(WORKER, str(blend.resolve()))
     if not bpy.app.binary_path:
         # Loading bpy adds its own scripts, among which another module bpy would be found first.
@@ -207,7 +206,7 @@ def _greeting(blend: Path) -> dict[str, Any]:
 
 
 def write_scene(figure: FigureScene, path: Path) -> None:
-    """Write the figure's scene to a .blend that is there and empty."""
+    """Write the figure's scene to an existing, empty .blend."""
     figure.scene.render.filepath = "//"
     vertices = sum(len(copy.data.vertices) for copies in figure.copies for copy in copies)
     require_room(path, 500_000 + 120 * vertices)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that renders a figure's scene, from inside: a task in a line of JSON, until the input ends.
+"""Run the process that renders a figure's scene: one task per line of JSON, until the input ends.
 
-Its end means that whoever asked is gone: then this process removes its folder and goes too, in the midst of a picture
-if need be.
+The input ends when the parent process ends: then this process removes its folder and exits, even in the middle of a
+picture.
 """
 
 from __future__ import annotations
@@ -26,19 +26,19 @@ from .picture import RenderRequest
 from .renderer import MARK
 
 TASKS = {task.__name__: task for task in (RenderRequest, Video)}
-SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # as Cycles tells them
+SAMPLES = re.compile(r"Sample (\d+)/(\d+)")  # The progress that Cycles reports.
 REMOVALS = 100  # Blender may be writing into its folder while that is removed.
 
 
 def serve(blend: str) -> None:
-    """Open a .blend, and do tasks with its only scene.
+    """Open a .blend, and render tasks with its only scene.
 
     Parameters
     ----------
     blend : str
         Its path, in the folder of this process.
     """
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # whoever asks is interrupted too, and ends this process
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # The parent process is interrupted too, and ends this one.
     tasks: queue.SimpleQueue[dict[str, Any]] = queue.SimpleQueue()
     listening = threading.Thread(target=listen, args=(tasks, Path(blend).parent), daemon=True)
     listening.start()
@@ -55,7 +55,7 @@ def serve(blend: str) -> None:
 
 
 def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
-    """Take tasks from standard input; at its end remove the folder and leave at once."""
+    """Read tasks from standard input; at its end remove the folder and exit at once."""
     for task in requests():
         tasks.put(task)
     for _ in range(REMOVALS):
@@ -66,7 +66,7 @@ def listen(tasks: queue.SimpleQueue[dict[str, Any]], folder: Path) -> None:
 
 
 def answer(request: dict[str, Any]) -> dict[str, Any]:
-    """Do a task, and return what came of it."""
+    """Do a task and return the answer to it."""
     task = TASKS[request["task"]](**request["fields"])
     try:
         task.make(bpy.data.scenes[0])
@@ -80,17 +80,17 @@ def answer(request: dict[str, Any]) -> dict[str, Any]:
 
 
 def _share_of(text: str) -> float | None:
-    """Return how much of a picture is rendered; None where Blender does not tell.
+    """Return the rendered share of a picture; None where Blender does not report it.
 
     Examples
     --------
-    >>> share_of("Remaining: 00:02.79 | Mem: 25M | Sample 320/400"), share_of("Finished")
+    >>> _share_of("Remaining: 00:02.79 | Mem: 25M | Sample 320/400"), _share_of("Finished")
     (0.8, None)
     """
-    found = SAMPLES.search(text)
-    return None if found is None else int(found[1]) / max(int(found[2]), 1)
+    match = SAMPLES.search(text)
+    return None if match is None else int(match[1]) / max(int(match[2]), 1)
 
 
 def line(words: dict[str, Any]) -> bytes:
-    """Return a line for the other side, at the beginning of one."""
+    """Return a line for the parent process, with the mark at its beginning."""
     return b"\n" + MARK + json.dumps(words).encode("ascii") + b"\n"

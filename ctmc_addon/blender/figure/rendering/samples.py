@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Choose the samples Cycles takes per pixel: a few with a denoiser, or as many as the picture's noise needs.
+"""Choose the samples Cycles takes per pixel: a few with a denoiser, else as many as the noise needs.
 
 The soft light of illustrations is what is noisy. The other styles are lit by suns, and have as many samples as smooth
 outlines need; a denoiser would smear their triangle edges.
@@ -17,18 +17,18 @@ import numpy as np
 from ...colors import Color, srgb
 from ..spec import FigureStyle
 
-DENOISED = 32  # samples of a pixel before the denoiser, at most; how smooth edges are comes from them
-NOISE_DENOISED = 0.05  # the page and even surfaces have no more after 16 samples, which is most of a picture
+DENOISED = 32  # Most samples of a pixel before the denoiser; they decide how smooth edges are.
+NOISE_DENOISED = 0.05  # The page and even surfaces, most of a picture, are below this noise after 16 samples.
 FIRST_LOOK = 8  # Cycles looks at every 16th sample, and not while it has this many: with 16 it would look at the 32nd
-SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # of a thumbnail, which is many, and seen from afar
-NOISE = 0.02  # of a pixel, without a denoiser: Cycles measures it on the picture, and goes on until it is below
+SMALL_PIXELS, DENOISED_SMALL = 40_000, 12  # A picture of fewer pixels is a thumbnail, and gets fewer samples.
+NOISE = 0.02  # Noise of a pixel, as Cycles measures it, at which it stops without a denoiser.
 FEWEST, MOST = 16, 512
-COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # where pixels are seen, they need more samples
+COARSE_SAMPLES, FINE_SAMPLES, FINE_DPI = 32, 16, 250.0  # Visible pixels need more samples.
 PATTERN = "TABULATED_SOBOL"  # Spreads few samples of a pixel evenly: edges of letters are smooth with 16.
-LONGEST_S = 600.0  # for a picture, or a tile of a large one; what is left of the noise then stays
-OVERLAP = 24  # rows that tiles share: a denoiser looks at what is around a pixel
-PAGE_LEVELS = 4  # of 255: what a denoiser leaves on an empty page
-BORDER = 3  # pixels along the sides of a page, which are empty, and where it leaves more
+LONGEST_S = 600.0  # Time limit for a picture or a tile of a large one; the remaining noise then stays.
+OVERLAP = 24  # Rows that tiles share, because a denoiser looks at the surroundings of a pixel.
+PAGE_LEVELS = 4  # Noise that a denoiser leaves on an empty page, of 255.
+BORDER = 3  # Width in pixels of a page's empty border, where the denoiser leaves more noise.
 
 
 def can_denoise() -> bool:
@@ -41,7 +41,7 @@ def can_denoise() -> bool:
 
 
 def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
-    """Have Cycles take the samples of a style; without a number of them as many as a picture without noise needs."""
+    """Set the samples of a style in Cycles; without a number, as many as a picture without noise needs."""
     cycles = scene.cycles
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.sampling_pattern = PATTERN
@@ -61,13 +61,13 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
 
 
 def _samples_of_edges(dpi: float) -> int:
-    """Return how many samples of a pixel make edges smooth."""
+    """Return the samples per pixel that make edges smooth."""
     return COARSE_SAMPLES if dpi < FINE_DPI else FINE_SAMPLES
 
 
 @contextmanager
 def without_noise(scene: bpy.types.Scene, dpi: float) -> Iterator[None]:
-    """Have Cycles take the samples of edges alone, for a part of the page where no light falls on anything."""
+    """Set the samples that smooth edges need, for a part of the page without lit surfaces."""
     cycles = scene.cycles
     before = cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising
     cycles.samples, cycles.use_adaptive_sampling, cycles.use_denoising = _samples_of_edges(dpi), False, False
@@ -83,7 +83,7 @@ def is_denoised(scene: bpy.types.Scene) -> bool:
 
 
 def clean_page(rows: Any, paper: Color) -> Any:
-    """Return rows of a picture, a Pillow image, whose page is of one color again, as it was before the denoiser."""
+    """Return rows of a picture, a Pillow image, whose page has one color again, as before the denoiser."""
     from PIL import Image
 
     levels = np.array(rows)
@@ -94,7 +94,7 @@ def clean_page(rows: Any, paper: Color) -> Any:
 
 
 def clean_border(picture: Any, paper: Color) -> None:
-    """Give the empty border of a picture, a Pillow image, the color of the page again."""
+    """Restore the page's color in the empty border of a picture, a Pillow image."""
     width, height = picture.size
     empty = srgb(paper) if picture.mode == "RGB" else (*srgb(paper), 0)
     for box in ((0, 0, width, BORDER), (0, height - BORDER, width, height),

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work out which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
+"""Find which surfaces a figure's camera sees and which hide others: depth maps, compared cell by cell.
 
 The camera is orthographic, so a surface is seen as its points (right, up, backward) in the camera's axes. Triangles are
 sampled so densely that no cell of a map is left out; the sample that is farthest backward, which is nearest to the
@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-CELLS = 200  # along the longer side of what is seen
-HIDES = 0.25  # of a tumor's picture: what covers more of it hides it
+CELLS = 200  # Cells along the longer side of the visible part.
+HIDES = 0.25  # A surface hides a tumor if it covers more than this share of the tumor's picture.
 HIDES_ALL = 0.9
-MOST_SAMPLES = 2_000_000  # at once
-TOUCHING = 2.0  # cells: surfaces that lie this near to each other, such as shared walls, hide nothing
+MOST_SAMPLES = 2_000_000  # Samples processed at once.
+TOUCHING = 2.0  # Surfaces this near to each other in cells, such as shared walls, hide nothing.
 
 
 @dataclass(frozen=True)
@@ -30,7 +30,7 @@ class DepthMaps:
     depths : (n, rows, columns) float32
         Along the camera's backward axis; -inf where a surface is not seen.
     low : (right, up) float
-        Of the grid's first corner.
+        Position of the grid's first corner.
     cell : float
         Side of a cell.
     """
@@ -40,17 +40,17 @@ class DepthMaps:
     cell: float
 
     def hidden_share(self, which: int, by: int) -> float:
-        """Return how much of one surface's picture lies behind another surface, 0 to 1."""
+        """Return the share of one surface's picture that lies behind another surface, 0 to 1."""
         seen = np.isfinite(self.depths[which])
         if not seen.any():
             return 0.0
         covered = self.depths[by][seen] > self.depths[which][seen] + TOUCHING * self.cell
         return float(covered.mean())
 
-    def visible(self, which: int, others: Sequence[int]) -> NDArray[np.bool_]:
-        """Return the cells, (rows, columns), in which a surface lies behind none of the others."""
+    def visible(self, which: int, occluders: Sequence[int]) -> NDArray[np.bool_]:
+        """Return the cells, (rows, columns), in which a surface lies behind none of the occluders."""
         own = self.depths[which]
-        front = self.depths[list(others)].max(axis=0) if len(others) else np.full_like(own, -np.inf)
+        front = self.depths[list(occluders)].max(axis=0) if len(occluders) else np.full_like(own, -np.inf)
         return np.isfinite(own) & (front <= own + TOUCHING * self.cell)
 
     def position(self, row: int, column: int) -> tuple[float, float]:
@@ -91,13 +91,13 @@ def depth_maps(surfaces: Sequence[tuple[NDArray[np.float64], NDArray[np.int32]]]
 
 
 def _barycentric(pieces: int) -> NDArray[np.float64]:
-    """Return the corners of a triangle whose sides are cut into some pieces, (S, 3) shares of its corners.
+    """Return barycentric coordinates, (S, 3), of the corners of a triangle with subdivided sides.
 
     Examples
     --------
-    >>> barycentric(1).tolist()
+    >>> _barycentric(1).tolist()
     [[0.0, 0.0, 1.0], [0.0, 1.0, 0.0], [1.0, 0.0, 0.0]]
-    >>> len(barycentric(4))
+    >>> len(_barycentric(4))
     15
     """
     first, second = np.mgrid[: pieces + 1, : pieces + 1].reshape(2, -1)
@@ -107,13 +107,13 @@ def _barycentric(pieces: int) -> NDArray[np.float64]:
 
 
 def hiding(maps: DepthMaps, lesions: Sequence[bool]) -> list[bool]:
-    """Return which surfaces hide a lesion from the camera; where none is one, which hides everything else.
+    """Return which surfaces hide a lesion from the camera; without lesions, which one hides all other surfaces.
 
     Parameters
     ----------
     maps : DepthMaps
     lesions : sequence of bool
-        Which surfaces are lesions: no lesion gives way to another.
+        Whether each surface is a lesion; a lesion never counts as hiding another.
     """
     every = range(len(lesions))
     if any(lesions):

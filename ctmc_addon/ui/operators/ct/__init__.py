@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The CT: loading, viewing, its threshold, slice and region."""
+"""Load and view the CT; set its threshold, slice and region."""

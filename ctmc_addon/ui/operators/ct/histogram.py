@@ -99,7 +99,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}  # A click in the strip does not reach the objects behind it.
 
     def follow(self, context: bpy.types.Context, event: bpy.types.Event, strip: Any, x: float) -> set[str]:
-        """Move the dragged line with the mouse, leave it where the button is released, or put it back."""
+        """Move the dragged line with the mouse; a release sets it, Esc or a right click restores it."""
         opened = self.opened
         back = event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS"
         if back:
@@ -117,7 +117,7 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def look(self, context: bpy.types.Context, area: bpy.types.Area, strip: Any, x: float | None) -> None:
-        """Show the value under the mouse; None where the mouse has left the strip."""
+        """Show the value under the mouse; None if the mouse has left the strip."""
         opened = self.opened
         seen = (None, None) if x is None else (strip.value_at(x), histogram.grabbed(strip, context.scene, x))
         if seen != (opened.pointed, opened.held):
@@ -135,7 +135,6 @@ class CTMC_OT_histogram(Needs, bpy.types.Operator):
         self.pointing = inside
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Close the histogram, as another file is opened or the window is closed."""
         if self.opened is histogram.current():
             histogram.hide()
 

@@ -87,7 +87,6 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             lines.label(text=line, translate=False)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Read the file, and look through it."""
         scene = context.scene
         scene_session, stored, expected = session.of(scene), scene.ctmc, ""
         scene_session.message = scene_session.load_message = ""
@@ -101,14 +100,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 reading = replace(reading, series=asked.series, time=None)
             if asked.time:
                 reading = replace(reading, time=asked.time)
-            if reading == _known_reading(scene):
+            if reading == _scene_reading(scene):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
         chosen = len(self.files) if path == self.directory else 0
-        wanted = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
-        wanted = [(key, source) for key, source in wanted if expected and source.name]
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, wanted)
+        sources = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
+        sources = [(key, source) for key, source in sources if expected and source.name]
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, sources)
 
     def steps(
         self,
@@ -117,13 +116,13 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene: int,
         expected: str,
         chosen: int,
-        wanted: Sequence[tuple[str, Path]],
+        sources: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
-        """Return the work: series, values, statistics; the CT of this fingerprint is expected there, if any.
+        """Return the work: series, values, statistics. `expected` is the fingerprint of the CT to find there, if any.
 
-        `chosen` is the number of chosen files; the whole folder is read. Read the label sources `wanted` with it.
+        `chosen` is the number of chosen files; the whole folder is read. The label `sources` are read with it.
         """
-        stages = Stages(STAGES | ({LABELS: 40} if wanted else {}))
+        stages = Stages(STAGES | ({LABELS: 40} if sources else {}))
         headers, values, counting = STAGES
         source = yield from stages.run(headers, readers.open_volume_steps(path))
         selected = source.selected_series(reading.series)
@@ -136,7 +135,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
             stride = shown_stride(file, budget)
             volume = yield from stages.run(values, file.in_memory_steps(stride))
-        if reading.series and selected is not None:  # its number is stored, as a UID must not be
+        if reading.series and selected is not None:  # Store its number, because a UID must not be stored.
             reading = replace(reading, series=str(selected.number))
         if selected is not None:
             time, _ = source.selected_time(reading.series, reading.time)
@@ -159,19 +158,19 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             stride,
         )
         labels: list[tuple[str, structures.PlacedLabels | str]] = []
-        if wanted and statistics.fingerprint == expected:
-            labels = yield from stages.run(LABELS, structures.read_again_steps(wanted, volume))
+        if sources and statistics.fingerprint == expected:
+            labels = yield from stages.run(LABELS, structures.read_again_steps(sources, volume))
         return lambda: conclude(loaded, scene, expected, labels)
 
 
 def last_folder(scene: bpy.types.Scene) -> Path | None:
-    """Return where the last CT lies, of this file or of the one open before; None where that is not known any more."""
+    """Return the folder of the last CT, of this file or of the one open before; None if it is not known."""
     stored = scene.ctmc.volume_path
     path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
 
 
-def _known_reading(scene: bpy.types.Scene) -> ReadingOptions:
+def _scene_reading(scene: bpy.types.Scene) -> ReadingOptions:
     """Return how the CT of the scene was read."""
     loaded = volumes.loaded(scene)
     return options_of_scene(scene.ctmc) if loaded is None else loaded.reading
@@ -180,7 +179,7 @@ def _known_reading(scene: bpy.types.Scene) -> ReadingOptions:
 def conclude(
     loaded: volumes.Loaded, uid: int, expected: str, labels: Sequence[tuple[str, structures.PlacedLabels | str]] = ()
 ) -> str:
-    """Make a volume the scene's, with the labels that were read again for it."""
+    """Make a volume the scene's, with its reloaded labels."""
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the CT was read; load it into another")
@@ -190,15 +189,15 @@ def conclude(
     is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
     before = stored.volume_fingerprint if loaded.has_samples_of(volumes.loaded(scene)) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
-    is_known = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
-    if is_another_ct and not is_known:
+    is_restored = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
+    if is_another_ct and not is_restored:
         scans.park(scene)
         scans.forget(scene, loaded.statistics.fingerprint)
     volumes.keep(loaded, scene)
     show_options(stored, loaded.reading)
     if holds_region:
         stored.region_for = stored.volume_fingerprint
-    if is_another_ct and not is_known:
+    if is_another_ct and not is_restored:
         stored.volume_name = stored.volume_name if is_another_time else ""
         goes_by_number = is_another_time or not len(stored.labels)
         if not goes_by_number:
@@ -228,7 +227,7 @@ def conclude(
             text = "The labels have changed since this file was saved: {name}"
             scene_session.load_message = translate(text).format(name=read.path.name)
     change_events.notify(stored, "volume")
-    cube = untouched_cube(scene) if is_first else None  # before the CT's box stands beside it
+    cube = untouched_cube(scene) if is_first else None  # Look before the CT's box is added.
     if cube is not None:
         put_out_of_view(cube, scene)
     _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
@@ -249,7 +248,7 @@ def conclude(
 def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> None:
     """Choose labels for a label volume, whose numbers no threshold separates, and a threshold for HU.
 
-    The number of the label that was chosen before holds where it `goes_by_number`: a preset's, or that of another time.
+    The previously chosen label keeps its number if it `goes_by_number`: a preset's, or that of another time.
     """
     labels = [value for value, _ in loaded.statistics.labels]
     if loaded.volume.kind == ValueKind.LABEL and labels:
@@ -261,7 +260,7 @@ def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> N
 
 
 def _tick_by_name(stored: Any, names: frozenset[str]) -> None:
-    """Tick the labels of a label volume whose names were ticked in the list before; without any it stays as it is."""
+    """Tick the labels of a label volume whose names were ticked before; without a match the list stays as it is."""
     if stored.use_label and any(called(item) in names for item in stored.labels):
         tick(stored, lambda item: called(item) in names)
         follow_ticks(stored)
@@ -276,7 +275,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:
             obj.select_set(False)
-        box.select_set(True)  # not active: nothing of the panel or the status bar is about it
+        box.select_set(True)  # Select it, but keep it inactive for the panel.
     if (is_new or is_another_ct) and bpy.context.scene == scene:
         frame_everywhere(loaded.volume)
 
@@ -299,7 +298,7 @@ class CTMC_FH_stack(bpy.types.FileHandler):
 
 
 def import_entry(menu: Any, _context: bpy.types.Context) -> None:
-    """The entry in File > Import."""
+    """Draw the entry in File > Import."""
     menu.layout.operator("ctmc.load", text="CT Stack")
 
 
@@ -313,6 +312,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Unregister them."""
     bpy.types.TOPBAR_MT_file_import.remove(import_entry)
     _unregister()

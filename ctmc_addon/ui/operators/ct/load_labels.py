@@ -49,7 +49,6 @@ class CTMC_OT_load_labels(jobs.LongOperator, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Read the labels, and place them on the CT."""
         scene = context.scene
         scene_session = session.of(scene)
         scene_session.message = scene_session.load_message = ""
@@ -67,7 +66,7 @@ class CTMC_OT_load_labels(jobs.LongOperator, bpy.types.Operator):
 
 
 def steps(paths: Sequence[Path], ct: Volume, scene: int) -> Steps[jobs.Conclusion]:
-    """Return the work: labels of every path on the grid of a CT, then lines of the list."""
+    """Return the work: read labels of every path onto the grid of a CT, then add them to the list."""
     placed = []
     for number, path in enumerate(paths):
         placed.append((yield from equal_part(structures.read_steps(path, ct), number, len(paths))))
@@ -75,20 +74,20 @@ def steps(paths: Sequence[Path], ct: Volume, scene: int) -> Steps[jobs.Conclusio
 
 
 def conclude(placed: Sequence[structures.PlacedLabels], uid: int) -> str:
-    """Add labels to the list, those ticked whose names were ticked before; all where none was."""
+    """Add labels to the list, and tick those whose names were ticked before; all if none was."""
     scene = session.scene_of(uid)
     if scene is None:
         raise ReadError("the scene was deleted while the labels were read; load them into another")
     stored = scene.ctmc
-    known = {source.key for source in stored.label_sources}
+    earlier_keys = {source.key for source in stored.label_sources}
     count = 0
     for path, labels, key in placed:
         structures.put(key, labels)
-        if key not in known:
+        if key not in earlier_keys:
             count += len(structures.add_labels(scene, labels, key, path))
     new = {called(item) for item in list(stored.labels)[len(stored.labels) - count :]}
-    wanted = new & session.of(scene).ticked_names or new
-    tick(stored, lambda item: item.chosen or called(item) in wanted)
+    ticked = new & session.of(scene).ticked_names or new
+    tick(stored, lambda item: item.chosen or called(item) in ticked)
     follow_ticks(stored)
     return translate("{count} structures added").format(count=count)
 
@@ -109,7 +108,7 @@ class CTMC_FH_labels(bpy.types.FileHandler):
 
 
 def import_entry(menu: Any, _context: bpy.types.Context) -> None:
-    """The entry in File > Import."""
+    """Draw the entry in File > Import."""
     menu.layout.operator("ctmc.load_labels", text="CT Labels", text_ctxt=OURS)
 
 
@@ -123,6 +122,6 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Unregister them."""
     bpy.types.TOPBAR_MT_file_import.remove(import_entry)
     _unregister()

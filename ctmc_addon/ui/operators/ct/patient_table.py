@@ -14,7 +14,7 @@ from ...state import volumes
 
 
 def holds_hu(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether the CT is in HU, by which a table is known, with the reason if not."""
+    """Return whether the CT is in HU, which finding a table needs, with the reason if not."""
     volume = volumes.current(context.scene)
     if volume is None or volume.kind != ValueKind.HU:
         operator.poll_message_set("A table can be found only in a CT in HU")

@@ -131,7 +131,7 @@ class CTMC_OT_structure_eye(Needs, bpy.types.Operator):
 
 
 def is_visible(obj: bpy.types.Object) -> bool:
-    """Return whether nobody has hidden an object."""
+    """Return whether an object is not hidden."""
     return not (obj.hide_get() or obj.hide_viewport)
 
 

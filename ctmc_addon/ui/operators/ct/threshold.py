@@ -17,7 +17,7 @@ from ...needs import Needs
 from ...state import volumes
 from ...translations import translate
 
-PICTURE = (144, 120)  # pixels
+PICTURE = (144, 120)  # Size in pixels.
 NAME = "histogram"
 
 _pictures: dict[str, Any] = {}
@@ -83,7 +83,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
 
 
 def used_threshold(scene: bpy.types.Scene) -> float | None:
-    """Return the threshold that a reconstruction would use; None where it is not known yet or there is none."""
+    """Return the threshold of a reconstruction; None if it is not known yet or not used."""
     ct = volumes.loaded(scene)
     try:
         return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))
@@ -119,7 +119,7 @@ def register() -> None:
 
 
 def unregister() -> None:
-    """Take them away."""
+    """Unregister them."""
     while _pictures:
         bpy.utils.previews.remove(_pictures.popitem()[1])
     _shown.clear()

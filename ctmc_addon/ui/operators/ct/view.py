@@ -29,7 +29,7 @@ SIDES = {
 
 
 def frame_everywhere(volume: Volume) -> None:
-    """Frame a CT in every 3D viewport of the screen that nothing holds, as it is seen now."""
+    """Frame a CT in every free 3D viewport of the screen, in its present direction."""
     screen = bpy.context.screen
     corners = volume_box(volume) * machine().scale
     for area in () if screen is None else [area for area in screen.areas if area.type == "VIEW_3D"]:
@@ -58,7 +58,7 @@ class CTMC_OT_view(Needs, bpy.types.Operator):
         return translate(SIDES[properties.side][1])
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Move the eye of this viewport; where the pointer is in none, of all of the screen.
+        """Move the eye of this viewport; outside of viewports, of all viewports of the screen.
 
         In quad view the four come to the CT, and the one that turns looks from the side.
         """

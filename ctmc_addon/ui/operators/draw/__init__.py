@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Drawing structures on the CT: the tools' strokes and clicks, and what is done to a structure as a whole."""
+"""Draw structures on the CT: strokes and clicks of the tools, and edits of a whole structure."""

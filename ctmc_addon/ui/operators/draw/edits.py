@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on a whole drawn structure: margin, islands, holes, combine, between slices."""
+"""Edit a whole drawn structure: margin, islands, holes, combine, between slices."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ Work = Callable[[Flags, Volume, Window], Steps[Flags]]
 
 
 class _Edit(jobs.LongOperator):
-    """An operator that makes another mask of the active structure; it gives `work`."""
+    """An operator that replaces the mask of the active structure; it provides `work`."""
 
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
     needs = (jobs.idle, can_draw, has_structure)
@@ -64,19 +64,19 @@ class _Edit(jobs.LongOperator):
         window = masks.window_in(scene, item)
         if window is None:
             raise SettingsError(f"{drawings.line_of(scene, item).name} is empty; draw it first")
-        reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # a sample around it, for holes
+        reach_mm = self.reach_mm(scene) + max(volume.spacing) * 1.01  # Add a sample around it, for holes.
         window = grown_window(window, reach_mm, volume.spacing, volume.shape)
         mask = masks.of(scene, item).mask[window].copy()
         return edit_steps(self.work(scene)(mask, volume, window), window, target_of(scene, item))
 
 
 def edit_steps(work: Steps[Flags], window: Window, target: DrawTarget) -> Steps[jobs.Conclusion]:
-    """Make the mask, then change the structure at once."""
-    made = yield from work
+    """Compute the mask, then change the structure at once."""
+    mask = yield from work
 
     def conclude() -> str:
         scene, item = require(target)
-        masks.replace(scene, item, window, made)
+        masks.replace(scene, item, window, mask)
         session.of(scene).message = ""
         return named_volume_text(scene, item)
 
@@ -160,11 +160,11 @@ class CTMC_OT_draw_combine(_Edit, bpy.types.Operator):
     bl_description = "Combine the structure with another one, which does not change"
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the work on the whole CT: the other one may lie anywhere."""
+        """Return the work on the whole CT, because the other structure may lie anywhere."""
         scene, how = context.scene, context.scene.ctmc_draw.combination
         item, volume, name = drawings.active(scene), volume_of(scene), scene.ctmc_draw.other
-        others = [line for line in scene.ctmc.labels if item is not None and line.source != item.key]
-        line = next((line for line in others if name and line.name == name and line.kind == LABEL), None)
+        lines = [line for line in scene.ctmc.labels if item is not None and line.source != item.key]
+        line = next((line for line in lines if name and line.name == name and line.kind == LABEL), None)
         if item is None or line is None:
             raise SettingsError("choose another structure to combine with, drawn or a label")
         first, second = masks.of(scene, item).mask.copy(), _mask_of(scene, line)
@@ -173,7 +173,7 @@ class CTMC_OT_draw_combine(_Edit, bpy.types.Operator):
 
 
 def _mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
-    """Return the voxels of a label of the list, wherever it comes from; a `LabelError` where they are not in memory."""
+    """Return the voxels of a label of the list; raise a `LabelError` if they are not in memory."""
     mask = np.zeros(volume_of(scene).shape, bool)
     for layer in structures.require_volume_of(scene, ReconstructionSettings(label=line.value)).each_layer:
         mask |= layer.values == line.value
@@ -181,7 +181,6 @@ def _mask_of(scene: bpy.types.Scene, line: Any) -> Flags:
 
 
 def _combined_steps(first: Flags, second: Flags, how: str) -> Steps[Flags]:
-    """Return two masks combined."""
     yield from ()
     return combined(first, second, how)
 

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""From a click to a structure: the operator `ctmc.draw_grow`.
+"""Grow a structure from a click: the operator `ctmc.draw_grow`.
 
-To borders, all clicks in a structure compete with those in its surroundings, and a click changes what it alone changes:
-strokes drawn between two clicks stay. In a range, a click adds connected samples, and Alt removes them.
+To borders, all clicks in a structure compete with those in its surroundings. A click changes only samples whose result
+it changes, so strokes drawn between two clicks stay. In a range, a click adds connected samples, and Alt removes them.
 """
 
 from __future__ import annotations
@@ -53,7 +53,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, can_draw)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin where the mouse is on a slice; beside all slices the click is another's."""
+        """Begin at the mouse on a slice; a click off all slices passes through."""
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
@@ -65,7 +65,7 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
         return self.begin(context)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the work of a click; a new structure is made only when it is done."""
+        """Return the work of a click; a new structure is added only when it is done."""
         scene, drawing = context.scene, context.scene.ctmc_draw
         volume = volume_of(scene)
         sample = sample_at(volume, self.point_mm)
@@ -78,8 +78,8 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
             return _conclusion_steps(work, target_of(scene, item), None)
-        known = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
-        clicks = (*known, Click(sample, 0 if self.surroundings else 1))
+        earlier_clicks = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
+        clicks = (*earlier_clicks, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)
         work = _compete_click_steps(volume, clicks, how, grown)
@@ -114,11 +114,11 @@ def _conclusion_steps(work: Steps[_Grown], target: DrawTarget, click: Click | No
 def _compete_click_steps(
     volume: Volume, clicks: tuple[Click, ...], how: tuple[Any, ...], grown: tuple[Any, Change] | None
 ) -> Steps[_Grown]:
-    """Let all clicks compete, and return what the last of them has changed."""
+    """Let all clicks compete, and return the changes by the last one."""
     limits, hu_per_mm, reach_mm = how
     allowed = None if limits is None else (yield from range_mask_steps(volume, *limits))
     if allowed is not None:
-        for click in clicks:  # earlier ones may lie outside of a range that was moved since
+        for click in clicks:  # Earlier clicks may be outside of a range that was moved.
             allowed[click.sample] |= bool(click.structure) and click is not clicks[-1]
     if not any(click.structure for click in clicks):
         raise SettingsError("click in the structure first; Alt click then removes leaks")
@@ -147,11 +147,11 @@ def _connected_click_steps(
     if takes:
         if before is None or not before[sample]:
             raise SettingsError("the structure does not reach this point; Alt click where it has leaked")
-        found = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
-        return _Grown(window, np.zeros_like(found), found, None)
+        connected = yield from connected_steps(before, [sample], volume.spacing, reach_mm, opening_mm)
+        return _Grown(window, np.zeros_like(connected), connected, None)
     allowed = yield from range_mask_steps(volume, *limits)
-    found = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
-    return _Grown(window, found, np.zeros_like(found), None)
+    connected = yield from connected_steps(allowed, [sample], volume.spacing, reach_mm, opening_mm)
+    return _Grown(window, connected, np.zeros_like(connected), None)
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_grow,))

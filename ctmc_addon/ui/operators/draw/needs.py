@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Conditions of drawing, and what all of its operators read from the scene."""
+"""Check conditions of drawing, and read the state that all of its operators need."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ from ..scene.slice_object import in_object_mode
 
 
 def can_draw(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether a CT is in memory that can be drawn on, with the reason if not.
+    """Return whether the CT in memory can be drawn on, with the reason if not.
 
-    In edit mode Blender's steps of undo hold the mesh alone, so a change of the drawing could not be taken back.
+    In edit mode Blender's undo steps hold only the mesh, so a change of the drawing could not be undone.
     """
     if not (in_object_mode(operator, context) and volumes.has_volume(operator, context)):
         return False
@@ -49,12 +49,12 @@ def require_active(scene: bpy.types.Scene) -> Any:
 
 
 def active_or_new(scene: bpy.types.Scene) -> Any:
-    """Return the structure that is drawn on; the first stroke makes one."""
+    """Return the structure that is drawn on, or a new one for the first stroke."""
     return drawings.active(scene) or drawings.add(scene, translate("Structure"))
 
 
 def structure_of(scene: bpy.types.Scene, key: str) -> Any:
-    """Return the structure with a key; a `SettingsError` where it has gone since the work began."""
+    """Return the structure with a key; raise a `SettingsError` if it was removed since the work began."""
     for item in drawings.structures(scene):
         if item.key == key:
             return item
@@ -64,7 +64,7 @@ def structure_of(scene: bpy.types.Scene, key: str) -> Any:
 class DrawTarget(NamedTuple):
     """State at the start of work, which `require` checks at its end: scene, CT, key and revision of the structure.
 
-    Without a key a structure is to be made.
+    An empty key stands for a new structure.
     """
 
     scene_uid: int
@@ -74,13 +74,13 @@ class DrawTarget(NamedTuple):
 
 
 def target_of(scene: bpy.types.Scene, item: Any | None) -> DrawTarget:
-    """Return a structure as it is now; None for one that is to be made."""
+    """Return the present state of a structure; None stands for a new one."""
     target = DrawTarget(scene.session_uid, scene.ctmc.volume_fingerprint)
     return target if item is None else target._replace(key=item.key, revision=masks.of(scene, item).revision)
 
 
 def require(target: DrawTarget) -> tuple[bpy.types.Scene, Any]:
-    """Return scene and structure once work is done; a `SettingsError` where they are not what it began with."""
+    """Return scene and structure at the end of the work; raise a `SettingsError` if they have changed."""
     scene = session.scene_of(target.scene_uid)
     if scene is None:
         raise SettingsError("the scene was removed; draw in another one")
@@ -91,7 +91,7 @@ def require(target: DrawTarget) -> tuple[bpy.types.Scene, Any]:
 
 
 def volume_of(scene: bpy.types.Scene) -> Volume:
-    """Return the CT that is drawn on, a `ReadError` where it is not in memory whole."""
+    """Return the CT that is drawn on; raise a `ReadError` if it is not fully in memory."""
     ct = volumes.require_loaded(scene)
     if ct.file is not None:
         raise ReadError("this CT does not fit in memory; load a part of it to draw")
@@ -99,7 +99,7 @@ def volume_of(scene: bpy.types.Scene) -> Volume:
 
 
 def limits_of(drawing: Any) -> tuple[float, float] | None:
-    """Return the range that tools stay in; None where they need not."""
+    """Return the range that tools stay in; None without one."""
     return (drawing.low, drawing.high) if drawing.use_range else None
 
 
@@ -119,6 +119,6 @@ def whole(shape: Sequence[int]) -> Window:
 
 
 def named_volume_text(scene: bpy.types.Scene, item: Any) -> str:
-    """Return what a structure is called, and how large it is."""
+    """Return the name of a structure with its volume."""
     text, name = translate("{name}: {volume}"), drawings.line_of(scene, item).name
     return text.format(name=name, volume=volume_text(masks.mm3_of(scene, item)))

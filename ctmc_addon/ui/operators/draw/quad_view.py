@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Three slices at once, each from its own side, beside the view that turns: the operator `ctmc.quad_view`."""
+"""Show three slices at once, each from its own side, next to the turnable view: the operator `ctmc.quad_view`."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from ...translations import translate
 from ...viewport import slice_objects
 from ..scene.slice_object import add_slices, chosen_slices, in_object_mode
 
-SOON = 0.01  # seconds between two looks whether the views have their sizes
-LONGEST = 1.0  # seconds to wait for them
+SOON = 0.01  # Seconds between two checks whether the views have their sizes.
+LONGEST = 1.0  # Seconds to wait for the views' sizes.
 
 
 class CTMC_OT_quad_view(Needs, bpy.types.Operator):
@@ -48,7 +48,7 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
         region = next(region for region in area.regions if region.type == "WINDOW")
         with context.temp_override(area=area, region=region):
             bpy.ops.screen.region_quadview()
-        scene.ctmc_view.show_slice = is_divided  # the slices that are objects would lie in it
+        scene.ctmc_view.show_slice = is_divided  # Slice objects would lie in the same plane.
         work = partial(arrange, scene.session_uid, area.as_pointer(), time.monotonic() + LONGEST)
         bpy.app.timers.register(work, first_interval=0.0)
         session.redraw_viewports()
@@ -56,7 +56,7 @@ class CTMC_OT_quad_view(Needs, bpy.types.Operator):
 
 
 def has_room(area: bpy.types.Area) -> bool:
-    """Return whether Blender has given the views of a viewport their sizes; until then each has that of the whole."""
+    """Return whether Blender has given the views of a viewport their sizes; before, each has that of the whole."""
     views = [region for region in area.regions if region.type == "WINDOW"]
     return 0.5 < sum(view.width * view.height for view in views) / (area.width * area.height) <= 1
 

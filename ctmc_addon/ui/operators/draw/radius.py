@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The brush's radius by mouse, as in sculpting: the operator `ctmc.draw_radius`."""
+"""Change the brush's radius by mouse, as in sculpting: the operator `ctmc.draw_radius`."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ...viewport import draw_tools
 from ...viewport.slice_hits import brush_under
 from .needs import can_draw
 
-DOUBLE = 120.0  # pixels at Blender's usual size, to the right, that double the radius
+DOUBLE = 120.0  # Pixels at Blender's usual size, to the right, that double the radius.
 ACCEPT, CANCEL = ("LEFTMOUSE", "RET", "NUMPAD_ENTER"), ("ESC", "RIGHTMOUSE")
 
 
@@ -45,13 +45,12 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def say(self, context: bpy.types.Context) -> None:
-        """Write into the status bar."""
         text = translate("Radius {radius} mm. Click: accept. Esc: cancel")
         context.workspace.status_text_set(text.format(radius=f"{context.scene.ctmc_draw.radius_mm:.1f}"))
         session.redraw_viewports()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse until a click or Enter accepts; Esc and a right click bring the radius back."""
+        """Follow the mouse until a click or Enter accepts; Esc and a right click restore the radius."""
         if event.type == "MOUSEMOVE":
             moved = (event.mouse_x - self.left) / (DOUBLE * context.preferences.system.ui_scale)
             context.scene.ctmc_draw.radius_mm = self.before * 2.0**moved
@@ -65,7 +64,6 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         return {"FINISHED"} if is_accepted else {"CANCELLED"}
 
     def cancel(self, context: Any) -> None:
-        """Give pointer and status bar back."""
         draw_tools.hold(None)
         if context.workspace is not None:
             context.workspace.status_text_set(None)

@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tool's click while the tool cannot be used: the operator `ctmc.draw_refuse` says why.
+"""Say why a tool cannot be used when it is clicked: the operator `ctmc.draw_refuse`.
 
-Blender hands a click that an operator's poll refuses to the next key, which would select the object under the mouse,
-or none, and with it another CT.
+Blender passes a click that an operator's poll refuses to the next key, which would select the object under the mouse,
+or none, and so activate another CT.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from ...translations import translate
 
 
 class Reason:
-    """Takes the place of an operator's class where its needs are asked."""
+    """A stand-in for an operator's class that keeps the reason of its needs."""
 
     text = ""
 
@@ -45,7 +45,7 @@ class CTMC_OT_draw_refuse(Needs, bpy.types.Operator):
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         reason: Any = Reason()
         if all(need(reason, context) for need in getattr(bpy.types, self.operator).needs):
-            return {"CANCELLED", "PASS_THROUGH"}  # the tool let the click through itself
+            return {"CANCELLED", "PASS_THROUGH"}  # The tool passed the click through itself.
         self.report({"WARNING"}, translate(reason.text))
         return {"CANCELLED"}
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Scissors: a lasso in the view. `ctmc.draw_lasso` draws it, `ctmc.draw_cut` cuts the structure along it."""
+"""Cut with a lasso in the view: `ctmc.draw_lasso` draws it, `ctmc.draw_cut` cuts the structure along it."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from ...viewport.mouse import window_under
 from .edits import edit_steps
 from .needs import can_draw, has_structure, require_active, target_of, volume_of, whole
 
-STEP = 3.0  # pixels between two corners of the lasso
-FEWEST = 3  # corners
+STEP = 3.0  # Pixels between two corners of the lasso.
+FEWEST = 3  # Fewest corners of a lasso.
 
 
 class CTMC_OT_draw_cut(jobs.LongOperator, bpy.types.Operator):
@@ -77,16 +77,15 @@ class CTMC_OT_draw_lasso(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def place(self, event: Any) -> tuple[float, float]:
-        """Return where the mouse is in the region, pixels."""
+        """Return the mouse position in the region, pixels."""
         return (event.mouse_x - self.region.x, event.mouse_y - self.region.y)
 
     def draw(self, region: int) -> None:
-        """Draw the lasso in its region."""
         if bpy.context.region.as_pointer() == region:
             draw_path([*self.corners, self.corners[0]])
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse, and cut when the button is let go."""
+        """Follow the mouse, and cut when the button is released."""
         if event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS":
             self.cancel(context)
             return {"CANCELLED"}
@@ -107,7 +106,6 @@ class CTMC_OT_draw_lasso(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
     def cancel(self, _context: bpy.types.Context) -> None:
-        """Take the lasso away."""
         bpy.types.SpaceView3D.draw_handler_remove(self.drawing, "WINDOW")
         session.redraw_viewports()
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Brush and eraser: a stroke on a slice, or with a ball along surfaces. The operator `ctmc.draw_stroke`.
+"""Draw and erase along strokes on a slice, or with a ball along surfaces: the operator `ctmc.draw_stroke`.
 
-The mask follows the mouse; the file gets the stroke when the button is let go. Esc brings back what the file has.
+The mask follows the mouse; the file gets the stroke when the button is released. Esc restores the mask from the file.
 """
 
 from __future__ import annotations
@@ -49,14 +49,14 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
             return self.give_up(context, error)
 
     def start(self, scene: bpy.types.Scene) -> None:
-        """Remember what is drawn on, and what the list had chosen before a first stroke."""
+        """Store the target and the list's choices before a first stroke."""
         self.key, self.chosen = "", drawings.chosen_in(scene.ctmc)
         self.touched: set[int] = set()
         self.is_new = drawings.active(scene) is None
         self.key = (require_active(scene) if self.erase else active_or_new(scene)).key
 
     def dab(self, scene: bpy.types.Scene, points_mm: Sequence[Point], normal: Point | None) -> None:
-        """Draw from point to point; a ball where there is no normal, on a surface."""
+        """Draw from point to point; a ball if there is no normal, on a surface."""
         drawing, volume = scene.ctmc_draw, volume_of(scene)
         drawn = masks.of(scene, structure_of(scene, self.key))
         across = None if drawing.ball else normal
@@ -65,7 +65,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         masks.touched(drawn)
 
     def finish(self, context: bpy.types.Context) -> set[str]:
-        """Put the stroke into the file; a new structure that has nothing is not kept."""
+        """Put the stroke into the file; a new structure that stays empty is removed."""
         scene = context.scene
         item = structure_of(scene, self.key)
         masks.store(scene, item, self.touched)
@@ -74,7 +74,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         return {"FINISHED"}
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Begin where the mouse is on a slice; beside all slices the click is another's."""
+        """Begin at the mouse on a slice; a click off all slices passes through."""
         if context.area is None or context.area.type != "VIEW_3D":
             self.report({"ERROR"}, translate("Press this in a 3D viewport"))
             return {"CANCELLED"}
@@ -92,7 +92,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def follow(self, context: bpy.types.Context, hit: SliceHit) -> None:
-        """Draw up to where the mouse is now."""
+        """Draw up to the mouse."""
         points = dict.fromkeys([tuple(self.hit.point_mm), tuple(hit.point_mm)])
         self.dab(context.scene, list(points), None if hit.on_surface else hit.normal.tolist())
         self.hit = hit
@@ -117,12 +117,12 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def give_up(self, context: bpy.types.Context, error: Exception) -> set[str]:
-        """Take the stroke back, and say why."""
+        """Revert the stroke, and report the reason."""
         self.cancel(context)
         return jobs.refuse(self, context.scene.session_uid, error)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """Bring back what the file has, while structure and CT are there, and the list as it was."""
+        """Restore the mask from the file, if structure and CT still exist, and the list as it was."""
         masks.end_stroke(self)
         scene = context.scene
         item = next((one for one in drawings.structures(scene) if one.key == self.key), None)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A structure is added, and a tool is taken: `ctmc.draw_add` and `ctmc.draw_tool`."""
+"""Add a structure, and select a tool: `ctmc.draw_add` and `ctmc.draw_tool`."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators for objects beside the surfaces: slices, volume, rulers."""
+"""Add and change objects other than surfaces: slices, volume, rulers."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces from which a box takes what lies inside or outside it."""
+"""Cut away the inside or outside of a box from surfaces."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from ...state import volumes
 from ...translations import translate
 from .slice_object import in_object_mode
 
-FRONT = Vector((0.0, 1.0, 0.0))  # of the patient, RAS
+FRONT = Vector((0.0, 1.0, 0.0))  # Axis to the front of the patient, RAS.
 
 
 def _has_box(operator: Any, context: bpy.types.Context) -> bool:
@@ -37,7 +37,7 @@ def _has_box(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def _first_corners(context: bpy.types.Context, surfaces: list[bpy.types.Object]) -> Any:
-    """Return where a new box begins: the panel's region, else the half of the surfaces nearest to the viewer."""
+    """Return the corners of a new box: the panel's region, else the half of the surfaces nearest to the viewer."""
     volume, settings = volumes.current_full(context.scene) or volumes.current(context.scene), context.scene.ctmc
     if volume is not None and settings.use_region:
         return region_corners(volume, tuple(settings.region), settings.region_unit) * machine().scale

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Click on a place: the slices meet there, and the status bar says its value. The operator `ctmc.pick_point`."""
+"""Make the slices meet at a clicked point and show its value in the status bar: the operator `ctmc.pick_point`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 
 def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direction: Any) -> Any:
-    """Return where a ray meets the slice that is drawn, world space; None where it passes."""
+    """Return where a ray meets the drawn slice, world space; None if it does not."""
     view = scene.ctmc_view
     if not view.show_slice:
         return None
@@ -31,8 +31,8 @@ def _drawn_slice_hit(scene: bpy.types.Scene, volume: Volume, origin: Any, direct
     return None if way is None else origin + direction * way
 
 
-def _found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
-    """The object under the mouse, None for the slice that is drawn, and the place in RAS+ mm; None for nothing."""
+def _hit_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area, event: Any) -> Any:
+    """Return the object under the mouse, None for the drawn slice, and the position in RAS+ mm; None without a hit."""
     ray = ray_under(area, event)
     if ray is None:
         return None
@@ -41,12 +41,12 @@ def _found_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Are
     if area.spaces.active.overlay.show_overlays:
         place = _drawn_slice_hit(context.scene, volume, *ray)
         hits.append(None if place is None else (None, place))
-    nearest = min(filter(None, hits), key=lambda found: (found[1] - origin).length, default=None)
+    nearest = min(filter(None, hits), key=lambda hit_point: (hit_point[1] - origin).length, default=None)
     return None if nearest is None else (nearest[0], patient_mm(*nearest, machine().scale))
 
 
 def _point_text(volume: Volume, point_mm: Sequence[float]) -> str:
-    """Return where a point is, and the value of the CT there."""
+    """Return the position of a point and the value of the CT there."""
     place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
     value = value_at(volume, point_mm)
     if value is None:
@@ -87,12 +87,11 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         self.say(context, "")
 
     def say(self, context: bpy.types.Context, text: str) -> None:
-        """Write into the status bar."""
         help_text = translate("Click: the slices meet there. Esc: done")
         context.workspace.status_text_set(f"{text}   |   {help_text}" if text else help_text)
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse; navigation and all else passes through."""
+        """Follow the mouse; navigation and all other events pass through."""
         area, ct = viewport_at(context, self.area), volumes.loaded(context.scene)
         if area is None or ct is None or is_end(event):
             self.cancel(context)
@@ -100,11 +99,11 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         is_click = event.type == "LEFTMOUSE" and event.value in ("PRESS", "DOUBLE_CLICK")
         if event.type != "MOUSEMOVE" and not is_click:
             return {"PASS_THROUGH"}
-        found = _found_under(context, ct.volume, area, event)
-        self.say(context, "" if found is None else _point_text(ct.volume, found[1]))
-        if found is None or not is_click:
+        hit_point = _hit_under(context, ct.volume, area, event)
+        self.say(context, "" if hit_point is None else _point_text(ct.volume, hit_point[1]))
+        if hit_point is None or not is_click:
             return {"PASS_THROUGH"}
-        self.pick(context, *found)
+        self.pick(context, *hit_point)
         bpy.ops.ed.undo_push(message=translate(self.bl_label))
         return {"RUNNING_MODAL"}
 

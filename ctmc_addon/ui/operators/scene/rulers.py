@@ -19,19 +19,18 @@ from ...viewport.mouse import Clicks, ray_under, viewport_at, window_under
 
 
 class _RulerClicks(Clicks):
-    """Clicks on surfaces become an object that says its value; inherited before `bpy.types.Operator`."""
+    """Clicks on surfaces that add a ruler with its value; inherited before `bpy.types.Operator`."""
 
     kind = ""
     called = ""
     asks: tuple[str, ...] = ()
 
     def execute(self: Any, context: bpy.types.Context) -> set[str]:
-        """Measure between the points that are given."""
         points, scale = [tuple(self.points_mm[i : i + 3]) for i in range(0, 3 * KINDS[self.kind], 3)], machine().scale
         return self.add(context, [tuple(value * scale for value in point) for point in points], points)
 
     def add(self: Any, context: bpy.types.Context, world_points: list[Any], points: list[Any]) -> set[str]:
-        """Add the object, selected alone where Blender's mode allows it."""
+        """Add the ruler, and select only it where Blender's mode allows it."""
         scene, name = context.scene, translate(self.called)
         fingerprint = scene.ctmc.volume_fingerprint
         try:
@@ -43,7 +42,6 @@ class _RulerClicks(Clicks):
         return {"FINISHED"}
 
     def invoke(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Ask for the points, one click each."""
         self.points = list[Any]()
         rulers.pending.world_points, rulers.pending.next_point = [], None
         return super().invoke(context, event)
@@ -53,22 +51,22 @@ class _RulerClicks(Clicks):
         context.workspace.status_text_set(translate(self.asks[len(self.points)]))
 
     def modal(self: Any, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Follow the mouse; a click sets a point, Esc or a right click leaves nothing."""
+        """Follow the mouse; a click sets a point, Esc or a right click cancels."""
         area = viewport_at(context, self.area)
         if area is None or (event.type in ("ESC", "RIGHTMOUSE") and event.value == "PRESS"):
             self.cancel(context)
             return {"CANCELLED"}
         if event.type == "MOUSEMOVE":
-            found = self.under(context, area, event)
-            rulers.pending.next_point = None if found is None else found[1]
+            surface_hit = self.under(context, area, event)
+            rulers.pending.next_point = None if surface_hit is None else surface_hit[1]
             area.tag_redraw()
         elif event.type == "LEFTMOUSE" and event.value == "PRESS" and window_under(area, event):
-            found = self.under(context, area, event)
-            if found is None:
+            surface_hit = self.under(context, area, event)
+            if surface_hit is None:
                 self.report({"WARNING"}, translate("There is no surface under the mouse"))
                 return {"RUNNING_MODAL"}
-            self.points.append(patient_mm(found[0], found[1], machine().scale))
-            rulers.pending.world_points.append(found[1])
+            self.points.append(patient_mm(surface_hit[0], surface_hit[1], machine().scale))
+            rulers.pending.world_points.append(surface_hit[1])
             if len(self.points) < KINDS[self.kind]:
                 self.ask(context)
                 return {"RUNNING_MODAL"}
@@ -78,7 +76,7 @@ class _RulerClicks(Clicks):
         return {"PASS_THROUGH"}
 
     def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
-        """Return the object under the mouse and where it is hit, or None."""
+        """Return the object under the mouse and the point hit, or None."""
         ray = ray_under(area, event)
         return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that stay in the scene, and surfaces cut open at them."""
+"""Add slices that stay in the scene, and cut surfaces open at them."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
 
 def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
-    """Return the slice of each plane that the sidebar has chosen."""
+    """Return the slice of each plane as set in the sidebar."""
     volume, chosen = volumes.require_loaded(scene).volume, zip(PLANES, positions_of(scene.ctmc_view), strict=True)
     return {plane: slice_at(volume, plane, position) for plane, position in chosen}
 
@@ -74,11 +74,11 @@ def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
 def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> int:
     """Show slices as objects, the new ones selected; return how many are new."""
     scene = context.scene
-    known = {plane: _known_slice(scene, section) for plane, section in sections.items()}
-    for obj in known.values():
+    existing = {plane: _existing_slice(scene, section) for plane, section in sections.items()}
+    for obj in existing.values():
         if obj is not None:
             obj.hide_set(False)
-    missing = [plane for plane in sections if known[plane] is None]
+    missing = [plane for plane in sections if existing[plane] is None]
     if missing:
         bpy.ops.object.select_all(action="DESELECT")
     for plane in missing:
@@ -89,14 +89,14 @@ def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> i
     return len(missing)
 
 
-def _known_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
+def _existing_slice(scene: bpy.types.Scene, section: SliceIndex) -> bpy.types.Object | None:
     """Return the slice object at a slice of the scene's CT, or None."""
     ct = volumes.require_loaded(scene)
     return at_corners(scene, ct.statistics.fingerprint, slice_corners(ct.volume, section), machine().scale)
 
 
 def _new_slice(scene: bpy.types.Scene, plane: str, section: SliceIndex) -> bpy.types.Object:
-    """Add a slice of the scene's CT, with window and level as the sidebar has them."""
+    """Add a slice of the scene's CT, with window and level of the sidebar."""
     ct = volumes.require_loaded(scene)
     window, level = window_and_level(scene.ctmc_view)
     volume = replace(ct.volume, name=volumes.called(scene))
@@ -128,7 +128,7 @@ class CTMC_OT_cut_at_slice(bpy.types.Operator):
         if not is_slice(context.object):
             view = context.scene.ctmc_view
             section = slice_at(volumes.require_loaded(context.scene).volume, view.plane, view.position)
-            plane = _known_slice(context.scene, section) or _new_slice(context.scene, view.plane, section)
+            plane = _existing_slice(context.scene, section) or _new_slice(context.scene, view.plane, section)
         else:
             plane = context.object
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Camera and lights for what is shown: the operator `ctmc.setup_studio`."""
+"""Add camera and lights for the visible surfaces: the operator `ctmc.setup_studio`."""
 
 from __future__ import annotations
 

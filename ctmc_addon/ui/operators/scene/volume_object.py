@@ -22,7 +22,7 @@ from ...translations import translate
 
 
 def _can_write(operator: Any, _context: bpy.types.Context) -> bool:
-    """Return whether there is a place for the .vdb, and a module that writes it, with the reason if not."""
+    """Return whether the .blend has a folder and Blender a module to write the .vdb, with the reason if not."""
     if vdb_writer() is None:
         operator.poll_message_set("This Blender has no OpenVDB module; the Blender of blender.org has one")
         return False
@@ -52,7 +52,6 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
     )
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the samples of the region at the stride."""
         scene = context.scene
         ct, settings = volumes.require_loaded(scene), scene.ctmc.to_settings()
         x, y, z = box_of(ct.full, settings.region, settings.region_unit)
@@ -76,7 +75,7 @@ class CTMC_OT_add_volume(jobs.LongOperator, bpy.types.Operator):
 
 
 def _free_path(name: str) -> Path:
-    """Return a .vdb beside the .blend that is not there yet."""
+    """Return an unused path of a .vdb next to the .blend."""
     folder = Path(bpy.data.filepath).parent
     stem = file_name(name)
     number, path = 1, folder / f"{stem}.vdb"

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Surfaces: making, changing, measuring and exporting them."""
+"""Make, change, measure and export surfaces."""

@@ -25,7 +25,6 @@ class CTMC_OT_choose_alpha(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """The active surface in its full form, at both ends of alpha."""
         scene, obj = context.scene, context.view_layer.objects.active
         full = surfaces.full_of(obj, scene)
         if full is None or full.surface is None:
@@ -36,7 +35,7 @@ class CTMC_OT_choose_alpha(jobs.LongOperator, bpy.types.Operator):
 
 
 def _choosing_steps(full: Reconstruction, min_angle_deg: float, uid: int) -> Steps[jobs.Conclusion]:
-    """Choose, then move the panel's slider, which the selected surfaces follow."""
+    """Choose alpha, then move the panel's slider, which the selected surfaces follow."""
     surface = full.surface
     assert surface is not None
     choice = yield from chosen_alpha_steps(lambda: replayed_steps([surface]), min_angle_deg)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Remove components of the active surface, or close it: `ctmc.remove_small`, `ctmc.keep_largest`, `ctmc.close_border`.
 
-The setting goes to the panel too, or the next Update would bring back what was left out.
+The setting goes to the panel too, or the next Update would restore the removed parts.
 """
 
 from __future__ import annotations
@@ -28,19 +28,18 @@ class _ComponentsOperator(jobs.LongOperator):
     extracts = False
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the active surface, with these settings."""
         changes = self.changes_of(context.view_layer.objects.active)
         work = from_full_steps(context, changes, extracts=self.extracts)
         return _with_panel_steps(work, context.scene.session_uid, changes)
 
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
-        """Return the settings to change, of the surface of an object."""
+        """Return the settings to change on an object's surface."""
         del obj
         return self.changes
 
 
 def _with_panel_steps(work: Steps[jobs.Conclusion], uid: int, changes: Mapping[str, Any]) -> Steps[jobs.Conclusion]:
-    """Return the work, and at its end the same settings in the panel."""
+    """Do the work, then show the same settings in the panel."""
     conclude = yield from work
 
     def conclude_and_show() -> str:
@@ -78,7 +77,7 @@ class CTMC_OT_remove_small(_ComponentsOperator, bpy.types.Operator):
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
         """Return the volume below which the components of a surface are small."""
         measurement = measurements.of(obj)
-        if measurement is None or not measurement.measures.small:  # as it is in files of 0.3
+        if measurement is None or not measurement.measures.small:  # Files of 0.3 do not have it.
             return {"min_part_mm3": as_shown(obj).mesh.measures.small}
         return {"min_part_mm3": measurement.measures.small}
 

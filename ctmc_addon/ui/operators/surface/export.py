@@ -53,11 +53,10 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     )
 
     def ending(self) -> str:
-        """As the list of formats says."""
         return str(self.kind)
 
     def check(self, context: bpy.types.Context) -> bool:
-        """Bring format and name together: whichever of the two was changed leads."""
+        """Match format and name; the one that was changed leads."""
         before, path = self.filepath, Path(self.filepath)
         if path.suffix.lower() in SURFACE_SUFFIXES and path.suffix.lower() != self.kind:
             if self.kind == getattr(self, "shown_kind", self.kind):
@@ -78,21 +77,19 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
         return True
 
     def suggestion(self, context: bpy.types.Context) -> str:
-        """Suggest the object's name."""
         return f"{file_name(context.object.name)}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
-        """Write them."""
         export_together(self.surfaces(context), path, space=self.space, scene=context.scene)
 
     def warnings(self, context: bpy.types.Context) -> list[str]:
-        """Say which are mirrored or scaled: files have them as the scene does."""
+        """Warn of mirrored or scaled surfaces, which files store as the scene shows them."""
         changes = [(obj.name, shape_change(obj)) for obj in self.surfaces(context)]
         texts = [(name, text(change)) for text in (mirrored_text, scaled_text) for name, change in changes]
         return [f"{name}: {text}" for name, text in texts if text]
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
-        """Return the surfaces to write, in the order of the labels; the active surface if there are no others."""
+        """Return the surfaces to write, in the order of the labels; the active surface if none is selected."""
         chosen = []
         if self.which == "SELECTED":
             chosen = [obj for obj in context.selected_objects if obj.type == "MESH" and not is_cut_box(obj)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Click on a component: it is kept, removed or made an object of its own. The operator `ctmc.pick_component`."""
+"""Keep, remove or separate a clicked component: the operator `ctmc.pick_component`."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
         context.workspace.status_text_set(text.format(action=label))
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        """Take clicks on surfaces; navigation, undo and all else passes through."""
+        """Take clicks on surfaces; navigation, undo and all other events pass through."""
         area = viewport_at(context, self.area)
         if area is None or is_end(event):
             self.cancel(context)
@@ -72,11 +72,11 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
         if event.type != "LEFTMOUSE" or event.value not in ("PRESS", "DOUBLE_CLICK"):
             return {"PASS_THROUGH"}
         ray = ray_under(area, event)
-        found = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
-        if found is None or not surfaces.is_surface(found[0]):
+        surface_hit = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+        if surface_hit is None or not surfaces.is_surface(surface_hit[0]):
             return {"PASS_THROUGH"}
         try:
-            text = picked(context, found[0], patient_mm(*found, machine().scale), self.action)
+            text = picked(context, surface_hit[0], patient_mm(*surface_hit, machine().scale), self.action)
         except CtmcError as error:
             jobs.refuse(self, context.scene.session_uid, error)
             return {"RUNNING_MODAL"}
@@ -86,7 +86,7 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
 
 
 def picked(context: bpy.types.Context, obj: bpy.types.Object, point_mm: Sequence[float], action: str) -> str:
-    """Do what the action says with the component at a point of a surface, RAS+ mm; return what came of it."""
+    """Apply the action to the component at a point of a surface, RAS+ mm; return the message."""
     require_updatable(obj)
     before, result = measurements.of(obj), own_surface(obj)
     chosen = component_at(result, np.array(point_mm, np.float64))

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Put finished surfaces into the scene, as new objects or into those that were selected.
+"""Put finished surfaces into the scene, as new objects or into the selected ones.
 
-Data-blocks are kept by their session_uid while a job runs: undo, deletion and renaming do no harm then.
+A job refers to data-blocks by their session_uid, so undo, deletion and renaming do no harm.
 """
 
 from __future__ import annotations
@@ -41,13 +41,13 @@ class ObjectRequest:
     structure : str
         Name of the label; empty for a threshold.
     fingerprint, kind : str
-        Of its CT; without a kind, an object that is updated keeps its name.
+        Fingerprint and kind of its CT; without a kind, an updated object keeps its name.
     prefix : str
         Name of the CT in the panel, before the name of the surface.
     opacity : float or None
-        Of a new object, from 0 to 1; None for an opaque one.
+        Opacity of a new object, 0 to 1; None for an opaque one.
     drawn : str or None
-        A hash of what was drawn of the structure, empty where nothing was; None leaves what the object has.
+        A hash of the structure's drawing, empty without one; None keeps the object's own.
     """
 
     settings: ReconstructionSettings
@@ -63,7 +63,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A surface and its request: before and after simplification, with the seconds of measuring.
+    """A surface before and after simplification with its request, and the seconds of measuring.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -77,14 +77,14 @@ class TimedSurface:
 
 @dataclass(frozen=True)
 class NewMesh:
-    """A mesh that no object has yet, and the object it was made for; None for a new one."""
+    """A mesh without an object yet, and the object it was made for; None for a new one."""
 
     mesh: int
     target: int | None
 
 
 def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
-    """Meshes of finished surfaces, a part of one between two steps; they are gone again if the job is left here.
+    """Make the meshes of finished surfaces in small steps; closing the steps removes them.
 
     Raises
     ------
@@ -135,7 +135,7 @@ def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[New
         targets = [session.object_of(surface.request.target) for surface in surfaces]
         for obj in targets:
             if obj is not None:
-                require_updatable(obj)  # before any of them is touched
+                require_updatable(obj)  # Check before any of them is changed.
         blocks = {mesh.session_uid: mesh for mesh in bpy.data.meshes}
         objects = []
         for surface, obj, new in zip(surfaces, targets, meshes, strict=True):
@@ -164,13 +164,13 @@ def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[New
 
 
 def name_of(request: ObjectRequest, result: Reconstruction) -> str:
-    """Return what a surface is called: its label, else tissue and threshold."""
+    """Return the name of a surface: its label, else tissue and threshold."""
     by_values = surface_name(request.kind, result.threshold, result.settings.upper)
     return f"{request.prefix} {request.structure or by_values}".strip()
 
 
 def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
-    """Select these and nothing else, where Blender's mode allows it; the last one is active."""
+    """Select only these objects, where Blender's mode allows it; the last one is active."""
     context = bpy.context
     layer = context.view_layer if context.scene == scene else scene.view_layers[0]
     active = layer.objects.active
@@ -186,7 +186,7 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
 
 
 def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
-    """For the report: names and triangles."""
+    """Return names and triangles for the report."""
     return ", ".join(
         translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))
         for obj, surface in zip(objects, surfaces, strict=True)

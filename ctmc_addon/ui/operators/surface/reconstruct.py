@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and the work that Simplify shares with it."""
+"""Make surfaces from the loaded CT: the operator `ctmc.reconstruct`, and work that Simplify shares with it."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
 
 def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
-    """Whether the cost estimate of these settings has found a surface that fits into memory, with the reason if not."""
+    """Return whether the cost estimate found a surface that fits into memory, with the reason if not."""
     cost = session.of(context.scene).cost
     if cost is not None and cost.refusal and list(cost.settings) == _settings_or_none(context.scene):
         operator.poll_message_set(translate_sentence(cost.refusal))
@@ -50,7 +50,7 @@ def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def _settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
-    """Return the settings of every surface of the panel; None while they contradict each other."""
+    """Return the settings of every surface of the panel; None if they contradict each other."""
     try:
         settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
     except SettingsError:
@@ -78,7 +78,6 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, volumes.has_volume, _is_possible)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return every surface the panel asks for."""
         scene = context.scene
         loaded = volumes.require_loaded(scene)
         runs = scene.ctmc.all_settings()
@@ -92,7 +91,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 labels = structures.require_volume_of(scene, run)
                 require_labels(labels)
         items = [scene.ctmc.structure_of(run) for run in runs]
-        beside = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
+        has_neighbors = len(runs) > 1 or any(surfaces.is_of_ct(obj, scene) for obj in scene.objects)
         requests = [
             ObjectRequest(
                 run,
@@ -102,7 +101,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
                 fingerprint,
                 kind,
                 volume_name,
-                chosen_opacity(item) if beside else None,
+                chosen_opacity(item) if has_neighbors else None,
                 drawings.hash_of(scene, item),
             )
             for run, item in zip(runs, items, strict=True)
@@ -119,17 +118,17 @@ def surfaces_steps(
     *,
     labels: Volume | None = None,
 ) -> Steps[jobs.Conclusion]:
-    """Make all surfaces, then put them into the scene at once; `full` takes the place of extraction.
+    """Make all surfaces, then put them into the scene at once; `full` replaces extraction.
 
-    Those of labels are made from `labels`, where they are not in the volume itself.
+    Surfaces of labels are made from `labels` if these are not in the volume itself.
     """
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
-    wanted = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
-    making = make_surfaces_steps(volume, wanted, budget, labels=labels, all_needed=True)
-    made = yield from stages.run(reconstructing, making)
-    finished = yield from stages.run(measuring, measured_steps(requests, made, budget.thread_count))
+    surface_requests = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
+    making = make_surfaces_steps(volume, surface_requests, budget, labels=labels, all_needed=True)
+    outcomes = yield from stages.run(reconstructing, making)
+    finished = yield from stages.run(measuring, measured_steps(requests, outcomes, budget.thread_count))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
     def conclude() -> str:
@@ -144,9 +143,9 @@ def surfaces_steps(
 
 
 def measured_steps(
-    requests: Sequence[ObjectRequest], made: Sequence[MadeSurface | CtmcError], threads: int
+    requests: Sequence[ObjectRequest], outcomes: Sequence[MadeSurface | CtmcError], threads: int
 ) -> Steps[list[TimedSurface]]:
-    """Measure surfaces, several at a time; Blender is not asked, so that threads may do this."""
+    """Measure surfaces, several at a time; no Blender data is used, so threads may do this."""
 
     def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[TimedSurface]:
         result, full = surface
@@ -156,9 +155,9 @@ def measured_steps(
         measurement, seconds = yield from timed_steps(measuring)
         return TimedSurface(request, full, result, measurement, seconds)
 
-    surfaces_made = [surface for surface in made if isinstance(surface, MadeSurface)]
-    pairs = list(zip(requests, surfaces_made, strict=True))
-    weights = [1.0 + len(surface.result.mesh.faces) for surface in surfaces_made]
+    new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
+    pairs = list(zip(requests, new_surfaces, strict=True))
+    weights = [1.0 + len(surface.result.mesh.faces) for surface in new_surfaces]
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 

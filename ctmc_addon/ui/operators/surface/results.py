@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Operators on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
+"""Work on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
 
 from __future__ import annotations
 
@@ -39,9 +39,9 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the surface as it shows, where the patient has it: moving the object is not a deviation."""
+        """Return the work on the surface at its position in the patient: moving the object is not a deviation."""
         scene, obj = context.scene, context.view_layer.objects.active
-        full = surfaces.known_full(obj, scene)
+        full = surfaces.full_of_last_run(obj, scene)
         mesh = as_shown(obj, scene).mesh
         return measure_steps(mesh, full, obj.session_uid, measurements.mesh_state(obj))
 
@@ -49,7 +49,7 @@ class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
 def measure_steps(
     mesh: TriangleMesh, full: Reconstruction | None, uid: int, state: measurements.State
 ) -> Steps[jobs.Conclusion]:
-    """Measure, and compare with the full surface where that is known."""
+    """Measure a surface, and compare it with the full surface if that is known."""
     measurement = yield from measurement_steps(mesh, None if full is None else full.mesh)
 
     def conclude() -> str:
@@ -64,7 +64,7 @@ def measure_steps(
 def _has_full(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the full surface of the active one is in memory, with the reason if not."""
     obj = context.view_layer.objects.active
-    if surfaces.known_full(obj, context.scene) is None:
+    if surfaces.full_of_last_run(obj, context.scene) is None:
         operator.poll_message_set(
             "The full surface is not in memory; reconstruct again, at a larger stride if it does not fit"
         )
@@ -86,16 +86,15 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change, _has_full)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Distances of the object's own vertices."""
         scene, obj = context.scene, context.view_layer.objects.active
         require_editable(obj)
-        full = surfaces.known_full(obj, scene)
+        full = surfaces.full_of_last_run(obj, scene)
         assert full is not None, "has_full asks for it"
         return deviation_steps(own_mesh(obj), full, obj.session_uid)
 
 
 def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once; the message has the largest distance that is painted."""
+    """Measure every vertex, then write once; the message has the largest painted distance."""
     distances = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
 
     def conclude() -> str:
@@ -138,7 +137,7 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
 
 
 class CTMC_OT_adopt_settings(bpy.types.Operator):
-    """Take the settings of the active surface into the panel."""
+    """Copy the settings of the active surface to the panel."""
 
     bl_idname = "ctmc.adopt_settings"
     bl_label = "Copy Settings to Panel"
@@ -199,7 +198,7 @@ def command_text(scene: bpy.types.Scene) -> str:
                 f"no command makes {called(item)}, because it was drawn; save the .blend and use the labels beside it"
             )
         path, number = structures.origin_of(scene, item)
-        if path:  # labels of a file beside the CT
+        if path:  # The labels are from a file other than the CT's.
             lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions()))
         else:
             lines.append(command_line(source, output, settings, reading))

@@ -20,7 +20,7 @@ from .reconstruct import surfaces_steps
 
 
 class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
-    """Bring the active surface to the goal of the panel."""
+    """Simplify the active surface to the goal of the panel."""
 
     bl_idname = "ctmc.simplify"
     bl_label = "Simplify Surface"
@@ -33,7 +33,6 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, surfaces.can_change)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the active surface, from its full form."""
         panel = context.scene.ctmc.to_settings()
         return from_full_steps(context, {name: getattr(panel, name) for name in ("simplifier", *GOALS)})
 
@@ -41,7 +40,7 @@ class CTMC_OT_simplify(jobs.LongOperator, bpy.types.Operator):
 def from_full_steps(
     context: bpy.types.Context, changes: Mapping[str, Any], *, extracts: bool = False
 ) -> Steps[jobs.Conclusion]:
-    """Make the active surface again with other settings, from its full form if that is known or not `extracts`."""
+    """Make the active surface again with other settings, from its full form if known and not `extracts`."""
     scene, obj = context.scene, context.view_layer.objects.active
     require_updatable(obj)
     provenance = require_provenance(obj)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of all surfaces of the scene: the operator `ctmc.table`, and the table copied or saved as CSV."""
+"""Measure all surfaces of the scene: the operator `ctmc.table`, and the table copied or saved as CSV."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from ..paths import SaveDialog
 
 
 def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether the scene has a surface that is shown, with the reason if not."""
+    """Return whether the scene shows a surface, with the reason if not."""
     if not surfaces.shown_in(context.scene):
         operator.poll_message_set("Show or reconstruct a surface first")
         return False
@@ -51,13 +51,12 @@ class CTMC_OT_table(jobs.LongOperator, bpy.types.Operator):
     needs = (jobs.idle, has_surfaces)
 
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        """Return the surfaces in the order of their labels."""
         objects = sorted(surfaces.shown_in(context.scene), key=surfaces.label_and_name)
         return table_steps(context.scene.session_uid, [obj.session_uid for obj in objects])
 
 
 def table_steps(scene_uid: int, uids: Sequence[int]) -> Steps[jobs.Conclusion]:
-    """Measure surfaces one after the other; those that are deleted meanwhile have no row."""
+    """Measure surfaces one after the other; surfaces deleted meanwhile have no row."""
     rows, kinds = [], set()
     for number, uid in enumerate(uids):
         yield Step(number / len(uids), "Measuring the surface")
@@ -118,11 +117,9 @@ class CTMC_OT_table_save(Needs, SaveDialog, bpy.types.Operator):
     needs = (has_table,)
 
     def suggestion(self, _context: bpy.types.Context) -> str:
-        """Suggest a name for the file."""
         return "structures.csv"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
-        """Write it."""
         write_text(path, csv_of(context.scene))
 
 

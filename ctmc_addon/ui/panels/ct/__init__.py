@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of the CT: volume, slice, region."""
+"""Draw the panels of the CT: volume, slice, region."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Region: the numbers of the box that a surface is sought in."""
+"""Draw the closed panel Region: the numbers of the box in which a surface is extracted."""
 
 from __future__ import annotations
 
@@ -19,7 +19,6 @@ class CTMC_PT_region(SubPanel, bpy.types.Panel):
     bl_label = "Region"
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """The switch stands beside the title."""
         self.layout.enabled = not jobs.locked()
         self.layout.prop(context.scene.ctmc, "use_region", text="")
 

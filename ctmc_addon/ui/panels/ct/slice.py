@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Slice: which slice stands in the viewport, and how its gray values are shown."""
+"""Draw the closed panel Slice: the position of the shown slice, its window and level."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ WINDOWS = (("Bone", 2000.0, 300.0), ("Soft Tissue", 400.0, 40.0), ("Lung", 1500.
 
 
 class CTMC_PT_slice(SubPanel, bpy.types.Panel):
-    """The slice that stands in the viewport."""
+    """Panel for the slice in the viewport."""
 
     bl_idname = "CTMC_PT_slice"
     bl_label = "Slice"
@@ -27,7 +27,6 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         return volumes.current(context.scene) is not None
 
     def draw_header(self, context: bpy.types.Context) -> None:
-        """The switch stands beside the title."""
         self.layout.enabled = not jobs.locked()
         self.layout.prop(context.scene.ctmc_view, "show_slice", text="")
 
@@ -37,7 +36,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         assert volume is not None, "poll asks for one"
         prepare(layout)
         row = layout.row()
-        row.use_property_split = False  # three words need the whole width
+        row.use_property_split = False  # Three words need the whole width.
         row.prop(view, "plane", expand=True)
         row = layout.row(align=True)
         row.prop(view, "position", slider=True)
@@ -51,7 +50,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.active = not (
             volume.kind == ValueKind.LABEL and context.scene.ctmc.use_label
-        )  # it is shown in their colors
+        )  # The slice is shown in their colors.
         unit = " [HU]" if volume.kind == ValueKind.HU else ""
         column.prop(view, "window", text=translate("Window") + unit, translate=False)
         column.prop(view, "level", text=translate("Level") + unit, translate=False)
@@ -66,7 +65,7 @@ class CTMC_PT_slice(SubPanel, bpy.types.Panel):
         row.operator("ctmc.add_slice", icon="MESH_PLANE")
         row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
         column.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
-        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # its German words need the line, as those below
+        column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # Its German words need the line, like those below.
         column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
         column.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
         row = column.row(align=True)

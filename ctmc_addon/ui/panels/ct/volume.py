@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The top of the main panel: Load, what went wrong, what the file knows of its CT, and the CT itself."""
+"""Draw the top of the main panel: Load, errors, the file's missing CT, and the CT itself."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
 
 LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
-MOST_BESIDE = 6  # buttons for labels that lie with the CT
+MOST_LABEL_BUTTONS = 6  # Buttons for label files next to the CT.
 SIDES_OF_AXES = {"x": "L - R", "y": "A - P", "z": "S - I"}
-NAMES = 0.32  # of the width: three spacings with four digits each have room beside them
+NAMES = 0.32  # Share of the width for names; three spacings with four digits each fit in the rest.
 
 
 def draw_load(layout: Any, context: bpy.types.Context) -> None:
-    """Load, what went wrong, and what the CT is."""
+    """Draw the button Load, errors, and the facts of the CT."""
     scene, job = context.scene, jobs.running(LOAD, LOAD_LABELS)
     if job is not None:
         draw_job(layout, job)
@@ -45,7 +45,7 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
 
 
 def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
-    """The file knows a CT that is not in memory."""
+    """Draw the name of the file's CT that is not in memory, and a button to load it."""
     box = layout.box()
     path = context.scene.ctmc.volume_path
     is_missing = not volumes.exists(path)
@@ -60,7 +60,7 @@ def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
 
 
 def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
-    """Size, spacing, orientation, values, series, and all that was assumed."""
+    """Draw size, spacing, orientation, values, series, and all assumptions."""
     volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
     columns, rows, slices = volume.size
     spacing = " x ".join(f"{side:.3g}" if side < 1 else f"{side:.4g}" for side in volume.spacing)
@@ -108,23 +108,23 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         )
     for note in volume.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
-    _draw_labels_beside(layout, context, loaded)
+    _draw_label_files(layout, context, loaded)
 
 
-def _draw_labels_beside(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
-    """Draw a button for labels that lie with the CT and are not in its list yet, by name where they are several."""
-    known = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
-    found = [path for path in loaded.labels_beside if str(path) not in known]
-    for path in found[:MOST_BESIDE]:
-        text = "Load Its Labels" if len(found) == 1 else path.name
+def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
+    """Draw a button for label files next to the CT that are not in its list yet, with names if there are several."""
+    added_paths = {bpy.path.abspath(source.path) for source in context.scene.ctmc.label_sources}
+    paths = [path for path in loaded.labels_beside if str(path) not in added_paths]
+    for path in paths[:MOST_LABEL_BUTTONS]:
+        text = "Load Its Labels" if len(paths) == 1 else path.name
         button = layout.operator(
-            "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(found) == 1
+            "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(paths) == 1
         )
         button.filepath = str(path)
 
 
 def _draw_views(layout: Any) -> None:
-    """A button that frames the CT, and one for every side of the patient."""
+    """Draw a button that frames the CT, and one for every side of the patient."""
     row = layout.split(factor=0.4, align=True)
     row.operator("ctmc.view", icon="ZOOM_SELECTED").side = AS_IT_IS
     row = row.row(align=True)
@@ -143,7 +143,7 @@ def _draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
 
 
 def _draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
-    """A button for every series, the one that was read pressed, and below it what tells the series apart."""
+    """Draw a button for every series, pressed for the one that was read, and below it what distinguishes it."""
     column = layout.column()
     column.label(text=translate("Series"), translate=False)
     for series in loaded.series:
@@ -155,8 +155,8 @@ def _draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
 
 
 def _series_text(series: Series) -> str:
-    """Number and kernel as the scanner has them, spacing and number of slices, size, folder."""
-    known = {
+    """Return number and kernel as set by the scanner, spacing and number of slices, size, folder."""
+    facts = {
         "no. {number}": series.dicom_number,
         "kernel {kernel}": series.kernel,
         "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
@@ -169,7 +169,7 @@ def _series_text(series: Series) -> str:
         translate(text).format(
             number=value, kernel=value, gap=value, count=value, folder=value, columns=columns, rows=rows
         )
-        for text, value in known.items()
+        for text, value in facts.items()
         if value
     ]
     return ", ".join(words)

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of what stands beside the surfaces."""
+"""Draw the panels of objects other than surfaces."""

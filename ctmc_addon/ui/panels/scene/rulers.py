@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Below Results: distances and angles, and the buttons that measure them."""
+"""Draw the panel below Results: distances and angles, and the buttons that measure them."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class CTMC_PT_rulers(SubPanel, bpy.types.Panel):
         for ruler in rulers_of(context.scene):
             row = column.row(align=True)
             row.label(text=ruler.name, icon=ICONS[ruler[PROPERTY]["kind"]], translate=False)
-            if text_of(ruler) not in ruler.name:  # it was called otherwise
+            if text_of(ruler) not in ruler.name:  # The ruler was renamed.
                 row.label(text=text_of(ruler), translate=False)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The closed panel Volume Object: the CT itself as an object that renders, and Blender's numbers in millimeters."""
+"""Draw the closed panel Volume Object: the CT itself as an object that renders, and Blender's numbers in mm."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from ..layout import SubPanel, draw_text, prepare
 
 
 class CTMC_PT_volume_object(SubPanel, bpy.types.Panel):
-    """The CT itself as an object."""
+    """Panel for the CT itself as an object."""
 
     bl_idname = "CTMC_PT_volume_object"
     bl_label = "Volume Object"

@@ -67,7 +67,7 @@ def test_names_stand_beside_the_picture_with_a_line_to_each_and_none_below(neste
     surfaces = shown_surfaces(nested, scene, FigureStyle(), ["liver", "tumor_left", "bone"])
     figure = finish(compose_steps([Cell(surfaces)], Page(120.0), FigureStyle(orientation=False)))
     try:
-        assert figure.layout.named_beside
+        assert figure.layout.has_name_columns
         left, _, right, _ = figure.layout.pictures[0]
         texts = [obj for obj in figure.scene.objects if obj.type == "FONT" and obj.data.body != "20 mm"]
         names = {obj.data.body: obj.location.x / figure.unit + 60.0 for obj in texts if " mm" not in obj.data.body}
@@ -77,7 +77,7 @@ def test_names_stand_beside_the_picture_with_a_line_to_each_and_none_below(neste
     finally:
         figure.remove()
     figure = finish(compose_steps([Cell(surfaces)], Page(40.0), FigureStyle(orientation=False)))
-    assert not figure.layout.named_beside, "a narrow page keeps its picture, and the names go below"
+    assert not figure.layout.has_name_columns, "a narrow page keeps its picture, and the names go below"
     figure.remove()
 
 

@@ -54,14 +54,14 @@ def test_masks_are_counted_with_their_ct_and_go_with_it(drawing, other_file, mon
     scene = bpy.context.scene
     stroke(middle())
     fingerprint, before, room = scene.ctmc.volume_fingerprint, mask().copy(), volumes.current(scene).nbytes
-    assert volumes.known(fingerprint).nbytes == room + before.nbytes
+    assert volumes.ct_of(fingerprint).nbytes == room + before.nbytes
     monkeypatch.setattr(volumes, "available_bytes", lambda: room + before.nbytes)
     bpy.ops.ctmc.load(filepath=str(other_file), spacing=(1, 1, 2))
-    assert volumes.known(fingerprint) is not None
+    assert volumes.ct_of(fingerprint) is not None
     assert scans.activate(scene, fingerprint)
     monkeypatch.setattr(volumes, "available_bytes", lambda: room + before.nbytes - 1)
     bpy.ops.ctmc.load(filepath=str(other_file), spacing=(1, 1, 2))
-    assert volumes.known(fingerprint) is None
+    assert volumes.ct_of(fingerprint) is None
 
 
 def test_a_mask_goes_along_when_its_ct_is_read_another_way(drawing):
@@ -71,4 +71,4 @@ def test_a_mask_goes_along_when_its_ct_is_read_another_way(drawing):
         scene.ctmc.spacing = (1, 1, spacing)
         bpy.ops.ctmc.load(again=True)
         assert mask().any()
-    assert [len(ct.drawn) for ct in volumes.all_known()][-1] == sum(len(ct.drawn) for ct in volumes.all_known()) == 1
+    assert [len(ct.drawn) for ct in volumes.all_cts()][-1] == sum(len(ct.drawn) for ct in volumes.all_cts()) == 1
