@@ -130,13 +130,13 @@ def label_choices(text: str) -> list[int | str]:
     choices: list[int | str] = []
     for piece in text.replace(";", ",").split(","):
         words = piece.split()
-        others = [word for word in words if not re.fullmatch(r"[-+]?[0-9]{1,18}", word)]
-        if words and not others:
+        names = [word for word in words if not re.fullmatch(r"[-+]?[0-9]{1,18}", word)]
+        if words and not names:
             choices += [int(word) for word in words]
         elif words and not is_number(words[0]):
             choices.append(ALL if piece.strip().lower() == ALL else " ".join(words))
         elif words:
-            raise argparse.ArgumentTypeError(f"write a whole number, a name, or all, not {others[0]!r}")
+            raise argparse.ArgumentTypeError(f"write a whole number, a name, or all, not {names[0]!r}")
     if not choices:
         raise argparse.ArgumentTypeError("write a label's number or name, or all")
     return choices

@@ -133,7 +133,7 @@ class Outputs:
         Budget().require(faces * self.triangle_bytes(simplifier), f"writing {faces} triangles{by}", remedy)
 
 
-def surface_output(text: str, suffix: str, several: bool, count_known: bool = True) -> dict[str, Any]:
+def surface_output(text: str, suffix: str, several: bool, is_counted: bool = True) -> dict[str, Any]:
     """Return the fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
 
     Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
@@ -144,7 +144,7 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
         The OUTPUT, and the suffix of files in a folder.
     several : bool
         Whether there may be several surfaces.
-    count_known : bool
+    is_counted : bool
         Whether there are several; else `Outputs.require_room_for` is asked once their number is known.
 
     Raises
@@ -161,11 +161,11 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
         raise OutputError(f"{path.name} is a picture; add --figure {path.name} to a surface, or use ctmc figure")
     if several and text and not path.suffix:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
-    if several and count_known:
+    if several and is_counted:
         mesh_files.require_one_surface(path)
     surface = require_writable(path, mesh_files.SURFACE_SUFFIXES)
-    for beside in files_of(surface)[1:]:
-        require_writable(beside)
+    for companion in files_of(surface)[1:]:
+        require_writable(companion)
     return {"surfaces": (surface,)}
 
 
@@ -215,8 +215,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
         opacities = opacities_of(surfaces.results, outputs.opacity)
         if outputs.needs_objects(surfaces.results[0].settings.simplifier):
             # A .blend has a scene "CTMC", a name that only one can have.
-            made = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
-            scene, objects, shown = stack.enter_context(made)
+            objects_shown = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
+            scene, objects, shown = stack.enter_context(objects_shown)
             stages.append(Stage("Building the object", time.perf_counter() - start))
         for path, numbers in outputs.surfaces_in(surfaces).items():
             if path.suffix.lower() in mesh_files.BLENDER_SUFFIXES:
@@ -232,8 +232,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                 small: dict[str, Any] = {}
                 if outputs.thumbnail:
                     small = {"size": outputs.thumbnail}
-                    made = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
-                    scene, objects, _ = stack.enter_context(made)
+                    objects_shown = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
+                    scene, objects, _ = stack.enter_context(objects_shown)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
                 how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}

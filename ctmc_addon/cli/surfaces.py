@@ -151,9 +151,9 @@ def surfaces_steps(
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
         working = make_surfaces_steps(volume, [request], budget, all_needed=True)
-        [made] = yield from stages.run(making, working)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        return surface_of(volume, made, writer)
+        [surface] = yield from stages.run(making, working)
+        assert isinstance(surface, MadeSurface), "an error is raised"
+        return surface_of(volume, surface, writer)
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -165,10 +165,10 @@ def surfaces_steps(
     )
 
 
-def surface_of(volume: Volume, made: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
+def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
     """Return one surface that goes by the input's name; a `writer` has written it."""
-    files = () if writer is None else (writer.path_of(made.result.settings.label),)
-    return Surfaces(volume.name, (made.result,), files=files)
+    files = () if writer is None else (writer.path_of(surface.result.settings.label),)
+    return Surfaces(volume.name, (surface.result,), files=files)
 
 
 def may_be_several(choices: Sequence[int | str]) -> bool:

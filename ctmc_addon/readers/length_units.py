@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Words for units of length, in millimeters: one table for all formats.
+"""Convert names of length units to millimeters: one table for all formats.
 
 Names after UDUNITS-2, which OME-Zarr takes, and symbols after OME-XML and ImageJ; letters' case does not matter.
 """

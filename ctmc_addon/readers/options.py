@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a path is read: what its files do not say, or what is asked for in their place.
+"""Describe how a path is read: facts that its files lack, and values that replace theirs.
 
 `read_volume`, the command line's flags, a manifest's columns, the sidebar's properties and the table `[reading]` of a
 settings file are made from these fields.
@@ -85,7 +85,7 @@ def _checked_name(name: str) -> str:
 
 @dataclass(frozen=True)
 class ReadingOptions(Described):
-    """How a path is read. Frozen, hashable and picklable.
+    """Options for reading a path. Frozen, hashable and picklable.
 
     Raises
     ------

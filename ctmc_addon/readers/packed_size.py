@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The length of packed bytes before they are unpacked: the codecs of Zarr and TIFF unpack however much there is."""
+"""Find the unpacked length of packed bytes before unpacking: the codecs of Zarr and TIFF have no limit."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
 
 
 def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool:
-    """Whether one stream, or several one behind the other, unpack to more than `most` bytes; damage is left alone."""
+    """Return whether one or several consecutive streams unpack to more than `most` bytes; False for damaged ones."""
     done = 0
     while content and done <= most:
         stream = start()

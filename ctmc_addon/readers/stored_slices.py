@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values that lie in a file row after row, plain or packed: only what is asked for is kept, and of plain ones read.
+"""Read slices of values stored row after row, plain or packed, and keep requested values only.
 
 No file is mapped into memory: a limit of a process's address space counts what is mapped.
 """
@@ -178,7 +178,7 @@ class PackedSlices(SliceReader):
 
 
 class JoinedSlices(SliceReader):
-    """Slices of several files, one behind the other."""
+    """Slices of several consecutive files."""
 
     def __init__(self, readers: Sequence[SliceReader]) -> None:
         self.readers = readers
@@ -216,7 +216,7 @@ class TimeSlices(SliceReader):
         self.stored.fill(out, moved, rows, columns)
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """Of all slices of a packed file also what lies before and behind is unpacked, up to the check sum."""
+        """Read values as steps; reading all slices also unpacks the bytes around them, up to the check sum."""
         checked = self.stored if isinstance(self.stored, PackedSlices) and slices == self.everything[0] else None
         if checked is not None:
             yield from checked.pass_to_steps(self.first)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bytes of a file, plain or compressed, straight into an array, with steps for progress and cancel."""
+"""Read bytes of a plain or compressed file straight into an array, with steps for progress and cancel."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What all readers ask of gray values: do they fit, what is their scale, what do they mean."""
+"""Check that values fit their type, scale them, and find out what they mean, for all readers."""
 
 from __future__ import annotations
 
@@ -151,12 +151,12 @@ class _ScaledSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """Those of the stored values, which several threads may decode."""
+        """Return the limit of the stored values, which several threads may decode."""
         return self.stored.at_once
 
     @property
     def own_bytes(self) -> int:
-        """Bytes that reading all values adds; 0 where values in memory are scaled in place."""
+        """Return the bytes that reading all values adds; 0 if values in memory are scaled in place."""
         in_place = isinstance(self.stored, ValuesInMemory) and self.dtype.itemsize == self.stored.dtype.itemsize
         return 0 if in_place else super().own_bytes
 
@@ -174,7 +174,7 @@ class _ScaledSlices(SliceReader):
 
 
 def _smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
-    """int16 or int32, whichever first holds `low` to `high`; None where neither does."""
+    """Return int16 or int32, whichever first holds `low` to `high`; None if neither does."""
     for dtype in (np.int16, np.int32):
         limits = np.iinfo(dtype)
         if limits.min <= low and high <= limits.max:
@@ -183,7 +183,7 @@ def _smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None
 
 
 def _range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
-    """Lowest and highest value, NaN left out."""
+    """Return the lowest and the highest value without NaN."""
     seen = Seen(reader.dtype)
     yield from reader.runs_steps(seen.add)
     return seen.low, seen.high
@@ -223,7 +223,7 @@ def _is_label_name(name: str) -> bool:
 
 
 class Meaning(NamedTuple):
-    """What values mean; where they are, labels as whole numbers; and what a user must know of it."""
+    """The meaning of values, a reader that gives labels as whole numbers, and notes for the user."""
 
     kind: ValueKind
     reader: SliceReader
@@ -302,7 +302,7 @@ def two_values(values: NDArray[Any]) -> set[float]:
 
 
 def is_mask_steps(reader: SliceReader) -> Steps[int]:
-    """The value inside, where all values are 0 and 1 or 0 and 255 and both occur, else 0; few slices settle it."""
+    """Return the inner value of a mask of only 0 and 1, or 0 and 255, else 0; few slices settle it."""
     seen: set[float] = set()
     numbers = WholeNumbers(reader.value_step, "")
     slices, rows, columns = reader.everything

@@ -137,7 +137,7 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
-        found = {table: table_of(table, values.pop(table), kinds) for table, kinds in _in_both(tables, values)}
+        table_values = {table: table_of(table, values.pop(table), kinds) for table, kinds in _in_both(tables, values)}
         values = with_present_names(values)
         for key, value in values.items():
             if key == "label":
@@ -147,7 +147,7 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
         ReconstructionSettings.from_dict(values | ({"label": 1} if "label" in values else {}))
     except SettingsError as error:
         raise SettingsError(f"{name}: {error}") from error
-    return values | found
+    return values | table_values
 
 
 def _in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str, Sequence[type]]]:

@@ -154,7 +154,7 @@ class CaseWork:
         self.source: Path | None = None
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
-        self.made: dict[int | None, MadeSurface | CtmcError] = {}
+        self.outcomes: dict[int | None, MadeSurface | CtmcError] = {}
         self.ct: Volume | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
@@ -213,24 +213,24 @@ class CaseWork:
         self,
         volume: Volume,
         settings: ReconstructionSettings,
-        beside: Sequence[int],
+        shared_labels: Sequence[int],
         writer: SurfaceWriter | None,
         written_bytes: int,
     ) -> Surfaces:
-        """Return the surface of an output; those of labels `beside` it are made with the first, and kept for theirs."""
+        """Return the surface of an output; the first call makes those of all `shared_labels` and keeps them."""
         label = settings.label
-        if label not in self.made:
-            every = [replace(settings, label=other) for other in beside] or [settings]
+        if label not in self.outcomes:
+            every = [replace(settings, label=other) for other in shared_labels] or [settings]
             own = HOLD if writer is None else writer.sink_of(label)
             sinks = [own if each.label == label else HOLD for each in every]
             requests = [
                 SurfaceRequest(each, sink, written_bytes=written_bytes) for each, sink in zip(every, sinks, strict=True)
             ]
             outcomes = finish(make_surfaces_steps(volume, requests, self.budget))
-            self.made = dict(zip((each.label for each in every), outcomes, strict=True))
+            self.outcomes = dict(zip((each.label for each in every), outcomes, strict=True))
         else:
             writer = None  # it was held
-        outcome = self.made.pop(label)
+        outcome = self.outcomes.pop(label)
         if isinstance(outcome, CtmcError):
             raise outcome
         return surface_of(volume, outcome, writer)

@@ -33,14 +33,19 @@ class Output:
     name: str
     settings: ReconstructionSettings
     labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
-    beside: tuple[int, ...] = ()  # all labels whose surfaces are made with that of the settings, it among them
+    shared_labels: tuple[int, ...] = ()  # all labels whose surfaces are made with that of the settings, it among them
 
     def plain(self) -> dict[str, Any]:
         """Return the case as plain data, for JSON."""
         settings = self.settings.to_dict()
         if self.labels:
             settings.pop("label", None)
-        return {"name": self.name, "settings": settings, "labels": list(self.labels), "beside": list(self.beside)}
+        return {
+            "name": self.name,
+            "settings": settings,
+            "labels": list(self.labels),
+            "beside": list(self.shared_labels),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -168,8 +173,10 @@ def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpt
         else:
             names = [f"{source.name}-label-{label}" for label in numbers] if len(numbers) > 1 else [source.name]
             every = [ReconstructionSettings(**values | {"label": label}) for label in numbers or (None,)]
-            beside = tuple(numbers) if share_walls(every) else ()
-            outputs = tuple(Output(name, settings, beside=beside) for name, settings in zip(names, every, strict=True))
+            shared_labels = tuple(numbers) if share_walls(every) else ()
+            outputs = tuple(
+                Output(name, settings, shared_labels=shared_labels) for name, settings in zip(names, every, strict=True)
+            )
     except SettingsError as error:
         if not source.where:
             raise UsageError(str(error)) from error

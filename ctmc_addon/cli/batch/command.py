@@ -314,7 +314,7 @@ def _labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
 def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
     """Return the memory that a case begins with, bytes, and let it ask for more where it can tell."""
     first = case.outputs[0]
-    several = bool(first.labels or first.beside)
+    several = bool(first.labels or first.shared_labels)
     task["asks"] = asks_for_memory(first.settings, several)
     source = source_of(case.path, first.settings.label)
     voxels, value_bytes = values_of(source, case.reading.allow_outside)

@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> None:
             args.output,
             f".{args.format}",
             may_be_several(choices) or asks_all_times(args),
-            count_known=len(choices) > 1 or asks_all_times(args),
+            is_counted=len(choices) > 1 or asks_all_times(args),
         ),
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):

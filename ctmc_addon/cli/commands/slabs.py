@@ -23,7 +23,7 @@ from ..scheduler import PATIENCE, Scheduler
 TICK = 0.05  # seconds between two looks at the futures
 AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
 LOST = "the scheduler {} lost a slab; run this again once it is up"
-LONGEST_ALONE = 60.0  # seconds without any worker
+LONGEST_WITHOUT_WORKERS = 60.0  # seconds without any worker
 RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 
@@ -88,10 +88,10 @@ class _ClusterWorkers:
             if time.monotonic() - looked > 1.0:
                 looked = time.monotonic()
                 seen = looked if self.count else seen
-                if looked - seen > LONGEST_ALONE:
+                if looked - seen > LONGEST_WITHOUT_WORKERS:
                     raise CtmcError(
                         f"the scheduler {self.cluster.address} has had no worker for "
-                        f"{LONGEST_ALONE:.0f} s; check why the workers ended, start one with `dask "
+                        f"{LONGEST_WITHOUT_WORKERS:.0f} s; check why the workers ended, start one with `dask "
                         f"worker {self.cluster.address}`, and run this again"
                     )
 

@@ -91,7 +91,7 @@ def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
     return settings
 
 
-def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
+def with_output_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
     """`run` with the folders of its outputs made, and removed again if nothing is written to them.
 
     An output that is a file of the input is refused as soon as the input is opened.

@@ -31,7 +31,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     add_described(group, Comparison, readers={"strides": sides_of})
     common.add_map(parser)
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run))
+    parser.set_defaults(run=common.with_output_folders(run))
 
 
 def run(args: argparse.Namespace) -> None:

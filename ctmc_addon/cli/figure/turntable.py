@@ -34,7 +34,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     again.add_argument("--resume", action="store_true", help="continue this turntable if it was interrupted")
     again.add_argument("--overwrite", action="store_true", help="replace an existing turntable")
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run))
+    parser.set_defaults(run=common.with_output_folders(run))
 
 
 def run(args: argparse.Namespace) -> None:

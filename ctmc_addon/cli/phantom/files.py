@@ -55,10 +55,10 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
         if name not in formats or not (folder / name).is_dir():
             continue
         ours = {namer(number) for number in range(1, slices + 1)}
-        others = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
-        if others:
+        foreign_files = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
+        if foreign_files:
             raise OutputError(
-                f"{folder / name} holds {others[0]}, which is not a slice of this phantom; choose another folder"
+                f"{folder / name} holds {foreign_files[0]}, which is not a slice of this phantom; choose another folder"
             )
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that decodes, from inside: a request in a line of JSON, a picture as plain bytes, until the input ends.
+"""Run the decoding process: read requests as lines of JSON and write pictures as plain bytes until the input ends.
 
 A request names a DICOM file and one of its frames.
 """

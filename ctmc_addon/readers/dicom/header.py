@@ -173,7 +173,7 @@ def read_dataset(file: IO[bytes], **options: Any) -> Any:
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
-    """Return the header of a DICOM image; None for another DICOM object, or a name that says picture or volume."""
+    """Return the header of a DICOM image; None for other DICOM objects and for suffixes of other formats."""
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a JPEG 2000 slice says of its values, which Pillow spreads over 8 or 16 bits: ITU T.800, annex A."""
+"""Read the depth and sign of a JPEG 2000 slice, whose values Pillow spreads over 8 or 16 bits: ITU T.800, annex A."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ class Depth(NamedTuple):
         return np.dtype(f"{'i' if self.signed else 'u'}{1 if self.bits <= 8 else 2}")
 
     def as_stored(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Values as they stand in the file, of Pillow's, which begin at 0 and fill their type."""
+        """Convert Pillow's values, which begin at 0 and fill their type, to those stored in the file."""
         spread = 8 * pixels.dtype.itemsize - self.bits
         values = pixels.astype(np.int32) >> spread
         return (values - (1 << (self.bits - 1)) if self.signed else values).astype(self.dtype)
@@ -58,7 +58,7 @@ def check_pixels(path: Path, pixels: int) -> None:
 
 
 def depth_of(path: Path) -> Depth:
-    """Depth and sign, and a `ReadError` for a slice that is cut off: decoders make a picture of half of one too."""
+    """Return depth and sign; raise `ReadError` for a truncated slice, of which decoders would make a picture too."""
     with path.open("rb") as file:
         head = file.read(MOST_HEADER)
         file.seek(max(0, file.seek(0, 2) - MOST_BEHIND))

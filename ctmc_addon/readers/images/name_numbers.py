@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The number that tells a slice from its neighbors in the names of pictures.
+"""Find the number that tells a slice from its neighbors in the names of pictures.
 
 It is whole or has decimals ('0.25', '0,25'), stands in parts ('0_9' before '1_0'), or is a time of day ('12.01.20').
 """
@@ -122,8 +122,8 @@ def _joined(columns: list[list[str]], text: tuple[str, ...], at: list[int]) -> l
     """
     parts = columns[at[0] : at[-1] + 1]
     fixed = all(len(set(map(len, part))) == 1 for part in parts[1:])
-    together = all(between in MARKS for between in text[at[0] + 1 : at[-1] + 1])
-    if not fixed or not together or text[at[0]][-1:].isalpha() or min(map(_value, parts[0])) > 0:
+    joined_by_marks = all(between in MARKS for between in text[at[0] + 1 : at[-1] + 1])
+    if not fixed or not joined_by_marks or text[at[0]][-1:].isalpha() or min(map(_value, parts[0])) > 0:
         return None
     return [_value("".join(row)) for row in zip(*parts, strict=True)]
 

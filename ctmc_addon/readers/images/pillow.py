@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One PNG, JPEG, JPEG 2000 or BMP slice to gray values as they stand in the file, by imageio and its plugin of Pillow.
+"""Read gray values of one PNG, JPEG, JPEG 2000 or BMP slice as stored, by imageio and its Pillow plugin.
 
-Color is taken where it is gray, and only then.
+Color pictures are read only if all their channels are equal.
 """
 
 from __future__ import annotations
@@ -85,12 +85,12 @@ def picture(path: Path) -> Picture:
 
 
 def _image_reason(error: BaseException) -> str:
-    """Pillow's complaint, without the object or path that it may name."""
+    """Return Pillow's error text without the object or path that it may name."""
     return "unknown content" if "cannot identify" in str(error) else reason(error)
 
 
 def gray_slice(header: Picture) -> NDArray[Any]:
-    """Gray values (rows, columns) of a picture of one page."""
+    """Return the gray values (rows, columns) of a picture of one page."""
     iio = needed("imageio.v3", "imageio", DECODED)
     pillow = needed("PIL.Image", "Pillow", DECODED)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pixel size in the log that Bruker's SkyScan and NRecon write beside their slices.
+"""Read the pixel size from the log that Bruker's SkyScan and NRecon write beside their slices.
 
 NAME_rec.log (of the reconstruction) or NAME.log (of the scan) lies beside NAME_rec00000000.bmp. It has sections with
 lines of `key=value`; lengths are in micrometers, and voxels have the same size along each axis.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""TIFF: tifffile finds its pages and what ImageJ and OME say of them; tiff_page reads a page."""
+"""Read TIFF stacks: tifffile finds pages and the metadata of ImageJ and OME; tiff_page.py reads a page."""
 
 from __future__ import annotations
 
@@ -135,13 +135,13 @@ def opened_stack(path: Path) -> _TiffStack | None:
 
 
 def page_count(path: Path) -> int:
-    """Number of pages of a TIFF."""
+    """Return the number of pages of a TIFF."""
     with _open_tiff(path) as tiff:
         return _pages_of(tiff)
 
 
 def _pages_of(tiff: Any) -> int:
-    """Number of pages; ImageJ writes one page header for a large stack."""
+    """Return the number of pages; ImageJ writes one page header for a large stack."""
     return max(len(tiff.pages), _stack_sides(tiff.series[0]))
 
 
@@ -186,7 +186,7 @@ def _open_tiff(path: Path, as_ome: bool = True) -> Any:
 
 
 def _without_companions(tifffile: Any) -> dict[str, bool]:
-    """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
+    """Return options that keep tifffile from opening other files that a TIFF names, wherever they lie."""
     kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
     # In versions of 2023 some are properties, which cannot be set.
     settable = (kind for kind in kinds if not isinstance(getattr(tifffile.TiffFile, kind, None), property))
@@ -203,7 +203,7 @@ def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
 
 
 def tiff_slice(header: Picture) -> NDArray[Any]:
-    """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
+    """Return the gray values (rows, columns) of a page of one TIFF file."""
     path = header.path
     with _open_tiff(path, as_ome=False) as tiff:
         with reading(path):
@@ -217,7 +217,7 @@ def _gray_dtype(layout: PageLayout) -> np.dtype[Any]:
 
 
 def _stack_sides(series: Any) -> int:
-    """Number of pages of a series."""
+    """Return the number of pages of a series."""
     return math.prod(int(side) for axis, side in zip(series.axes, series.shape, strict=True) if axis not in "SYX")
 
 
@@ -253,7 +253,7 @@ def _page_stack(tiff: Any, path: Path) -> _PageStack:
 
 
 def _pages_in(series: Any, path: Path) -> list[Any]:
-    """The pages of a series or a file, which tifffile reads when asked for them; None for one that is missing."""
+    """Yield the pages of a series or file as tifffile reads them; None for a missing page."""
     with reading(path):
         return list(series.pages)
 
@@ -281,7 +281,7 @@ def _check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
 def _page_slice(
     tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]
 ) -> NDArray[Any]:
-    """Gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
+    """Return the gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
     if layout.samples > MOST_SAMPLES:
         raise ReadError(
             f"{path.name} has {layout.samples} samples for each pixel, and a slice has one; save it as gray"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ImageJ and OME write into a TIFF: which page is which slice, time and channel, spacing and calibration.
+"""Read what ImageJ and OME write into a TIFF: the slice, time and channel of each page, spacing and calibration.
 
 Axes are tifffile's letters: Z slices, T times, C channels, S samples of a pixel.
 """
@@ -23,7 +23,7 @@ LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
 
 
 class Pages(NamedTuple):
-    """Which pages of a series are the slices: `first`, and every `step`-th after it, `slices` at each of `times`."""
+    """The pages of a series that are slices: `first` and every `step`-th after it, `slices` at each of `times`."""
 
     slices: int
     times: int
@@ -32,7 +32,7 @@ class Pages(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def first(self, time: int) -> int:
-        """Number of the first slice's page at a time, from 1 on."""
+        """Return the page number of the first slice at a time, which counts from 1."""
         return (time - 1) * self.time_step
 
 
@@ -76,7 +76,7 @@ def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
 
 
 class TiffMetadata(NamedTuple):
-    """What ImageJ or OME says of the pixels of a TIFF.
+    """The metadata of ImageJ or OME about the pixels of a TIFF.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One page of a TIFF: tifffile reads its tags and pixels, and all that it raises or logs meanwhile is a refusal.
+"""Read one page of a TIFF with tifffile; whatever tifffile raises or logs meanwhile becomes a `ReadError`.
 
 Pillow's libtiff reads whole pages that tifffile leaves to imagecodecs: LZW, samples of 2, 4 and 12 bits and Predictor 3
 where that package is missing, and JPEG and CCITT Group 4 always, so that no value depends on it.
@@ -59,7 +59,7 @@ END_OF_GROUP_4, END_OF_JPEG = "000000000001" * 2, b"\xff\xd9"
 
 
 class PageLayout(NamedTuple):
-    """How the pixels of a page are stored."""
+    """The layout of the stored pixels of a page."""
 
     shape: tuple[int, int]  # (rows, columns)
     samples: int  # of a pixel
@@ -86,7 +86,7 @@ class PageLayout(NamedTuple):
 
 
 class _Complaints(logging.Handler):
-    """Collects what tifffile logs in this thread."""
+    """A collection of what tifffile logs in this thread."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -181,7 +181,7 @@ def _is_small_number(tag: Any) -> bool:
 def page_pixels(
     tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]
 ) -> NDArray[Any]:
-    """Samples of a page as they are stored, unpacked.
+    """Return the stored samples of a page, unpacked.
 
     Parameters
     ----------
@@ -241,7 +241,7 @@ def page_pixels(
 
 
 def _dtype(path: Path, bits: int, sample_format: int) -> np.dtype[Any]:
-    """The type that holds a sample; whole numbers without a sign may have any number of bits up to 16."""
+    """Return the type that holds a sample; unsigned whole numbers may have any number of bits up to 16."""
     kind = KINDS.get(sample_format, "")
     if kind == "u" and bits <= 16:
         return np.dtype("uint8" if bits <= 8 else "uint16")
@@ -253,7 +253,7 @@ def _dtype(path: Path, bits: int, sample_format: int) -> np.dtype[Any]:
 
 
 def _colors(path: Path, palette: Any, bits: int) -> NDArray[np.uint8]:
-    """The colors of a palette, as 8 bits; some writers store 8 bits instead of 16."""
+    """Return the colors of a palette as 8 bits; some writers store 8 bits instead of 16."""
     values = np.ravel(palette)
     if bits > 16 or len(values) != 3 << bits or values.dtype.kind not in "iu":
         raise damaged(path, f"its palette has {len(values)} numbers, and {bits} bits need {3 << min(bits, 64)}")
@@ -325,7 +325,7 @@ class _FromPage(io.RawIOBase):
 
 
 def _by_pillow(tiff: Any, page: Any, layout: PageLayout, path: Path) -> NDArray[Any] | None:
-    """Samples of a page as they are stored, by Pillow; None where it cannot or would change them."""
+    """Read the stored samples of a page with Pillow; None if it cannot or would change them."""
     extra = [int(sample) for sample in page.keyframe.extrasamples or ()]
     turned = page.keyframe.tags.valueof(ORIENTATION, 1) != 1
     if page.offset <= 0 or turned or 1 in extra or (layout.samples > 1 and layout.bits != 8):

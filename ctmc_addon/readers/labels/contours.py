@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed contours to pixels: even-odd rule, pixel centers, a scanline for all edges at once.
+"""Fill closed contours on pixels: even-odd rule, pixel centers, one scanline pass for all edges.
 
 Positions are (column, row) in pixels, the center of the first pixel at (0, 0). A pixel whose center lies on a contour
 is inside, so that a contour drawn through the outermost pixels of a mask gives that mask again.
@@ -43,7 +43,7 @@ class _Traced(NamedTuple):
 
 
 class Edges(NamedTuple):
-    """Edges of contours, and the rows of the picture that they touch: none where `last` is less than `first`."""
+    """The edges of contours and the picture rows that they touch; no rows where `last` is less than `first`."""
 
     start: NDArray[np.float64]  # (n, 2)
     end: NDArray[np.float64]  # (n, 2)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks as labels of a volume, in as few layers as keep every mask whole; what overlaps and what is empty is said.
+"""Combine masks into labels, in as few layers as keep every mask whole; report overlaps and empty masks.
 
 A layer has one number a voxel, so labels that overlap lie in different ones, as in 3D Slicer's segmentations. Where
 none overlap there is one layer. The layers do not depend on the order in which masks are painted.
@@ -80,11 +80,11 @@ class LabelMap:
         free = None
         for layer in self._layers:
             before = layer[window][mask]
-            others = before[(before != 0) & (before != label)]
-            if not others.size:
+            covered = before[(before != 0) & (before != label)]
+            if not covered.size:
                 free = layer if free is None else free
                 continue
-            for other, count in enumerate(np.bincount(others).tolist()):
+            for other, count in enumerate(np.bincount(covered).tolist()):
                 if count:
                     pair = (min(label, other), max(label, other))
                     self.overlaps[pair] = self.overlaps.get(pair, 0) + count

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed contours of one structure in one plane to pixels: those that overlap in part are united, others are holes.
+"""Fill the closed contours of one structure in one plane; those that partly overlap are united, inner ones are holes.
 
 A contour within another is a hole in it (even-odd rule). Two that overlap in part are two strokes of one body: the
 even-odd rule would leave out the overlap. Contours that are united count as one from there on.
@@ -119,6 +119,6 @@ def _partly_overlap(first: Filled, second: Filled) -> bool:
     windows = [one.mask[top - one.top :, left - one.left :] for one in (first, second)]
     rows, columns = (min(window.shape[axis] for window in windows) for axis in (0, 1))
     shared = np.count_nonzero(windows[0][:rows, :columns] & windows[1][:rows, :columns])
-    own, others = sorted(np.count_nonzero(one.mask) - shared for one in (first, second))
+    smaller, larger = sorted(np.count_nonzero(one.mask) - shared for one in (first, second))
     # The ring that a hole leaves may be thin: what sticks out of it is compared with the ring, too.
-    return shared > 0 and own > SLIVER * min(shared + own, others)
+    return shared > 0 and smaller > SLIVER * min(shared + smaller, larger)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
+"""Read Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
 
 Header and affine of Analyze by nibabel, which reads them as SPM2 does.
 """

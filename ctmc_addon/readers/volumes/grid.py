@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values one behind the other in one file, plain, gzip or bzip2, of one time or several."""
+"""Read consecutive values in one file, plain, gzip or bzip2, of one time or several."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
+"""Read FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
 
 surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat is the format's description.
 """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""NRRD with its data inside, in one other file or in many; its header by pynrrd.
+"""Read NRRD with its data inside, in one other file or in many; its header by pynrrd.
 
 The first axis is the fastest, so the values are (third, second, first) in C order.
 teem.sourceforge.net/nrrd/format.html is the format's description.
@@ -81,16 +81,16 @@ class _NrrdFile(VolumeSource):
             layers = []
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
-            made = yield from layered_steps(layers, self.segments, self.path.name)
-            first, *further = made.layers
-            said = (*notes, *made.notes)
+            label_layers = yield from layered_steps(layers, self.segments, self.path.name)
+            first, *further = label_layers.layers
+            said = (*notes, *label_layers.notes)
             return RawValues(
                 first,
                 affine,
                 said,
                 ValueKind.LABEL,
-                made.names,
-                made.colors,
+                label_layers.names,
+                label_layers.colors,
                 directions=directions,
                 layers=tuple(further),
             )
@@ -131,7 +131,7 @@ def open_steps(path: Path) -> Steps[_NrrdFile]:
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
-    """Header by pynrrd; `stream` is left at the first byte of attached data."""
+    """Return pynrrd's header; leave `stream` at the first byte of attached data."""
     nrrd = needed("nrrd", "pynrrd", "NRRD")
     lines, names = _header_lines(stream, name)
     try:
@@ -152,7 +152,7 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
 
 
 def _header_lines(stream: IO[bytes], name: str) -> tuple[list[str], list[str]]:
-    """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know.
+    """Return the lines up to the empty one, and the names after `data file: LIST`, which pynrrd cannot read.
 
     They are decoded here: of bytes pynrrd drops every letter that is not ASCII.
     """
@@ -302,7 +302,7 @@ def _stored_steps(
     shape: tuple[int, int, int],
     dtype: np.dtype[Any],
 ) -> Steps[SliceReader]:
-    """Return what reads the values of one data file, which begin behind byte `start` and what the header skips.
+    """Return a reader of the values of one data file, after byte `start` and the bytes that the header skips.
 
     Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
     """

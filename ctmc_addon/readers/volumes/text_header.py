@@ -40,8 +40,8 @@ def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: st
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = "a number" if count == 1 else f"{count} numbers"
-        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {wanted}; export it again")
+        expected = "a number" if count == 1 else f"{count} numbers"
+        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {expected}; export it again")
     return values
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VFF, Sun's visualization file format as micro-CT scanners of GE write it: a text header, then big-endian values.
+"""Read VFF, Sun's visualization format as GE's micro-CT scanners write it: a text header, then big-endian values.
 
 Lines `key=value;` from the word `ncaa` to a form feed. A voxel's side is `elementsize` in mm times `spacing`.
 """

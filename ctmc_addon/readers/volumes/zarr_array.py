@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One array of a Zarr store, version 2 or 3, by zarr: its description, and its values some chunks at a time.
+"""Read one array of a Zarr store, version 2 or 3, by zarr: its description, and its values some chunks at a time.
 
 zarr-specs.readthedocs.io describes both versions. The names of codecs are looked at before zarr is asked, and one that
 is not in `CODECS` is refused, as one of zarr's unpickles what it reads.
@@ -74,12 +74,12 @@ def read_json(path: Path, name: str) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        found = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_JSON else None
+        metadata = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_JSON else None
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
+        metadata = None
+    if not isinstance(metadata, dict):
         raise ReadError(f"{path.name} of {name} is not readable metadata of Zarr; export or copy it again")
-    return found
+    return metadata
 
 
 def array_header(folder: Path, name: str) -> ArrayHeader:
@@ -125,7 +125,7 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
 
 
 def outermost(about: Mapping[str, Any]) -> str:
-    """Return the codec that was the last to pack, check sums left out."""
+    """Return the codec that packed last, except check sums."""
     codecs = [about.get("compressor"), *listed(about, "codecs")]
     words = [str(codec.get("id", codec.get("name"))) for codec in codecs if isinstance(codec, dict)]
     packing = [word.removeprefix("numcodecs.") for word in words if "crc32" not in word]
@@ -134,18 +134,18 @@ def outermost(about: Mapping[str, Any]) -> str:
 
 def listed(about: Mapping[str, Any], key: str) -> list[Any]:
     """Return the list of that name; empty where there is none."""
-    found = about.get(key)
-    return found if isinstance(found, list) else []
+    entries = about.get(key)
+    return entries if isinstance(entries, list) else []
 
 
 def _codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
     """Yield the names of all codecs, at any depth of their configurations."""
     if isinstance(codecs, dict):
-        for key, found in codecs.items():
+        for key, value in codecs.items():
             if key in ("id", "name"):
-                yield str(found)
-            elif isinstance(found, dict | list):
-                yield from _codec_ids(found, depth + 1) if depth < MOST_AXES else ["nested too deep"]
+                yield str(value)
+            elif isinstance(value, dict | list):
+                yield from _codec_ids(value, depth + 1) if depth < MOST_AXES else ["nested too deep"]
     elif isinstance(codecs, list):
         for codec in codecs:
             yield from (
@@ -158,7 +158,7 @@ def _codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
 
 
 def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
-    """Return what is said where files of chunks are not there: a store leaves out those of the fill value.
+    """Return a note on missing chunk files: a store leaves out chunks of the fill value.
 
     Raises
     ------
@@ -229,14 +229,14 @@ class ZarrSlices(SliceReader):
             target[...] = values[kept.index(own[0]) :][:: own.step // kept.step][: len(own)]
 
     def runs_steps(self, visit: Callable[[NDArray[Any]], bool]) -> Steps[None]:
-        """Hand all values to `visit`, if so many slices fit: a store need not hold what it tells of."""
+        """Hand all values to `visit` if the slices fit in memory: a store need not hold all that its metadata claim."""
         sides = f"{self.shape[2]} x {self.shape[1]} x {self.at_once}"
         size = self.at_once * self.shape[1] * self.shape[2] * self.dtype.itemsize
         require_memory(size, f"looking at {self.header.name} ({sides})", "choose another level")
         yield from super().runs_steps(visit)
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """`read` as steps, a layer of chunks at a time, straight into place."""
+        """Read values as steps, a layer of chunks at a time, straight into place."""
         out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
         for first, own, _ in self._layers(slices):
             yield Step(first / len(slices), "Reading slices")
@@ -244,13 +244,13 @@ class ZarrSlices(SliceReader):
         return out
 
     def _is_kept(self, slices: range, rows: range, columns: range) -> bool:
-        """Whether values of one layer are among those that were kept."""
+        """Return whether values of one layer were kept."""
         if self._kept is None or self._kept[1:3] != (rows, columns) or slices.step % self._kept[0].step:
             return False
         return slices[0] in self._kept[0] and slices[-1] in self._kept[0]
 
     def _layers(self, slices: range) -> Iterator[tuple[int, range, int]]:
-        """The slices of each layer of chunks: the number of the first, they themselves, and where the layer stops."""
+        """Yield each layer of chunks: the number of its first slice, its slices, and its end."""
         side, first = self.header.chunks[self.axes[0]], 0
         while first < len(slices):
             stop = min((slices[first] // side + 1) * side, self.shape[0])
@@ -269,7 +269,7 @@ class ZarrSlices(SliceReader):
                 out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
 
     def _selected(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
-        """Values (slices, rows, columns) by zarr."""
+        """Return the values (slices, rows, columns) by zarr."""
         index: dict[int, int | slice] = dict(self.at)
         index |= dict(zip(self.axes, map(as_slice, (slices, rows, columns)), strict=True))
         if self.header.codec:

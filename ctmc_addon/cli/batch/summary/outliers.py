@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ..files import DONE
-from .rows import NOTES_BETWEEN, SummaryRow, known
+from .rows import NOTES_BETWEEN, SummaryRow, present_values
 
 FEWEST = 5  # Among fewer cases no volume and no note is unusual.
 DEVIATIONS = 3.0  # A volume is unusual if it is more standard deviations from the median.
@@ -28,8 +28,8 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
         if row.status == DONE:
             groups.setdefault(str(row.label), []).append(row)
     for group in groups.values():
-        center, deviation = _center_and_deviation(known("volume_mm3", group))
-        median = statistics.median(known("components", group) or [0])
+        center, deviation = _center_and_deviation(present_values("volume_mm3", group))
+        median = statistics.median(present_values("components", group) or [0])
         often = Counter(pattern for row in group for pattern in {_pattern_of(note) for note in _notes_of(row)})
         most = max(1, int(RARE * len(group))) if len(group) >= FEWEST else 0
         for row in group:

@@ -19,7 +19,7 @@ from urllib.parse import quote
 from ....core import VERSION, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
 from ..files import DONE, THUMBNAILS
-from .rows import NOTES_BETWEEN, SummaryRow, counts, known
+from .rows import NOTES_BETWEEN, SummaryRow, counts, present_values
 
 TEMPLATE = Path(__file__).with_name("template")
 RELOAD_SECONDS = 10  # An open page reloads itself this often while the batch runs.
@@ -75,7 +75,7 @@ def _by_label(rows: Sequence[SummaryRow]) -> list[list[SummaryRow]]:
 
 def _cohort(rows: Sequence[SummaryRow]) -> dict[str, Any]:
     """Return the totals and the histogram of all cases with a label."""
-    return {"label": rows[0].label, "totals": _totals(rows), "histogram": histogram(known("volume_mm3", rows))}
+    return {"label": rows[0].label, "totals": _totals(rows), "histogram": histogram(present_values("volume_mm3", rows))}
 
 
 def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
@@ -83,7 +83,7 @@ def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
     seconds = [row.seconds for row in done if row.seconds is not None]
     memory = [row.memory_bytes / (1 << 20) for row in done if row.memory_bytes is not None]
     measured: list[tuple[str, Sequence[float], Callable[[float], str]]] = [
-        *((each.head, known(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
+        *((each.head, present_values(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
         ("seconds", seconds, _short),
     ]
     lines = [
@@ -121,8 +121,8 @@ def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
     (0.0, 2.0, [1, 2, 0, 0, 1])
     """
     low, high = min(values), max(values)
-    wanted = min(MOST_BINS, 2 * math.isqrt(len(values)))
-    rough = (high - low) / wanted or abs(high) or 1.0
+    bins = min(MOST_BINS, 2 * math.isqrt(len(values)))
+    rough = (high - low) / bins or abs(high) or 1.0
     power = 10.0 ** math.floor(math.log10(rough))
     width = next(power * step for step in (1, 2, 5, 10) if power * step >= rough * (1 - 1e-9))
     first, last = math.floor(low / width), math.floor(high / width)

@@ -62,8 +62,8 @@ class SummaryRow:
 
     def columns(self) -> dict[str, Any]:
         """Return the cells of the CSV and the JSON."""
-        known = _columns(Place.BATCH, self.values)
-        return {name: known[name] if name in known else getattr(self, name) for name in COLUMNS}
+        measures = _columns(Place.BATCH, self.values)
+        return {name: measures[name] if name in measures else getattr(self, name) for name in COLUMNS}
 
     def plain(self) -> dict[str, Any]:
         """Return the row as the JSON has it: its cells, and those of each of several surfaces."""
@@ -106,7 +106,7 @@ def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
     return combined(about, [surface.get(about.name) for surface in record.get("surfaces", ())])
 
 
-def known(name: str, rows: Sequence[SummaryRow]) -> list[float]:
+def present_values(name: str, rows: Sequence[SummaryRow]) -> list[float]:
     """Return a measure of the rows where it is known."""
     return [value for row in rows if (value := row.values.get(name)) is not None]
 

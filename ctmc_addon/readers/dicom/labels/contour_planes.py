@@ -118,8 +118,8 @@ def _are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
     >>> are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
     [True, True, False, True, True, True]
     """
-    beside = np.concatenate([[0.0], steps, [0.0]])
-    usual = np.maximum(np.maximum(beside[:-2], beside[2:]), max(_lower_median(steps), 1.0))
+    padded_steps = np.concatenate([[0.0], steps, [0.0]])
+    usual = np.maximum(np.maximum(padded_steps[:-2], padded_steps[2:]), max(_lower_median(steps), 1.0))
     return np.asarray(steps <= WIDEST * usual + ROUNDING)
 
 

@@ -231,7 +231,7 @@ def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
         too fine to be meant.
     """
     total = float(heights[-1] - heights[0])
-    found = []
+    slice_counts = []
     for gap in (gap_hint, float(np.diff(heights).min())):
         steps = round(total / gap) if gap >= FINEST_MM and total / gap < MOST_SLICES else 0
         even = False
@@ -239,5 +239,5 @@ def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
             index = (heights - heights[0]) * (steps / total)
             even = bool(np.abs(index - np.rint(index)).max() <= EVEN)
             even = even and len(np.unique(np.rint(index))) == len(heights)
-        found.append(steps + 1 if even else 0)
-    return found
+        slice_counts.append(steps + 1 if even else 0)
+    return slice_counts

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Segments of 3D Slicer's `.seg.nrrd`: keys `SegmentN_...` of the header, and layers where segments overlap.
+"""Read the segments of 3D Slicer's `.seg.nrrd`: header keys `SegmentN_...`, and layers where segments overlap.
 
 slicer.readthedocs.io, developer guide, modules/segmentations.
 """

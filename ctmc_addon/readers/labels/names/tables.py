@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of label names and colors in a text file beside a label volume, known by their content.
+"""Find tables of label names and colors in text files beside a label volume, by their content.
 
 3D Slicer's `.ctbl` and FreeSurfer's look-up tables have a number, a name, and red, green, blue, alpha in a line;
 ITK-SNAP has a number, red, green, blue, alpha, two switches and a name in quotes.
@@ -27,7 +27,7 @@ ITK_SNAP = re.compile(rf"(\d{{1,9}})\s+{BYTE}\s+{BYTE}\s+{BYTE}\s+[\d.]+\s+[01]\
 
 
 class LabelTable(NamedTuple):
-    """Names and colors by label, and the note that says where they are from."""
+    """Names and colors by label, and a note on their source."""
 
     names: Mapping[int, str]
     colors: Mapping[int, RGB]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The labels that lie with a CT: LiTS' segmentation, DICOM SEG and RTSTRUCT, and folders of masks beside it."""
+"""Find the labels near a CT: LiTS segmentations, DICOM SEG and RTSTRUCT files, and folders of masks."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ MOST_FILES = 5000  # looked at in a folder
 
 
 def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files and folders of labels that lie with a CT; whether they fit it shows when they are read.
+    """Return the files and folders of labels near a CT; reading them shows whether they fit it.
 
     Parameters
     ----------
