@@ -16,7 +16,7 @@ from ..core import NO_THREAD, ReadError, Step, Steps
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-STEP_SECONDS = 0.03  # between two steps while a library is imported
+STEP_SECONDS = 0.03  # Seconds between two steps while a library is imported.
 
 # Where no application listens, `logging` prints a library's complaints; a handler of its own keeps it from that.
 for _name in ("PIL", "imageio", "pydicom", "tifffile"):

@@ -2,8 +2,8 @@
 """List every format: its name, the marks that identify it, and the module that opens it.
 
 A new format is a line of `FORMATS` and a module of this package. The module has `open_steps(path)`, steps that return a
-`VolumeSource`; if files of the format may be slices, also `is_whole_volume(path)`, which says whether a file is a volume
-by itself. Modules are imported when they are first needed, so that they may import this table too.
+`VolumeSource`; if its files may be slices, also `is_whole_volume(path)`, which says whether a file is a volume by
+itself. Modules are imported when they are first needed, so that they may import this table too.
 """
 
 from __future__ import annotations
@@ -100,7 +100,7 @@ MASK_SUFFIXES = tuple(end for about in FORMATS.values() if about.may_be_mask for
 BY_SUFFIX = {end: name for name, about in FORMATS.items() for end in about.suffixes}
 BY_FILE_NAME = {word: name for name, about in FORMATS.items() for word in about.names}
 BY_VALUES = {about.values: name for name, about in FORMATS.items() if about.values}
-HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # bytes that hold every mark
+HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # Every mark ends here.
 
 
 def marked(head: bytes) -> str:

@@ -306,7 +306,7 @@ class VolumeSource(ABC):
         times = line.times
         if time is not None and not 1 <= time <= times:
             holds = f"holds {times} times" if times > 1 else "holds a single time"
-            raise ReadError(f"there is no time {time}, as {self.path.name} {holds}; choose from 1 to {times}")
+            raise ReadError(f"there is no time {time}, because {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
         note = (
@@ -358,7 +358,7 @@ class VolumeSource(ABC):
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
-            notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
+            notes.append(f"mirrored along {', '.join(request.flip)} as asked, at the same position")
         kind = raw.kind
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
@@ -374,7 +374,7 @@ class VolumeSource(ABC):
             kept = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
             if len(kept) < len(colors) and not request.anatomy_colors:
                 notes.append(
-                    "colors follow the anatomical names, since the file's repeat by number; file_colors keeps those"
+                    "colors follow the anatomical names, because the file's colors repeat; file_colors keeps them"
                 )
             colors = kept
         lines = tuple(one_line(note) for note in notes)

@@ -21,14 +21,14 @@ from ..core import ReadError, Step, Steps, finish
 from ..core.volume import SliceReader
 from .streams import check_end_steps, fill_steps, skip_steps
 
-WORTH_READING = 1 << 16  # bytes between two rows; passing over fewer takes longer than reading them
-BLOCK = 1 << 22  # bytes read at once
+WORTH_READING = 1 << 16  # Bytes between two rows; reading fewer is faster than skipping them.
+BLOCK = 1 << 22  # Bytes read at once.
 
 
 class RawSlices(SliceReader):
     """Plain values (slices, rows, columns) in C order, from byte `start` of a file on."""
 
-    thread_safe = True  # every call opens the file for itself
+    thread_safe = True  # Every call opens the file for itself.
 
     def __init__(self, path: Path, start: int, shape: tuple[int, int, int], stored: np.dtype[Any]) -> None:
         self.path, self.start, self.stored = path, start, stored

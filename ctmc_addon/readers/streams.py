@@ -16,10 +16,10 @@ from ..core import ReadError, Step, Steps
 from .optional_imports import reason
 from .zlib_stream import ZlibFile
 
-CHUNK = 2**20  # about 0.005 s of unpacking gzip
-MOST_PADDING = 2**24  # bytes behind the values that are unpacked to reach the check sum
+CHUNK = 2**20  # Gzip unpacks this many bytes in about 0.005 s.
+MOST_PADDING = 2**24  # At most this many bytes after the values are unpacked to reach the check sum.
 PACKED = (gzip.GzipFile, bz2.BZ2File, ZlibFile)
-STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip and bz2
+STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # Files, gzip and bz2 raise these.
 
 
 def is_packed(path: Path) -> bool:

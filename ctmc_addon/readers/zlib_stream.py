@@ -7,7 +7,7 @@ import io
 import zlib
 from typing import IO, Any
 
-PIECE = 1 << 16  # packed bytes
+PIECE = 1 << 16  # Packed bytes read at once.
 
 
 class ZlibFile(io.RawIOBase):

@@ -53,7 +53,7 @@ def to_toml(
     >>> from_toml(to_toml(ReconstructionSettings(label=2)))["label"]
     2
     """
-    lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
+    lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags take precedence."]
     for name, about in SETTINGS.items():
         value = _labels_value(labels) if name == "label" and labels else getattr(settings, name)
         lines += ["", *_comment_of(about), _value_line(name, value, about.start)]

@@ -212,7 +212,7 @@ def _require_file_name(name: str, where: str) -> None:
             f"{line}the case's name '{name[:20]}...' has {size} bytes and may have {LONGEST_BYTES}; {remedy}"
         )
     if problem := name_problem(name):
-        raise OutputError(f"{line}{name!r} cannot be a file's name everywhere: {problem}; {remedy}")
+        raise OutputError(f"{line}{name!r} is not a valid file name on every system: {problem}; {remedy}")
 
 
 def _short(case: Case) -> str:

@@ -74,7 +74,7 @@ def batch_is_over(task: Mapping[str, Any]) -> bool:
 def require_batch(task: Mapping[str, Any]) -> None:
     """Raise a `CtmcError` if the batch of a task has ended."""
     if batch_is_over(task):
-        raise CtmcError(f"the batch has ended, or its folder {task['unfinished']} is not seen on this machine")
+        raise CtmcError(f"the batch has ended, or its folder {task['unfinished']} is not visible from this machine")
 
 
 def put_output(

@@ -134,7 +134,7 @@ def _require_columns(names: list[str], where: str) -> None:
         raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
     for name in names:
         if names.count(name) > 1:
-            raise ReadError(f"{where}: column '{_word_of(name)}' is there twice; keep one")
+            raise ReadError(f"{where}: column '{_word_of(name)}' appears twice; keep one")
 
 
 def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:

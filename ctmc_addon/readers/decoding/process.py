@@ -25,11 +25,11 @@ from numpy.typing import NDArray
 from ...core import BOOT, ReadError, Step, Steps, ending, first_request, interpreter
 
 WORKER = Path(__file__).with_name("worker.py")
-TICK = 0.02  # seconds between two looks whether there is an answer
+TICK = 0.02  # Seconds between two checks for an answer.
 START_SECONDS = 60.0
-PICTURE_SECONDS = 8.0  # that a picture may take; a larger one for each MEGAPIXEL
+PICTURE_SECONDS = 8.0  # A picture may take this long; a larger one, for each MEGAPIXEL.
 MEGAPIXEL = 1 << 20
-MEMORY = 2 << 30  # bytes that the process may address, and for each pixel
+MEMORY = 2 << 30  # Bytes that the process may address, beside those for each pixel.
 MEMORY_OF_A_PIXEL = 64
 LONGEST_LINE = 1 << 16
 PIECE = 1 << 20

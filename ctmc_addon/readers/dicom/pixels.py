@@ -33,7 +33,7 @@ class DoesNotFit(Exception):
 class SliceRead(NamedTuple):
     """The range and the padding of one slice that was filled."""
 
-    lowest: float  # of the pixels that are not padding; infinity where there are none
+    lowest: float  # Lowest pixel that is not padding; infinity without one.
     padded: int
 
 

@@ -92,7 +92,7 @@ def stack_up(
     along = dot(positions_lps, normal)  # (n,) mm
     order, notes = _without_duplicates(along, np.argsort(along, kind="stable"))
     if len(order) < 2:
-        reason = f"there is one slice only ({names[order[0]]})"
+        reason = f"there is only one slice ({names[order[0]]})"
         if len(along) > 1:
             reason = f"all {len(along)} slices (such as {names[order[0]]}) are at one position to within {SAME_MM:g} mm"
         raise ReadError(

@@ -148,6 +148,6 @@ def _check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
     if len(images) > 1 and 2 * doubled > len(images):
         raise ReadError(
             f"{doubled} of {len(images)} slices have more than one image, and neither AcquisitionNumber nor "
-            "TemporalPositionIdentifier nor an order of times tells which belong together; export each scan as a "
+            "TemporalPositionIdentifier nor an order of times tells which images form one scan; export each scan as a "
             "series of its own"
         )

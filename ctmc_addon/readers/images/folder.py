@@ -78,7 +78,7 @@ def _common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
     first = headers[0].metadata
     if all(header.metadata.spacing == first.spacing for header in headers):
         return first
-    return first._replace(spacing=None, notes=("the slices say different spacings, of which none is taken",))
+    return first._replace(spacing=None, notes=("the slices have different spacings, so none is used",))
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -133,7 +133,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
         if stack is None:
-            raise ReadError(f"{name} has one slice only ({images[0].name}); a surface needs at least 2 slices")
+            raise ReadError(f"{name} has only one slice ({images[0].name}); a surface needs at least 2 slices")
         stack.name = stem(folder)
         return stack
     _check_alike(headers)

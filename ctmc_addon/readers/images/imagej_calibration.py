@@ -15,7 +15,7 @@ import numpy as np
 
 from .tiff_page import BLACK_IS_ZERO, PageLayout
 
-STRAIGHT_LINE, NONE = 0, 20  # values of cf
+STRAIGHT_LINE, NONE = 0, 20  # Values of cf.
 FUNCTIONS = {
     1: "polynomial of degree 2",
     2: "polynomial of degree 3",

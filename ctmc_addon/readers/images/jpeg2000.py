@@ -13,11 +13,11 @@ from ...core import ReadError
 
 CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
 END = b"\xff\xd9"
-COMPONENT = 42  # byte of the codestream that says depth and sign of the first component
-HARMLESS = 1 << 20  # pixels that are decoded in no time
-MOST_PIXELS_OF_A_BYTE = 1000  # strong compression of a CT slice has 200
-MOST_HEADER = 1 << 16  # bytes before the codestream
-MOST_BEHIND = 1 << 16  # bytes behind it
+COMPONENT = 42  # This byte of the codestream has depth and sign of the first component.
+HARMLESS = 1 << 20  # This many pixels are decoded in no time.
+MOST_PIXELS_OF_A_BYTE = 1000  # Strong compression of a CT slice has 200.
+MOST_HEADER = 1 << 16  # Bytes before the codestream.
+MOST_BEHIND = 1 << 16  # Bytes after it.
 
 
 class Depth(NamedTuple):

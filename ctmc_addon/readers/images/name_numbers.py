@@ -15,7 +15,7 @@ from pathlib import Path
 WHOLE = r"[0-9]+"
 # One decimal mark alone: '12.01.20' and '1.2.840' are several whole numbers.
 NUMBER = r"(?<![0-9])(?<![0-9][.,])[0-9]+[.,][0-9]+(?![0-9])(?![.,][0-9])|[0-9]+"
-MARKS = (".", ",", "_", "-", " ")  # between the parts of one number
+MARKS = (".", ",", "_", "-", " ")  # These stand between the parts of one number.
 CLOCK = (24, 60, 60)  # Hours, minutes and seconds stay below these.
 
 

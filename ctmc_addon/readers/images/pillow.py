@@ -33,9 +33,9 @@ PILLOW_ERRORS = (
 )  # imageio and Pillow raise these, beside Pillow's bomb error.
 # The type of the values by that of the pixels; older Pillow widens 16 bits to int32.
 DTYPES = {"bool": "uint8", "uint8": "uint8", "uint16": "uint16", "int32": "uint16"}
-PNG_DEPTH, PNG_COLOR = 24, 25  # bytes of a PNG that say the bits of a sample and the kind of a pixel
+PNG_DEPTH, PNG_COLOR = 24, 25  # Bytes of a PNG with the bits of a sample and the kind of a pixel.
 PNG_GRAY, PNG_PALETTE = 0, 3
-SPREAD = {2: 85, 4: 17}  # Pillow multiplies gray values of so many bits by this.
+SPREAD = {2: 85, 4: 17}  # Pillow multiplies gray values of this many bits by this.
 JPEG_NOISE = 2  # JPEG's rounding separates the channels of a gray picture by so much, of 255.
 
 
@@ -47,11 +47,11 @@ class Picture(NamedTuple):
     columns: int
     dtype: np.dtype[Any]
     pages: int
-    kind: str  # its format; empty for TIFF
+    kind: str  # Name of the format; empty for TIFF.
     decode_as: str | None = None  # Pillow's name of the type to decode to, if it is another
-    spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
+    spread: int = 1  # Pillow multiplies values by it, so that 2 or 4 bits fill 8.
     metadata: TiffMetadata = TiffMetadata()
-    page: int = 0  # of a TIFF
+    page: int = 0  # Number of the page of a TIFF.
 
 
 def picture(path: Path) -> Picture:

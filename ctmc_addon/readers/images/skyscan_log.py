@@ -47,7 +47,7 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
         add_inputs((log,))
         size = _positive(text)
         if size is None:
-            return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was not taken",)
+            return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was ignored",)
         step, why = _pixels_apart(_positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0, step_of(slices) or 1.0)
         mm = size * MM_PER_UM
         apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart ({why})"

@@ -34,7 +34,7 @@ Item = TypeVar("Item")
 LIKE_SIZE = 0.75  # A second run with at least this share of the largest one's pictures may be meant as well.
 FEWEST_OF_PATTERN = 0.25  # Names follow a pattern if the longest run has at least this share of the pictures.
 MOST_BETWEEN = 0.05  # Up to this share of the slices, or one, other pictures between them are left out.
-MOST_NAMES = 3  # in a sentence
+MOST_NAMES = 3  # A sentence names at most this many files.
 LETTERS = ((16, "0-9a-f"), (36, "0-9a-z"))  # Bases of counters with letters, and their digits.
 
 

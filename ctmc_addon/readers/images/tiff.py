@@ -41,7 +41,7 @@ from .tiff_page import (
 )
 
 OF_SEVERAL_FILES = ("mmstack", "ndtiff")
-MOST_SAMPLES = 4  # of a pixel: red, green, blue and opacity
+MOST_SAMPLES = 4  # A pixel has at most red, green, blue and opacity.
 COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # These photometric interpretations are read.
 BYTE_CODECS = (UNCOMPRESSED, 5, 8, 32773, 32946, 34925, 50000)  # Their bytes are samples, never YCbCr made RGB.
 
@@ -50,11 +50,11 @@ class _PageStack(NamedTuple):
     """The pages of a TIFF that make one volume."""
 
     shape: tuple[int, int, int]  # (slices, rows, columns)
-    dtype: np.dtype[Any]  # of the gray values, in the file's byte order
-    depth: str  # of every page, as the first says
-    pages: list[Any]  # tifffile's, one for each slice; empty where the values lie in one piece
-    start: int | None  # first byte of values that lie in one piece, all times and channels
-    total: int  # pages of it
+    dtype: np.dtype[Any]  # Type of the gray values, in the file's byte order.
+    depth: str  # Depth of every page, from the first one.
+    pages: list[Any]  # tifffile's pages, one for each slice; empty if the values are contiguous.
+    start: int | None  # First byte of contiguous values of all times and channels.
+    total: int  # Number of pages.
     layout: Pages
     notes: tuple[str, ...]
     metadata: TiffMetadata
@@ -269,7 +269,7 @@ def _check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
             same_size = series.shape[-2:] == every[0].shape[-2:]
             if same_size and isinstance(page.index, int) and own and min(own) < page.index < max(own):
                 raise ReadError(
-                    f"page {page.index + 1} of {path.name} is stored in another way than those around it; save it again"
+                    f"page {page.index + 1} of {path.name} is stored differently from its neighbors; save it again"
                 )
     if len(tiff.pages) > sum(len(series.pages) for series in every):  # some are in no series, such as those of no rows
         listed = {page.offset for series in every for page in filter(None, _pages_in(series, path))}

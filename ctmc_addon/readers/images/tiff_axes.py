@@ -19,7 +19,7 @@ from .tiff_page import PageLayout
 
 PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
 MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
-LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
+LONGEST_TEXT = 1 << 20  # Only this many letters of a description are searched.
 
 
 class Pages(NamedTuple):
@@ -62,7 +62,7 @@ def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
     letters = [axis for axis, _ in sides]
     several = " x ".join(f"{axis} {side}" for axis, side in zip(axes, shape, strict=True))
     if not sides:
-        raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
+        raise ReadError(f"{path.name} has only one slice; a surface needs at least 2 slices")
     depth = "Z" if "Z" in letters else letters[0]
     unknown = set(letters) - {depth, "T", "C"} or len(set(letters)) < len(letters)
     only_channels = depth == "C" and sides[0][1] <= MOST_CHANNELS

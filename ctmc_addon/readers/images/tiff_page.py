@@ -35,7 +35,7 @@ DAMAGE = (
 )
 PILLOW_ERRORS = (*DAMAGE, SyntaxError)  # Pillow raises these, beside its bomb error.
 REQUIRED = {256: "ImageWidth", 257: "ImageLength", 259: "Compression", 262: "PhotometricInterpretation"}
-ORIENTATION, COLOR_MAP = 274, 320  # tags
+ORIENTATION, COLOR_MAP = 274, 320  # Codes of tags.
 SINGLE_TAGS = {*REQUIRED, 266, 277, 278, 284, 317, 322, 323, 32997}  # Each of them has one value.
 LAYOUT_TAGS = {*SINGLE_TAGS, 258, 273, 279, 324, 325, 339}
 WHOLE_TYPES = (1, 3, 4, 16)  # BYTE, SHORT, LONG and LONG8; libtiff passes over layout tags of other types.
@@ -45,7 +45,7 @@ MOST_SHADE = (1 << 16) - 1  # A color of a palette has 16 bits.
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK, YCBCR = 0, 1, 2, 3, 4, 6  # PhotometricInterpretation
 KINDS = {1: "u", 2: "i", 3: "f", 4: "u"}  # Values of SampleFormat; 4 is "undefined", as libtiff has it.
 SIZES = {"u": (8, 16, 32, 64), "i": (8, 16, 32, 64), "f": (32, 64)}
-UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # values of Compression
+UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # Values of Compression.
 WITHOUT_END = (2, 3)  # Nobody could tell where pixels of CCITT run lengths and of Group 3 end.
 STREAMS = {8: "zlib", 32946: "zlib", 50013: "zlib", 34925: "lzma", 50000: "zstd"}
 BY_PILLOW = (GROUP_4, JPEG)  # imagecodecs may round JPEG in another way.
@@ -54,7 +54,7 @@ EXACT_MODES = {  # Pillow's types whose values are those stored, by the bits of 
     16: ("I;16", "I;16B", "I"), 32: ("I", "F"),
 }  # fmt: skip
 NATIVE = "<" if sys.byteorder == "little" else ">"
-NO_PREDICTOR, DIFFERENCES, OF_FLOATS = 1, 2, 3  # values of Predictor
+NO_PREDICTOR, DIFFERENCES, OF_FLOATS = 1, 2, 3  # Values of Predictor.
 END_OF_GROUP_4, END_OF_JPEG = "000000000001" * 2, b"\xff\xd9"
 
 
@@ -62,14 +62,14 @@ class PageLayout(NamedTuple):
     """The layout of the stored pixels of a page."""
 
     shape: tuple[int, int]  # (rows, columns)
-    samples: int  # of a pixel
-    separate: bool  # whether each sample has a plane of its own
-    bits: int  # of a sample
-    dtype: np.dtype[Any]  # of the values, in the machine's byte order
+    samples: int  # Number of samples of a pixel.
+    separate: bool  # True if each sample has its own plane.
+    bits: int  # Bits of a sample.
+    dtype: np.dtype[Any]  # Type of the values, in the machine's byte order.
     compression: int
     predictor: int
     photometric: int
-    colors: NDArray[np.uint8] | None  # (3, 2 ** bits), of a palette
+    colors: NDArray[np.uint8] | None  # (3, 2 ** bits), the palette's.
 
     @property
     def kind(self) -> str:
@@ -165,7 +165,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
     dtype = _dtype(path, bits, sample_format)
     colors = _colors(path, palette, bits) if photometric == PALETTE else None
     if tile[0] % TILE_STEP or tile[1] % TILE_STEP:
-        raise damaged(path, f"tiles of {tile[0]} x {tile[1]} pixels, which are no multiples of {TILE_STEP}")
+        raise damaged(path, f"tiles of {tile[0]} x {tile[1]} pixels, which are not multiples of {TILE_STEP}")
     if is_short:
         raise ReadError(f"{path.name} is truncated: it has fewer bytes than {columns} x {rows} pixels; copy it again")
     _check_segments(places, segments, page.parent.filehandle.size, path)
@@ -206,7 +206,7 @@ def page_pixels(
     name = getattr(page.keyframe.compression, "name", str(layout.compression))
     if layout.compression in WITHOUT_END:
         raise ReadError(
-            f"{path.name} is compressed as {name}, which is not read, for nobody could tell where its pixels end; "
+            f"{path.name} is compressed as {name}, which is not read, because its pixels have no end mark; "
             "save it uncompressed or with Deflate"
         )
     how = "" if layout.compression == UNCOMPRESSED else f" compressed as {name}"
@@ -287,7 +287,7 @@ def _check_ends(page: Any, layout: PageLayout, path: Path, lock: AbstractContext
             file.seek(start)
             content = bytes(file.read(count))
         if codec and unpacks_beyond(content, codec, most):
-            raise ReadError(f"{path.name} unpacks to far more than its size tells of; export it again")
+            raise ReadError(f"{path.name} unpacks to far more bytes than its size allows; export it again")
         bits = "".join(f"{byte:08b}" for byte in content[-8:]).rstrip("0")
         if (layout.compression == GROUP_4 and not bits.endswith(END_OF_GROUP_4)) or (
             layout.compression == JPEG and not content.rstrip(b"\0").endswith(END_OF_JPEG)

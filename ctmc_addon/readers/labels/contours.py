@@ -15,24 +15,24 @@ from numpy.typing import NDArray
 
 from ...core import Step, Steps
 
-ON_CONTOUR = 1e-3  # pixels: positions are written to about 0.001 mm
-CROSSINGS = 1 << 20  # of edges with rows, worked on at once; about 0.1 s
-FAR = 1e7  # pixels; nothing that lies farther away is drawn exactly
+ON_CONTOUR = 1e-3  # Pixels; files have positions to about 0.001 mm.
+CROSSINGS = 1 << 20  # This many crossings of edges with rows are done at once, in about 0.1 s.
+FAR = 1e7  # Pixels; nothing farther away is drawn exactly.
 
 
 class Filled(NamedTuple):
     """The pixels inside, within the box around them."""
 
-    top: int  # first row
-    left: int  # first column
+    top: int  # First row.
+    left: int  # First column.
     mask: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
 
 
 class _Traced(NamedTuple):
     """The pixels inside an odd number of contours, and those on one, within the box around them."""
 
-    top: int  # first row
-    left: int  # first column
+    top: int  # First row.
+    left: int  # First column.
     odd: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
     on: NDArray[np.bool_]  # (rows, columns)
 

@@ -20,7 +20,7 @@ from .colors import RGB
 
 MOST_LABELS = 65535
 LONGEST_NAME = 200  # characters
-MOST_NAMED = 8  # in one note
+MOST_NAMED = 8  # A note names at most this many labels.
 
 
 class LabelMap:
@@ -52,7 +52,7 @@ class LabelMap:
     ) -> None:
         most = max(highest, *names) if names else max(highest, 1)
         if most > MOST_LABELS:
-            raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; number them anew")
+            raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; renumber them")
         self.shape, self.what, self.budget = shape, what, budget or Budget()
         self.dtype: Any = np.uint8 if most < 256 else np.uint16
         self.names = {label: name for label, name in names.items() if label}
@@ -149,9 +149,7 @@ class LabelMap:
         ]
         if not undescribed:
             return []
-        return [
-            f"pixels have numbers of no segment that is described, and are labels all the same: {limited(undescribed)}"
-        ]
+        return [f"labels without a described segment were kept: {limited(undescribed)}"]
 
     def name(self, label: int) -> str:
         """Return a label's name, or its number."""

@@ -33,9 +33,9 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
-FEWEST = 2  # masks that make a folder of them
-MOST_NON_MASKS = 2  # files among masks that are named; with more it is not a folder of masks
-SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
+FEWEST = 2  # A folder of masks has at least this many.
+MOST_NON_MASKS = 2  # With more files of other kinds it is not a folder of masks.
+SAME_GRID = 0.1  # Corners may differ by this share of the smallest spacing.
 
 
 class _MaskFolder(VolumeSource):

@@ -11,7 +11,7 @@ from ..file_formats import files_below, natural_key, segmentation_sibling
 
 NAMES = ("mask", "segment", "label")
 """Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
-MOST_FILES = 5000  # looked at in a folder
+MOST_FILES = 5000  # Only this many files of a folder are examined.
 
 
 def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:

@@ -107,8 +107,8 @@ def _pairs_with_overlapping_boxes(
             compared += max(LEAST_COMPARED, float(sides[other, 0] * sides[other, 1]))
             if compared > MOST_COMPARED:
                 raise ReadError(
-                    f"contours of {name} overlap each other in one plane on more than {MOST_COMPARED} pixels, which "
-                    "no drawing does; export it again"
+                    f"contours of {name} overlap each other in one plane on more than {MOST_COMPARED} pixels, too "
+                    "many for drawn contours; export it again"
                 )
             yield number, number + 1 + other
 

@@ -190,7 +190,7 @@ def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, 
         raise ReadError(f"{name} has {len(sides)} dimensions {tuple(sides)}, and a volume has 3; save one volume")
     columns, rows, slices, times = (*sides, 1, 1)[:4]
     if slices < 2:
-        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
     channels = whole(fields.get("elementnumberofchannels", "1"), "ElementNumberOfChannels", name)
     if channels != 1:
         raise ReadError(f"{name} has {channels} numbers a voxel; convert it to gray values or labels (one number)")

@@ -173,7 +173,7 @@ def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int],
         )
     columns, rows, slices, times = (*shape, 1, 1)[:4]
     if slices < 2:
-        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
     return (columns, rows, slices), times
 
 

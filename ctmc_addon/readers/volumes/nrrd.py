@@ -32,8 +32,8 @@ from .nrrd_place import placed
 Result = TypeVar("Result")
 
 MOST_HEADER = 2**24  # bytes
-MOST_SKIP = 1 << 62  # bytes; no file is that long
-HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
+MOST_SKIP = 1 << 62  # Bytes; no file is that long.
+HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # pynrrd raises these, beside its own.
 TYPES = {
     "i1": ("signed char", "int8", "int8_t"),
     "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
@@ -48,8 +48,8 @@ TYPES = {
 }
 _outside: ContextVar[bool] = ContextVar("outside", default=False)
 TEXT_ENCODINGS = ("ascii", "text", "txt")
-LONGEST_WORD = 400  # letters of a number: a double written without exponent has 309
-WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
+LONGEST_WORD = 400  # Letters of a number; a double without exponent has 309.
+WORDS_CHUNK = 2**17  # Bytes of numbers as text, read in about 0.005 s.
 
 
 class _NrrdFile(VolumeSource):
@@ -217,7 +217,7 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
     times, interleaved = (sizes[apart], apart == kept[0]) if apart >= 0 else (1, False)
     kept = [axis for axis in kept if axis != apart]
     if len(kept) < 3 or sizes[kept[2]] < 2:
-        raise ReadError(f"{name} holds one slice only, sizes {tuple(sizes)}; a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice, sizes {tuple(sizes)}; a surface needs at least 2 slices")
     return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept, times, interleaved
 
 
@@ -290,7 +290,9 @@ def inner_path(name: str, header_name: str) -> PurePath:
 def open_data_file(file: Path, header: Path) -> IO[bytes]:
     """Return a data file for reading, or a `ReadError` if there is no such file."""
     if not file.is_file():
-        raise ReadError(f"{header.name} names the data file {file.name[:80]}, which is missing; keep the two together")
+        raise ReadError(
+            f"{header.name} names the data file {file.name[:80]}, which is missing; put both files into one folder"
+        )
     return file.open("rb")
 
 
@@ -374,7 +376,7 @@ def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[Non
             raise ReadError(f"{name} holds more than the {len(values)} values of its sizes; repair the header")
         odd = next((word for word in (*words, unfinished_word) if len(word) > LONGEST_WORD or b"_" in word), b"")
         if odd:  # NumPy makes room for the longest at each, and takes 1_0 for 10
-            raise ReadError(f"{name} has '{odd[:20].decode('ascii', 'replace')}', which is no number; export it again")
+            raise ReadError(f"{name} has '{odd[:20].decode('ascii', 'replace')}', not a number; export it again")
         numbers = np.array(words, dtype="S")
         try:
             values[done:end] = numbers.astype(values.dtype)

@@ -30,8 +30,8 @@ from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_n
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"
 VERSIONS = ("0.4", "0.5")
 MOST_LEVELS, MOST_CHANNELS = 64, 1000
-MOST_NAMED = 5  # in one message
-NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # of a label's properties, which may have any
+MOST_NAMED = 5  # A message names at most this many.
+NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # A label's properties may have any of these.
 
 
 class _Multiscale(NamedTuple):
@@ -39,7 +39,7 @@ class _Multiscale(NamedTuple):
 
     axes: list[dict[str, Any]]
     levels: list[ArrayHeader]
-    transforms: list[list[Any]]  # of each level: its own, then those of all
+    transforms: list[list[Any]]  # Transforms of each level: its own, then those of all levels.
     labels: dict[str, Any] | None  # `image-label`; None where it is an image
     notes: tuple[str, ...]
 
@@ -97,7 +97,7 @@ class _OmeZarr(VolumeSource):
         channel = self.selected_series(request.series)
         if channel is None:
             raise ReadError(
-                f"there is no series '{request.series}', as {self.path.name} has {len(self.series)} channels; "
+                f"there is no series '{request.series}', because {self.path.name} has {len(self.series)} channels; "
                 f"choose from 1 to {len(self.series)}"
             )
         header = self.image.levels[request.level]
@@ -178,7 +178,7 @@ def image_folder(path: Path) -> Path:
         return path
     if _is_array(path):
         raise ReadError(
-            f"{path.name} is one array of a Zarr store, without what OME-Zarr says of it; choose the folder that holds "
+            f"{path.name} is one array of a Zarr store without OME-Zarr metadata; choose the folder that holds "
             f"it, {path.absolute().parent.name}, and the level"
         )
     inner = [f"labels/{word}" for word in listed(_ome_of(path / "labels"), "labels") if _is_inner(word)]
@@ -271,7 +271,7 @@ def _check_axes(image: _Multiscale, name: str) -> None:
     is_flat = len(image.axes) < 3 or any(image.axes[axis].get("type") in ("time", "channel") for axis in space)
     for header in image.levels:
         if is_flat or header.shape[image.space[0]] < 2:
-            raise ReadError(f"{header.name} holds one slice only (axes {words}); a surface needs at least 2 slices")
+            raise ReadError(f"{header.name} has only one slice (axes {words}); a surface needs at least 2 slices")
         for number, side in enumerate(header.shape):
             if side > 1 and number not in handled_axes:
                 raise ReadError(

@@ -25,14 +25,14 @@ from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
 from ..packed_size import bytes_to_look_at, unpacks_beyond
 
-MOST_JSON = 1 << 24  # bytes of one file of metadata
+MOST_JSON = 1 << 24  # Bytes of one metadata file.
 MOST_AXES = 8
-LONGEST = 1 << 40  # samples along an axis
-MOST_COUNTED = 100_000  # chunks that are counted in the file system
-WIDEST = 16  # bytes that a filter may make of a value
-BLOCK = 1 << 24  # bytes that are decoded at once, where a chunk has fewer
-RUN = 1 << 26  # bytes that are looked at at once
-MOST_KEPT = 1 << 28  # bytes of a layer of chunks that are kept for the next call
+LONGEST = 1 << 40  # Samples along an axis.
+MOST_COUNTED = 100_000  # At most this many chunks are counted in the file system.
+WIDEST = 16  # A filter may turn a value into this many bytes.
+BLOCK = 1 << 24  # This many bytes are decoded at once if chunks have fewer.
+RUN = 1 << 26  # This many bytes are checked at once.
+MOST_KEPT = 1 << 28  # At most this many bytes of a layer of chunks are kept for the next call.
 # Of numcodecs (version 2) and of zarr (version 3), where those of numcodecs are called 'numcodecs.zlib'.
 SIZES = {"b": (1,), "i": (1, 2, 4, 8), "u": (1, 2, 4, 8), "f": (4, 8)}  # The bytes of a value, by its kind.
 CODECS = {
@@ -49,13 +49,13 @@ class ArrayHeader(NamedTuple):
     """The description of an array."""
 
     folder: Path
-    array: Any  # zarr's
+    array: Any  # The array of zarr.
     shape: tuple[int, ...]
-    chunks: tuple[int, ...]  # that are decoded at once
-    grid: int  # number of files that hold all values: chunks, or shards of several
-    dtype: np.dtype[Any]  # in the machine's byte order
-    codec: str  # that packed the files; empty for none, or for shards
-    name: str  # for messages
+    chunks: tuple[int, ...]  # Sides of a chunk, which is decoded at once.
+    grid: int  # Number of files with all values: chunks, or shards of several chunks.
+    dtype: np.dtype[Any]  # Type in the machine's byte order.
+    codec: str  # Codec that packed the files; empty for none and for shards.
+    name: str  # Name for messages.
 
     @property
     def chunk_bytes(self) -> int:
@@ -301,7 +301,7 @@ class ZarrSlices(SliceReader):
                     content = file.read(bytes_to_look_at(path.stat().st_size, self.header.codec, most))
             if unpacks_beyond(content, self.header.codec, most):
                 raise ReadError(
-                    f"chunk {key} of {self.header.name} unpacks to far more than its size tells of; export it again"
+                    f"chunk {key} of {self.header.name} unpacks to far more bytes than its size allows; export it again"
                 )
 
 

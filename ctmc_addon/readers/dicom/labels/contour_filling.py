@@ -50,8 +50,8 @@ def fill_steps(
                     crossings += int(edges_of(planes[number].contours, grid.shape[1]).crossings.sum())
                     if crossings > MOST_CROSSINGS:
                         raise ReadError(
-                            f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, which no "
-                            "drawing does; export it again"
+                            f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, too "
+                            "often for drawn contours; export it again"
                         )
                     filled[number], changed = yield from _plane_steps(planes[number], grid, name)
                     united[label] += changed

@@ -27,7 +27,7 @@ class Contour(NamedTuple):
 
     height: float
     corners: NDArray[np.float64]  # (n, 2) column and row in pixels
-    xor: bool  # whether its type asks for the even-odd rule wherever contours overlap
+    xor: bool  # True if its type asks for the even-odd rule.
 
 
 class Plane(NamedTuple):
@@ -44,15 +44,15 @@ class Source(NamedTuple):
     slice_: int
     below: int
     above: int
-    share: float  # of the way from the plane below to the one above
+    share: float  # Share of the way from the plane below to the one above.
 
 
 class PlaneAssignment(NamedTuple):
     """The slices that take the planes of one structure."""
 
-    sources: list[Source]  # by slice
-    apart_mm: float  # usual distance of planes with filled slices between; 0 where there are none
-    gaps_mm: list[float]  # that hold slices, which stay empty
+    sources: list[Source]  # One entry for each slice.
+    apart_mm: float  # Usual distance of planes with filled slices between; 0 without such planes.
+    gaps_mm: list[float]  # Gaps with slices, which stay empty.
 
     @property
     def used(self) -> set[int]:

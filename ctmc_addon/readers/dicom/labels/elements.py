@@ -32,7 +32,7 @@ Elements = dict[int, Any]
 class ValueLocation(NamedTuple):
     """The position of a value in the file."""
 
-    vr: str  # empty where the file does not say it
+    vr: str  # Empty if the file does not say it.
     start: int
     length: int
 

@@ -35,7 +35,7 @@ def opened(path: Path) -> Iterator[tuple[ElementWalker, str]]:
             stream: IO[bytes] = file
             if syntax == DEFLATED:
                 if unpacks_without_end(file):
-                    raise ReadError(f"{path.name} unpacks to far more than its size tells of; copy it again")
+                    raise ReadError(f"{path.name} unpacks to far more bytes than its size allows; copy it again")
                 file.seek(start)
                 stream = io.BytesIO(inflated(file.read()))
             if syntax == EXPLICIT_BIG:

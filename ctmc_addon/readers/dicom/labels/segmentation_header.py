@@ -24,14 +24,14 @@ from .label_file import first_unsigned, numbers, opened, reference_of, texts, ui
 from .references import Reference
 
 FRAME_GROUP = {
-    0x00209113: {0x00200032: VALUE},  # position
-    0x00209116: {0x00200037: VALUE},  # orientation
-    0x00289110: {0x00280030: VALUE, 0x00180050: VALUE, 0x00180088: VALUE},  # spacing, thickness, gap
-    0x0062000A: {0x0062000B: VALUE},  # segment
+    0x00209113: {0x00200032: VALUE},  # Position.
+    0x00209116: {0x00200037: VALUE},  # Orientation.
+    0x00289110: {0x00280030: VALUE, 0x00180050: VALUE, 0x00180088: VALUE},  # Spacing, thickness, gap.
+    0x0062000A: {0x0062000B: VALUE},  # Segment.
 }
 REQUESTED = {
     0x00080005: VALUE,
-    0x00081115: {0x0020000E: VALUE, 0x0008114A: {0x00081155: VALUE}},  # referenced series and their images
+    0x00081115: {0x0020000E: VALUE, 0x0008114A: {0x00081155: VALUE}},  # Referenced series and their images.
     0x0020000E: VALUE,
     0x00200052: VALUE,
     0x00280008: VALUE,
@@ -55,8 +55,8 @@ class Frames(NamedTuple):
     positions: NDArray[np.float64]  # (n, 3)
     segments: NDArray[np.int64]  # (n,), 0 in a label map
     orientation: tuple[float, ...]
-    spacing: tuple[float, ...]  # between rows, between columns
-    gap: float  # between slices, 0 if missing
+    spacing: tuple[float, ...]  # Millimeters between rows, then between columns.
+    gap: float  # Millimeters between slices; 0 if missing.
 
 
 class SegmentationHeader(NamedTuple):
@@ -64,8 +64,8 @@ class SegmentationHeader(NamedTuple):
 
     image: ImageFile
     kind: str  # BINARY, FRACTIONAL or LABELMAP
-    half: float  # of the largest fraction
-    padding: int  # value of a label map that means 'no segment'
+    half: float  # Half of the largest fraction.
+    padding: int  # This value of a label map means 'no segment'.
     names: dict[int, str]
     colors: dict[int, RGB]
     frames: Frames
@@ -78,7 +78,7 @@ def header_steps(path: Path) -> Steps[SegmentationHeader]:
         header = yield from elements.dataset_steps(REQUESTED)
         kind = uid(header.get(0x00620001, b"")).upper()
         if kind not in TYPES:
-            raise ReadError(f"{path.name} is a segmentation of type '{kind}', and {', '.join(TYPES)} are read")
+            raise ReadError(f"{path.name} is a segmentation of type '{kind}', and {', '.join(TYPES)} are supported")
         image = image_of(path, header, syntax, kind, elements.size)
         decoded = texts(header)
         names, colors = segments_of(header, decoded, path.name)

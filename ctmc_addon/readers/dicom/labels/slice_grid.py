@@ -205,7 +205,7 @@ def grid_of_frames(
         share = (height - height[0]) / total
         off = positions[first] - (ends[0] + share[:, None] * (ends[1] - ends[0]))
         if math.sqrt(float((off * off).sum(axis=1).max())) > 0.5 * min(spacing):
-            raise ReadError(f"the frames of {name} do not lie behind each other; export it with frames of one size")
+            raise ReadError(f"the frames of {name} do not form one stack; export it with frames of one size")
     slices = np.arange(count, dtype=np.int64)
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start

@@ -32,12 +32,12 @@ from .slice_grid import SliceGrid
 REQUESTED = {
     0x00080005: VALUE,
     0x0020000E: VALUE,
-    0x30060010: {  # referenced frames of reference: studies: series: images
+    0x30060010: {  # Referenced frames of reference: studies: series: images.
         0x00200052: VALUE,
         0x30060012: {0x30060014: {0x0020000E: VALUE, 0x30060016: {0x00081155: VALUE}}},
     },
-    0x30060020: {0x30060022: VALUE, 0x30060024: VALUE, 0x30060026: VALUE},  # regions
-    0x30060039: {  # their contours
+    0x30060020: {0x30060022: VALUE, 0x30060024: VALUE, 0x30060026: VALUE},  # Regions.
+    0x30060039: {  # Contours of the regions.
         0x30060084: VALUE,
         0x3006002A: VALUE,
         0x30060040: {0x30060016: {0x00081155: VALUE}, 0x30060042: VALUE, 0x30060050: LOCATION},
@@ -52,7 +52,7 @@ MOST_MM = 1e6
 PLANAR = 0.25  # A contour may leave its plane by this share of the gap between slices.
 CONTOURS_PER_STEP = 64
 
-LeftOut = Counter[tuple[str, str]]  # why, and the region's name
+LeftOut = Counter[tuple[str, str]]  # Counts by reason and region name.
 
 
 class Region(NamedTuple):
@@ -60,7 +60,7 @@ class Region(NamedTuple):
 
     name: str
     color: RGB | None
-    contours: list[tuple[str, ValueLocation]]  # type, and location of the positions
+    contours: list[tuple[str, ValueLocation]]  # Type of each contour, and location of its positions.
 
 
 class _StructureHeader(NamedTuple):
