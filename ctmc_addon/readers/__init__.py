@@ -75,7 +75,7 @@ PathLike = str | os.PathLike[str]
 
 
 def open_volume(path: PathLike, allow_outside: bool = False) -> VolumeSource:
-    """Find out what a file or folder holds, from headers alone.
+    """Read the headers of a file or folder and describe its volume.
 
     Parameters
     ----------

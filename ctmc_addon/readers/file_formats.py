@@ -59,7 +59,7 @@ def stem(path: Path) -> str:
 
 
 def format_of(path: Path) -> str:
-    """Return the name of a file's format, by its suffix or name, else by its first bytes; '' where nothing tells it."""
+    """Return the name of a file's format by its suffix or name, else by its first bytes; empty if unknown."""
     end = suffix(path)
     name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
     if name:
@@ -113,7 +113,7 @@ def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:
 
 
 def segmentation_names(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return what the label file of a volume of LiTS may be called, the likelier name first; of no other any.
+    """Return the possible names of the label file of a LiTS volume, the likelier one first; none for other files.
 
     Examples
     --------

@@ -99,7 +99,7 @@ def require_spacing(affine: NDArray[np.float64], name: str) -> None:
 
 
 def completed(axes: NDArray[np.float64], has_length: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return directions (3, 3), a column for each axis: those that are not known at right angles to the others.
+    """Return directions (3, 3), a column for each axis; missing ones are at right angles to the rest.
 
     They run as those of axial slices, as far as right angles allow.
     """

@@ -32,7 +32,7 @@ def mm_of(unit: str) -> float | None:
 
 
 def in_mm(units: Iterable[str]) -> tuple[list[float], tuple[str, ...]]:
-    """Return the millimeters of the unit of each axis, and what is to be said of them.
+    """Return the millimeters of the unit of each axis, and notes about them.
 
     Parameters
     ----------

@@ -50,7 +50,7 @@ def imported_steps(module: str, package: str, what: str, remedy: str = "install 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the libraries' warnings from the user; what matters is said in the notes.
+    """Silence the libraries' warnings; notes report what matters.
 
     The filters belong to the whole interpreter: entered in the main thread alone, and never held across a step.
     """

@@ -22,7 +22,7 @@ MOST_RATIOS = {"zlib": 1032.0, "gzip": 1032.0}  # Deflate makes at most so many 
 
 
 def bytes_to_look_at(length: int, codec: str, most: int) -> int:
-    """Return how many of the first bytes `unpacks_beyond` needs of `length` bytes; 0 where there cannot be more."""
+    """Return how many first bytes of `length` bytes `unpacks_beyond` needs; 0 if they cannot unpack to more."""
     if codec in STREAMS:
         return length if length * MOST_RATIOS.get(codec, math.inf) > max(most, HARMLESS) else 0
     return LONGEST_HEAD
@@ -66,7 +66,7 @@ def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool
 
 
 def _zstandard_size(head: bytes) -> int:
-    """Return the length that the first frame of Zstandard tells of, RFC 8878 3.1.1.1; 0 where it tells none.
+    """Return the length in the header of the first Zstandard frame, RFC 8878 3.1.1.1; 0 without one.
 
     Examples
     --------

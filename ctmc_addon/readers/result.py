@@ -299,7 +299,7 @@ class VolumeSource(ABC):
         return (yield from self._named_errors_steps(self._slabs_steps(request, [*notes, *time_notes])))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
-        """Return the time to read, from 1 on, and the note that says which where none was asked for."""
+        """Return the time to read, from 1 on, and a note about it if none was requested."""
         line = self.selected_series(series)
         if line is None:  # an error of the series, not of the time
             return 1, []
@@ -316,7 +316,7 @@ class VolumeSource(ABC):
         return line.default_time, [note]
 
     def selected_level(self, level: int | None) -> tuple[int, list[str]]:
-        """Return the resolution to read, 0 the full one, and the note that says which there are."""
+        """Return the resolution to read, 0 for the full one, and a note with all resolutions."""
         last = max(0, len(self.levels) - 1)
         if level is not None and not 0 <= level <= last:
             remedy = f"choose from 0 to {last}" if last else "it has one resolution, so leave the level out"

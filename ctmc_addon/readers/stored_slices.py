@@ -227,7 +227,7 @@ class TimeSlices(SliceReader):
 
 
 class InterleavedSlices(SliceReader):
-    """One of `count` volumes whose values lie together voxel by voxel, along the columns of another reader."""
+    """One of `count` volumes whose values alternate voxel by voxel along the columns of another reader."""
 
     def __init__(self, stored: SliceReader, number: int, count: int) -> None:
         self.stored, self.number, self.count = stored, number, count

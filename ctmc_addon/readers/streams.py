@@ -39,7 +39,7 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:
-    """Return what follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
+    """Return the rest of an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
     opener = gzip.open if encoding.startswith("gz") else bz2.open
     return cast(IO[bytes], opener(stream, "rb"))
 

@@ -231,7 +231,7 @@ class Meaning(NamedTuple):
 
 
 def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) -> Steps[Meaning]:
-    """Return what the values mean, where the file does not say it, or says that they are labels and has floats.
+    """Find out what values mean if the file does not say it, or says that floats are labels.
 
     Labels: the file says so (`is_label`); or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different. Floats that stand for

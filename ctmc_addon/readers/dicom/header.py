@@ -114,7 +114,7 @@ def may_be_dicom(path: Path) -> bool:
 
 
 def has_other_suffix(path: Path) -> bool:
-    """Return whether the name says that a file is not a DICOM image."""
+    """Return whether the suffix belongs to files other than DICOM images."""
     return path.name.upper() in BY_FILE_NAME or BY_SUFFIX.get(suffix(path), "DICOM") != "DICOM"
 
 

@@ -121,7 +121,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
 
 
 def plain_type(image: ImageFile) -> np.dtype[Any] | None:
-    """Return the type of gray pixels that lie in the file as in memory; None of others, which pydicom decodes."""
+    """Return the type of pixels that can be read as stored; None if pydicom has to decode them."""
     pixels, options = image.pixels, image.pixels.options
     as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
     return LITTLE_ENDIAN.get((options["pixel_representation"], options["bits_allocated"])) if as_in_memory else None

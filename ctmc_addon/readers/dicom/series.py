@@ -113,7 +113,7 @@ class DicomSource(VolumeSource):
         )
 
     def _selected(self, requested_series: str) -> tuple[str, list[str]]:
-        """Return the UID of the series to read, and the note that counts the others."""
+        """Return the UID of the series to read, and a note with the number of series."""
         if not self.series:
             if self.content.broken:
                 raise truncated(self.content.broken[0])
@@ -282,7 +282,7 @@ def truncated(broken: Broken) -> ReadError:
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
-    """Return the largest group of slices of one size, orientation and spacing, and notes about the others.
+    """Return the largest group of slices of one size, orientation and spacing, and notes about other slices.
 
     Parameters
     ----------

@@ -176,7 +176,7 @@ def _aligned(
     pixel_spacing: Sequence[float],
     strict: bool,
 ) -> list[str]:
-    """Check that the positions lie on one line, which alone an affine can carry."""
+    """Check that the positions lie on one line, because an affine can describe nothing else."""
     share = (along - along[0]) / (along[-1] - along[0])
     off = points - (points[0] + share[:, None] * (points[-1] - points[0]))  # (n, 3)
     distance = np.sqrt((off * off).sum(axis=1))

@@ -140,7 +140,7 @@ def _tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
 
 
 def _check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
-    """Refuse slices of which most stand where a different one stands; copies of one image are alike."""
+    """Refuse a series if most positions have several different images."""
     images: dict[int, set[tuple[str, int]]] = {}
     for ct_slice, height in zip(slices, along, strict=True):
         images.setdefault(round(height / SAME_MM), set()).add((ct_slice.image.uid, ct_slice.frame))

@@ -65,7 +65,7 @@ def single_number(paths: Sequence[Path], pattern: str) -> list[Fraction] | None:
 
 
 def number_in_parts(paths: Sequence[Path]) -> list[Fraction] | None:
-    """Return the number that stands in parts or is a time of day, and rises in even steps; else None."""
+    """Return the numbers that names have in parts or as times of day if they rise in even steps; else None."""
     texts = {text_around(path, WHOLE) for path in paths}
     columns = columns_of(paths, WHOLE) if len(texts) == 1 else []
     at = varying(columns)

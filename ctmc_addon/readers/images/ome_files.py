@@ -167,7 +167,7 @@ def slices_of_ome_steps(ome: _OmeFiles, images: Sequence[Path]) -> Steps[tuple[l
 
 
 def _companion_root(path: Path, name: str) -> ElementTree.Element | None:
-    """Return the OME-XML of a MetadataFile beside a TIFF; None where it is not there, or is not OME-XML."""
+    """Return the OME-XML of a MetadataFile beside a TIFF; None if it is missing or not OME-XML."""
     file = path.parent / name
     if Path(name).name != name or not file.is_file():
         return None

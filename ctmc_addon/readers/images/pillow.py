@@ -55,7 +55,7 @@ class Picture(NamedTuple):
 
 
 def picture(path: Path) -> Picture:
-    """Read the header alone."""
+    """Read the header of a picture."""
     iio = needed("imageio.v3", "imageio", DECODED)
     pillow = needed("PIL.Image", "Pillow", DECODED)
     try:

@@ -31,7 +31,7 @@ KEYS = (
 
 
 def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, ...]]:
-    """Return the spacing of slices in mm by the log beside them, and the note that says so.
+    """Return the spacing of slices in mm from the log beside them, and a note about it.
 
     Parameters
     ----------
@@ -56,7 +56,7 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
 
 
 def _pixels_apart(section_step: float, file_step: float) -> tuple[float, str]:
-    """Return how many pixels apart slices are, by the log's step and that of the numbers of the files, and why.
+    """Return the distance between slices in pixels, from the steps of the log and of the file numbers, and the reason.
 
     Files may be numbered by section, and then have the log's step or a multiple of it where some were taken out; or
     one after the other.

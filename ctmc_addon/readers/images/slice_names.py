@@ -244,7 +244,7 @@ def _form(run: Sequence[Path]) -> _Form | None:
 
 
 def _counted_with_letters(images: Sequence[Path], run: Sequence[Path]) -> list[Path]:
-    """Return the slices that count in even steps in hexadecimal or with all letters; `run` are those with digits alone.
+    """Return the slices that count in even steps in hexadecimal or letters; `run` has those with digits only.
 
     Examples
     --------

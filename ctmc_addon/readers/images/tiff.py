@@ -146,7 +146,7 @@ def _pages_of(tiff: Any) -> int:
 
 
 def ome_text(path: Path) -> str:
-    """Return the OME-XML of a TIFF, '' where it has none or is damaged: reading its pages tells."""
+    """Return the OME-XML of a TIFF; empty if it has none or is damaged, which reading its pages reports."""
     tifffile = needed("tifffile", "tifffile", "TIFF")
     try:
         with quiet(), tifffile.TiffFile(path, **_without_companions(tifffile)) as tiff:
@@ -156,7 +156,7 @@ def ome_text(path: Path) -> str:
 
 
 def plain_page_count(path: Path) -> int:
-    """Return the number of pages in a file, whatever its OME-XML says of those in others."""
+    """Return the number of pages in this file; its OME-XML may count pages of other files."""
     with _open_tiff(path, as_ome=False) as tiff:
         return len(tiff.pages)
 
@@ -194,7 +194,7 @@ def _without_companions(tifffile: Any) -> dict[str, bool]:
 
 
 def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
-    """Return what the header says of the first page, and how many pages there are."""
+    """Return the header of the first page with the number of pages."""
     with _open_tiff(path, as_ome) as tiff:
         layout = page_layout(tiff.pages[0], path)
         pages = _pages_of(tiff)
@@ -253,7 +253,7 @@ def _page_stack(tiff: Any, path: Path) -> _PageStack:
 
 
 def _pages_in(series: Any, path: Path) -> list[Any]:
-    """Yield the pages of a series or file as tifffile reads them; None for a missing page."""
+    """Return the pages of a series or file, which tifffile reads on access; None for a missing page."""
     with reading(path):
         return list(series.pages)
 

@@ -94,7 +94,7 @@ class TiffMetadata(NamedTuple):
 
 
 def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetadata:
-    """Return what ImageJ or OME wrote into a TIFF.
+    """Return the metadata of ImageJ or OME in a TIFF.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetada
 
 
 def _metadata_of_ome(text: str) -> TiffMetadata:
-    """Return what OME-XML says of its first `Pixels`; a note where it lies in another file."""
+    """Return the metadata of the first `Pixels` in the OME-XML; a note if it is in another file."""
     elsewhere = re.search(r"<(?:\w+:)?BinaryOnly\s[^<>]*MetadataFile\s*=\s*[\"']([^\"']*)", text)
     if elsewhere:
         return TiffMetadata(notes=(f"spacing and order of the TIFF are in {elsewhere[1]}, which was not read",))

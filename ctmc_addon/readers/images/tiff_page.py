@@ -115,7 +115,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, what: str) -> ReadError:
-    """Return the error for a file that cannot be what it says."""
+    """Return the error for a file that contradicts itself."""
     return ReadError(f"{path.name} is truncated or damaged ({what}); copy it again")
 
 

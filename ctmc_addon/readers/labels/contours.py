@@ -38,7 +38,7 @@ class _Traced(NamedTuple):
 
     @property
     def filled(self) -> Filled:
-        """Return both together."""
+        """Return the pixels inside and on the contours."""
         return Filled(self.top, self.left, self.odd | self.on)
 
 
@@ -56,7 +56,7 @@ class Edges(NamedTuple):
 
     @property
     def crossings(self) -> NDArray[np.int64]:
-        """Return how many rows each edge touches: what the work is measured by."""
+        """Return the number of rows that each edge touches, a measure of the work."""
         return np.maximum(0, self.last - self.first + 1)
 
 

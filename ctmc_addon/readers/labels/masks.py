@@ -127,7 +127,7 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
 
 
 def _whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
-    """Return values of a mask as the whole numbers they stand for; themselves where one stands for none."""
+    """Return values of a mask as whole numbers if all are nearly whole; else unchanged."""
     try:
         return numbers.of(values)
     except NotWholeError:
@@ -194,7 +194,7 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
 
 
 def _no_mask_steps(source: VolumeSource) -> Steps[str]:
-    """Return what a file holds instead of a mask, '' where it may be one: bytes by type, other numbers by all."""
+    """Return the content of a file that is not a mask, in words; empty if it may be one. Bytes are masks by type."""
     line = source.series[0]
     if line.times > 1:
         return f"{line.times} times"

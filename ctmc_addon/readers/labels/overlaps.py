@@ -23,7 +23,7 @@ LEAST_COMPARED = 1 << 8  # Pixels that a pair counts as: comparing it takes this
 
 
 class United(NamedTuple):
-    """The pixels of a plane, and whether a union has others than the even-odd rule."""
+    """The pixels of a plane, and whether their union differs from the even-odd rule."""
 
     filled: Filled
     changed: bool
@@ -81,7 +81,7 @@ def united_steps(contours: Sequence[NDArray[np.float64]], rows: int, columns: in
 def _groups_steps(
     contours: Sequence[NDArray[np.float64]], rows: int, columns: int, name: str
 ) -> Steps[list[list[int]]]:
-    """Return the numbers of contours; those that are connected by overlaps in part stand in one list."""
+    """Return the numbers of contours, a list for each group that partial overlaps connect."""
     groups = Groups(len(contours))
     filled: dict[int, Filled] = {}
     for pair in _pairs_with_overlapping_boxes(contours, rows, columns, name):

@@ -17,7 +17,7 @@ from ..streams import is_packed, opened
 
 
 def check_bytes(path: Path, needed: int) -> None:
-    """Refuse a file that is too short for all times, whichever is read: it is not as its header says.
+    """Refuse a file that is too short for all of its times, whichever is read.
 
     Parameters
     ----------

@@ -136,7 +136,7 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
 
 
 def _told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
-    """Return a note for each of `keys` that says something else than the first one, which is taken."""
+    """Return a note for each of `keys` that differs from the first one, which is used."""
     first, *other_keys = [key for key in keys if key.lower() in fields] or [""]
     return [
         f"the file has {first} {fields[first.lower()][:60]} and {key} {fields[key.lower()][:60]}: {first} is taken"

@@ -162,7 +162,7 @@ def open_steps(path: Path) -> Steps[_OmeZarr]:
 
 
 def _ome_of(folder: Path) -> dict[str, Any]:
-    """Return what the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
+    """Return the OME-Zarr attributes of a group: all attributes in 0.4, those below `ome` in 0.5."""
     third = read_json(folder / "zarr.json", folder.name)
     attributes = third.get("attributes") if third else read_json(folder / ".zattrs", folder.name)
     if not isinstance(attributes, dict):

@@ -103,7 +103,7 @@ def fields_of(text: str) -> dict[str, str]:
 
 
 def _volume_graphics(path: Path) -> _FlatValues:
-    """Return what a `.vgi` says.
+    """Return the layout of values from a `.vgi`.
 
     Raises
     ------
@@ -157,7 +157,7 @@ def _values_path(path: Path, name: str) -> Path:
 
 
 def _pyhst(path: Path) -> _FlatValues:
-    """Return what a `.vol.info` says.
+    """Return the layout of values from a `.vol.info`.
 
     Raises
     ------

@@ -64,7 +64,7 @@ class ArrayHeader(NamedTuple):
 
 
 def read_json(path: Path, name: str) -> dict[str, Any]:
-    """Return an object in a file of metadata; empty where there is no such file.
+    """Return the object in a metadata file; empty if the file is missing.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def _chunk_files(folder: Path) -> Iterator[str]:
 
 
 class ZarrSlices(SliceReader):
-    """A volume in an array: three of its axes, at one index of each of the others.
+    """A volume in an array: three of its axes, at one index of each remaining axis.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class ZarrSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """Return a layer of chunks, or so many of its slices that they are not much."""
+        """Return the slices of a layer of chunks, or fewer if those are large."""
         return min(self.chunk_slices, max(1, RUN // (self.shape[1] * self.shape[2] * self.dtype.itemsize)))
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:

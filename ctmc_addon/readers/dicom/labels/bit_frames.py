@@ -103,7 +103,7 @@ def _unpacked_rle(packed: bytes, most: int) -> bytes:
 
 
 def _encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
-    """Yield the compressed frames, each as it stands in the file."""
+    """Yield the compressed frames as stored."""
     count = image.pixels.options["number_of_frames"]
     frames = needed("pydicom.encaps", "pydicom", "DICOM").generate_frames(file, number_of_frames=count)
     for number in range(count):
