@@ -45,7 +45,7 @@ COPIES = 3  # of the masks, a byte a voxel each, that highdicom works on
 
 
 def require_highdicom() -> Any:
-    """Import highdicom; an `OutputError` that says how it is installed where it is missing."""
+    """Import highdicom; if it is missing, raise an `OutputError` with the command that installs it."""
     try:
         highdicom = importlib.import_module("highdicom")
     except ImportError as error:
@@ -155,7 +155,7 @@ def _volume(highdicom: Any, masks: NDArray[np.uint8], affine: NDArray[np.float64
 
 
 def _description(highdicom: Any, segment: Segment) -> Any:
-    """Return what a viewer shows of a structure: its name, its color and whether it is a lesion."""
+    """Return a structure's description for viewers: its name, its color and whether it is a lesion."""
     coded = highdicom.sr.CodedConcept
     lesion = anatomy_of(segment.name) == anatomy_of("tumor")
     return highdicom.seg.SegmentDescription(

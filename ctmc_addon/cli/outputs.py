@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files of surfaces: one for all of them, or one for each; a report and a picture. All are written, or none."""
+"""Write the files of surfaces: one for all of them, or one for each; a report and a picture; all, or none."""
 
 from __future__ import annotations
 
@@ -85,7 +85,7 @@ class Outputs:
         return [file for path in self.surfaces_in(surfaces) for file in files_of(path)]
 
     def blender_needed_for(self, simplifier: str) -> str:
-        """Return what Blender is needed for, empty if for nothing."""
+        """Return the purpose for which Blender is needed; empty if it is not."""
         if simplifier == "decimate":
             return "--simplifier decimate"
         suffixes = [suffix for suffix in self.suffixes if suffix in mesh_files.BLENDER_SUFFIXES]
@@ -93,7 +93,7 @@ class Outputs:
 
     @property
     def suffixes(self) -> list[str]:
-        """The suffixes of the files with surfaces."""
+        """Return the suffixes of the surface files."""
         return [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
 
     @contextmanager
@@ -116,7 +116,7 @@ class Outputs:
             mesh_files.require_one_surface(path, count)
 
     def triangle_bytes(self, simplifier: str) -> int:
-        """Bytes that writing takes for each triangle beside the surface; 0 for an STL or PLY without Blender."""
+        """Return the bytes that writing adds for each triangle; 0 for an STL or PLY without Blender."""
         objects = self.needs_objects(simplifier)  # a thumbnail is of few triangles, whatever the surface has
         return triangle_bytes(self.suffixes, objects, self.figure is not None and self.thumbnail is None)
 
@@ -243,7 +243,7 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
 
 
 def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
-    """Return the surfaces as a thumbnail shows them, of `THUMBNAIL_FACES` triangles together at most, or a few more."""
+    """Return surfaces simplified for a thumbnail, with about `THUMBNAIL_FACES` triangles in total at most."""
     total = max(1, sum(len(result.mesh.faces) for result in results))
     coarse = []
     for result in results:
@@ -257,7 +257,7 @@ def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
 
 
 def _with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:
-    """The surfaces with further stages, those of one name together; of several surfaces each has had all of them."""
+    """Return the surfaces with further stages; stages of one name are added up, and every surface gets all of them."""
     seconds: dict[str, float] = {}
     for stage in stages:
         seconds[stage.name] = seconds.get(stage.name, 0.0) + stage.seconds

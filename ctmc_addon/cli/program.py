@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The parser of `ctmc`, and the exit code of one command."""
+"""Parse the arguments of `ctmc`, run one command and return its exit code."""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings as a TOML text that explains itself, and back.
+"""Write settings as a TOML text that explains itself, and read them back.
 
-The comments are the settings' own texts, so the file is its own manual. What is not set stands as a comment.
+The comments are the settings' own texts, so the file is its own manual. Unset settings are comments.
 """
 
 from __future__ import annotations

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make one case of a batch: read its volume once, and put every output in its place with a JSON, errors too."""
+"""Make one case of a batch: read its volume once, and write every output with a JSON, also for errors."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
 
 @dataclass(frozen=True)
 class _AnnouncedBudget(Budget):
-    """A budget of a case that says what a work will need, and waits until the batch has room for it.
+    """The budget of a case, which announces the memory of a task and waits until the batch has room for it.
 
     Parameters
     ----------
@@ -204,7 +204,7 @@ class CaseWork:
         self.put(name, files, thumbnail, record)
 
     def put(self, name: str, files: Sequence[Path], thumbnail: Path | None, record: Mapping[str, Any]) -> None:
-        """Put complete files in their places, unless the batch is over: they may be those of another one then."""
+        """Move complete files to the batch's folder, unless the batch is over and another one may own the folder."""
         with CHANGING_FOLDERS:
             if not batch_is_over(self.task):
                 put_output(Path(self.task["folder"]), name, self.unfinished, files, thumbnail, record)
@@ -236,7 +236,7 @@ class CaseWork:
         return surface_of(volume, outcome, writer)
 
     def hu_inside(self, surfaces: Surfaces, labels: Volume) -> list[dict[str, float]] | None:
-        """Return mean and deviation inside the label of each surface, of the CT beside it; None without such a CT."""
+        """Return mean and deviation of the CT inside the label of each surface; None without a CT beside the labels."""
         path = Path(self.task["input"])
         if self.source == path:
             return None
@@ -258,12 +258,12 @@ class CaseWork:
         return finish(inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
-        """Record that the case does not have the label of an output; what an older run made of it goes."""
+        """Record that the case lacks the label of an output, and remove the files of an older run."""
         record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
         self.put(output["name"], [], None, record)
 
     def output_fields(self, output: Mapping[str, Any]) -> dict[str, Any]:
-        """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
+        """Return the paths of surfaces until they are complete; several go to a folder if one file cannot hold them."""
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
             require_batch(self.task)  # or its hidden folder would come again

@@ -91,7 +91,7 @@ def collect(
 
 
 def _inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
-    """Return the volumes that one input stands for."""
+    """Return the volumes of one input."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
@@ -125,7 +125,7 @@ def _inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
 
 
 def _volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
-    """Volumes and their names: a folder's volume files, else itself if it holds slices, else those of its folders.
+    """Return volumes and names: a folder's volume files, else itself if it holds slices, else those of its folders.
 
     A folder with one volume names it; of several, each also keeps its own name. One with none stays in the list: that
     nothing is in it should be said, not passed over.
@@ -146,7 +146,7 @@ def _volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pa
 
 
 def _volume_files(folder: Path) -> list[Path]:
-    """Files and folders that are a volume each, in natural order, without labels that belong to one of them."""
+    """Return files and folders that are volumes, in natural order, without labels that belong to one of them."""
     entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     files = [entry for entry in entries if entry.is_file()]
     volumes = [
@@ -201,7 +201,7 @@ def _require_different_files(cases: Sequence[Case]) -> None:
 
 
 def _require_file_name(name: str, where: str) -> None:
-    """Refuse a name with which no file can be written everywhere; `where` in a manifest it stands, if in one."""
+    """Refuse a name that is not a valid file name on every system; `where` is its place in a manifest, if any."""
     remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
     line = f"{where}: " if where else ""
     if name.casefold() in TAKEN:
@@ -221,7 +221,7 @@ def _short(case: Case) -> str:
 
 
 def values_of(path: Path, allow_outside: bool) -> tuple[int, int]:
-    """Return the voxels in the file that will be read, and the bytes of one, or the most that any has.
+    """Return the number of voxels to read and the bytes of one, or the most bytes of any type.
 
     There are none where that is unknown, as of broken headers, which fail at once.
     """

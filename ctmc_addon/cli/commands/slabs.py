@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One volume on many machines: the workers of a dask.distributed cluster extract slabs of a file that all of them see.
+"""Extract one volume on many machines: the workers of a dask.distributed cluster extract slabs of a shared file.
 
 Each task opens the file by its path and reads its slices alone. The scheduler gives the slabs of a worker that was
 lost to another one, so a lost worker costs its slab and not the run.
@@ -46,7 +46,7 @@ class _ClusterWorkers:
 
     @property
     def count(self) -> int:
-        """Workers that the scheduler knows now."""
+        """Return the current number of workers."""
         return self.cluster.workers
 
     def results(self, tasks: Sequence[SlabTask]) -> Generator[SlabResult | None, None, None]:
@@ -113,7 +113,7 @@ class _ClusterWorkers:
 
 @contextmanager
 def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions) -> Iterator[_ClusterWorkers | None]:
-    """The workers of the scheduler at an address, if one is given, who read `path`."""
+    """Yield the workers of the scheduler at an address, if any, which read `path`."""
     if not address:
         yield None
         return

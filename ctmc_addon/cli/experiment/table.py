@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of an experiment: printed, and as CSV, JSON and Markdown in a folder."""
+"""Print the table of an experiment, and write it as CSV, JSON and Markdown into a folder."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _escaped(text: str) -> str:
 
 
 def runs_text(repeats: int) -> str:
-    """Return how often each was timed, for a person.
+    """Return the number of timed runs as text.
 
     Examples
     --------

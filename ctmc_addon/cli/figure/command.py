@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure INPUT -o FILE.png`: one command to a figure for print, and `figure sheet`, `figure turntable`."""
+"""Run `ctmc figure INPUT -o FILE.png`: make a figure for print; `figure sheet` and `figure turntable` are below it."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure sheet`: the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
+"""Run `ctmc figure sheet`: show the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """The flags of `ctmc figure sheet`."""
+    """Add the flags of `ctmc figure sheet`."""
     common.add_common(parser, "FILE.png; its folder is created if needed", "sheet")
     group = parser.add_argument_group("settings to compare")
     add_described(group, Comparison, readers={"strides": sides_of})

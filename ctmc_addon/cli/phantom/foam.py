@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc foam OUTPUT`: a foam of any size as one file, to try volumes that do not fit in memory."""
+"""Run `ctmc foam OUTPUT`: write a foam of any size as one file, to try volumes that do not fit in memory."""
 
 from __future__ import annotations
 

@@ -51,7 +51,7 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
 
 
 def _center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median, and how far others lie from it as a standard deviation; 0 where they are few or all the same.
+    """Return the median and a robust standard deviation; 0 for few or equal values.
 
     The median absolute deviation, which a few outliers do not move; the mean where more than half are the same.
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""summary.html: totals, a histogram and a table that sorts, filters and searches, without a network.
+"""Make summary.html: totals, a histogram and a table that sorts, filters and searches, without a network.
 
 The page is `template/page.html` with its style, its script and the rows of summary.json; the script builds the tables.
 Thumbnails are loaded when they come into view, from the folder beside the page.
@@ -27,7 +27,7 @@ MOST_BINS = 30
 
 
 def html_text(rows: Sequence[SummaryRow], over: bool) -> str:
-    """Return the page; it names no file but thumbnails and pages of cases that lie beside it."""
+    """Return the page; it links only thumbnails and pages of cases beside it."""
     # Without "<" no text in the JSON ends its element.
     batch = json.dumps(_page_content(rows), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     refresh = "" if over else f'<meta http-equiv="refresh" content="{RELOAD_SECONDS}">\n'
@@ -111,7 +111,7 @@ def _short(number: float) -> str:
 
 
 def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
-    """Return where a histogram begins, how wide its bins are, and how many values each has.
+    """Return the start of a histogram, the width of its bins, and the number of values in each.
 
     Bins are 1, 2 or 5 times a power of ten wide, about as many as the square root of the number of values, twice.
 
