@@ -16,7 +16,7 @@ from ..core import CtmcError, MemoryLimitError, Reconstruction, Steps, address_s
 from .interrupts import interrupts_held
 
 T = TypeVar("T")
-BLENDER_BYTES = 1250 << 20  # of address space, from 4.2 to 5.2
+BLENDER_BYTES = 1250 << 20  # Address space that Blender 4.2 to 5.2 needs.
 
 
 def has_blender() -> bool:
@@ -78,7 +78,7 @@ def objects_of(
     names: Sequence[str] = (),
     opacities: Sequence[float | None] = (),
 ) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
-    """Make a scene with an object for every surface, with names and opacities if any; yield it and the shown surfaces."""
+    """Make a scene with an object for every surface, with names and opacities if any; yield surfaces as shown."""
     from ..blender.surface import evaluated_triangles, temporary_surfaces
 
     with ExitStack() as stack:

@@ -28,20 +28,20 @@ from ..version import VERSION
 
 SUFFIX = ".dcm"
 EXTRA = "pip install 'ctmc-addon[dicom-seg]'"
-OLDEST = [0, 27]  # colors are made from sRGB since then
-SERIES_NUMBER = 900  # beyond those of a scanner
+OLDEST = [0, 27]  # Since this version colors are made from sRGB.
+SERIES_NUMBER = 900  # Scanners use smaller numbers.
 ANATOMY = ("123037004", "SCT", "Anatomical Structure")  # PS3.16 CID 7150
 ABNORMAL = ("49755003", "SCT", "Morphologically Abnormal Structure")
 TISSUE, LESION = ("85756007", "SCT", "Tissue"), ("52988006", "SCT", "Lesion")
 FAMILY = ("123101", "DCM", "Neighborhood Analysis")  # PS3.16 CID 7162
-IDENTITY = (  # type 2 of PS3.3 C.7.1.1 and C.7.2.1: there, and perhaps empty; anonymized files leave some out
+IDENTITY = (  # Type 2 of PS3.3 C.7.1.1 and C.7.2.1: present, perhaps empty; anonymized files lack some.
     *("PatientID", "PatientName", "PatientBirthDate", "PatientSex"),
     *("AccessionNumber", "StudyID", "StudyDate", "StudyTime"),
 )
 
 NEEDED = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID", "FrameOfReferenceUID")
 
-COPIES = 3  # of the masks, a byte a voxel each, that highdicom works on
+COPIES = 3  # highdicom copies the masks this often, a byte per voxel each.
 
 
 def require_highdicom() -> Any:

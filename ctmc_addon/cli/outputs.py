@@ -32,8 +32,8 @@ from .blender_host import blender_at_work, objects_of, quiet_steps
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
 
-THUMBNAIL_FACES = 100_000  # of a picture of 160 x 120 pixels
-FEWEST_FACES = 200  # of each of many surfaces in it
+THUMBNAIL_FACES = 100_000  # Enough for a picture of 160 x 120 pixels.
+FEWEST_FACES = 200  # Each of many surfaces keeps this many.
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
 from .terminal import checked_output
 
-WORKER = "batch-case"  # for `ctmc batch` to start, not for people
+WORKER = "batch-case"  # `ctmc batch` starts it; people do not.
 
 # The module of every command, in the order of the help. Only that of the command that is called is imported.
 COMMANDS = {

@@ -13,7 +13,7 @@ from typing import Any
 from ..core import CtmcError
 
 PACKAGE = Path(__file__).resolve().parents[1]
-PATIENCE = 10.0  # seconds in which a scheduler has to answer
+PATIENCE = 10.0  # Seconds within which a scheduler has to answer.
 
 
 class Scheduler:

@@ -32,8 +32,8 @@ class Output:
 
     name: str
     settings: ReconstructionSettings
-    labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
-    shared_labels: tuple[int, ...] = ()  # all labels whose surfaces are made with that of the settings, it among them
+    labels: tuple[int | str, ...] = ()  # Numbers, names or `all`; empty for the label of the settings.
+    shared_labels: tuple[int, ...] = ()  # Labels whose surfaces are made at once, with that of the settings.
 
     def plain(self) -> dict[str, Any]:
         """Return the case as plain data, for JSON."""

@@ -35,7 +35,7 @@ class CaseInput:
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, Any] = field(default_factory=dict)
-    where: str = ""  # such as 'cases.csv, line 3'; empty for what no manifest names
+    where: str = ""  # Such as 'cases.csv, line 3'; empty without a manifest.
 
 
 def manifest_inputs(path: Path) -> list[CaseInput]:

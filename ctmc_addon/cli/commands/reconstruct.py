@@ -53,7 +53,7 @@ from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in mesh_files.SURFACE_SUFFIXES)
-MOST_FILES = 8  # named in the summary
+MOST_FILES = 8  # The summary names at most this many.
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
 
 

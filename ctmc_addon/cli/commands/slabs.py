@@ -20,10 +20,10 @@ from ... import readers
 from ...core import CtmcError, ReadError, SlabResult, SlabTask, finish, slab_result_steps
 from ..scheduler import PATIENCE, Scheduler
 
-TICK = 0.05  # seconds between two looks at the futures
-AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
+TICK = 0.05  # Seconds between two checks of the futures.
+AHEAD = 3  # Tasks per worker at the scheduler; their results wait in the workers' memory.
 LOST = "the scheduler {} lost a slab; run this again once it is up"
-LONGEST_WITHOUT_WORKERS = 60.0  # seconds without any worker
+LONGEST_WITHOUT_WORKERS = 60.0  # Seconds.
 RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 

@@ -28,7 +28,7 @@ from ..surfaces import Surfaces, may_be_several, surfaces_steps
 
 Reader = Callable[[int], Steps[Volume]]
 STAGES = {"Reading": 3, "Reconstructing": 6}
-IN_TURN = (".blend",)  # files that show one surface after the other
+IN_TURN = (".blend",)  # These files show one surface after the other.
 
 
 def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, scheduler: bool) -> None:

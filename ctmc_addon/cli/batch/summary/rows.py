@@ -35,9 +35,9 @@ class SummaryRow:
     memory_bytes: int | None = None
     notes: str = ""
     outlier: str = ""
-    of_case: str = ""  # the case, which has a row for each of its outputs
-    surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
-    page: bool = False  # whether there is a page of the case
+    of_case: str = ""  # Name of the case, which has a row for each output.
+    surfaces: list[dict[str, Any]] = field(default_factory=list)  # Filled for a case with several labels.
+    page: bool = False  # True if the case has a page.
     thumbnail: bool = False
     labels_as_one: bool = False  # Otsu's threshold made one surface of all labels
 
