@@ -42,7 +42,7 @@ WORK, PEER = 98, 40  # Widths of the printed columns.
 
 
 def main() -> int:
-    """Run the parts asked for; 0 whether or not targets are met, as a slow minute is no defect."""
+    """Run the requested parts; return 0 even if targets are missed, because a slow minute is not a defect."""
     options = arguments()
     if options.part:
         return child(options)

@@ -61,7 +61,7 @@ def put(
     turn: NDArray[np.float64],
     spacing: NDArray[np.float64],
 ) -> None:
-    """Fill one body: where a turned, waved radius is below 1, and nobody is yet."""
+    """Fill one body: free samples at which its rotated, wavy radius is below 1."""
     low = np.maximum(0, np.floor((middle - reach) / spacing).astype(int))
     high = np.minimum(labels.shape, np.ceil((middle + reach) / spacing).astype(int) + 1)
     box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))

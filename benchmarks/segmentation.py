@@ -243,7 +243,7 @@ def clicks_to(scores: list[float], goal: float) -> float:
 
 
 def phantoms() -> dict[str, Callable[[], Case]]:
-    """Return phantoms by name: balls beside each other, and a vessel that branches, in noise."""
+    """Return noisy phantoms by name: neighboring balls, and a branching vessel."""
 
     def simulated_case(name: str, inside: Mask, neighbor: Mask, spacing: tuple[float, float, float]) -> Case:
         noise = np.random.default_rng(1).normal(0, 15, inside.shape)

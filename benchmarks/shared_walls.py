@@ -38,7 +38,7 @@ RATES = (0.5, 0.9, 0.98)
 
 
 class Wall:
-    """A wavy wall through a ball, along the slices or across them: where it stands over two coordinates, in mm."""
+    """A wavy wall through a ball, along the slices or across them: its height over two coordinates, in mm."""
 
     def __init__(self, seed: int, across: bool) -> None:
         rng = np.random.default_rng(seed)

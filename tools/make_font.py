@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def subset(font: Any) -> None:
-    """Keep our characters; Blender places letters by their widths alone."""
+    """Keep our characters, without kerning: Blender places letters by their widths."""
     module = importlib.import_module("fontTools.subset")
     options = module.Options(layout_features=[], hinting=False, notdef_outline=True, name_IDs=["*"])
     options.drop_tables += ["GPOS", "GSUB", "GDEF", "STAT", "MVAR", "HVAR", "avar"]

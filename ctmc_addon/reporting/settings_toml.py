@@ -35,7 +35,7 @@ def to_toml(
     tables: Tables | None = None,
     given: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
-    """Return every setting with its text, unit, limits and value, and the tables that may stand below.
+    """Return every setting with its text, unit, limits and value, and the tables below.
 
     Parameters
     ----------
@@ -95,7 +95,7 @@ def _comment_of(about: Setting) -> list[str]:
 
 
 def _value_line(name: str, value: Any, example: Any) -> str:
-    """Return `name = value`; where there is no value, an example as a comment."""
+    """Return `name = value`; without a value, an example as a comment."""
     if value is None:
         return f"# {name} = {_toml_value(example)}"
     return f"{name} = {_toml_value(value)}"

@@ -91,7 +91,6 @@ def collect(
 
 
 def _inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
-    """Return the volumes of one input."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)

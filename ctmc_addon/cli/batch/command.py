@@ -335,7 +335,6 @@ def _print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
 
 
 def _update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
-    """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
         if event.status != ENDED:

@@ -138,7 +138,6 @@ def _require_columns(names: list[str], where: str) -> None:
 
 
 def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    """Read one line of the manifest."""
     values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:

@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _npy_steps(volume: Volume, path: Path) -> Steps[None]:
-    """Write a .npy file."""
     with path.open("wb") as stream:
         npy: Any = np.lib.format
         npy.write_array_header_2_0(stream, {"descr": "|u1", "fortran_order": False, "shape": volume.shape})

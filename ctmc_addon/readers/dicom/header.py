@@ -266,7 +266,6 @@ def sop_class(elements: _DatasetValues) -> str:
 
 
 def _image_file(path: Path, elements: _DatasetValues, series: str, pixels: Pixels) -> ImageFile:
-    """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
     modality = str(elements.get("Modality", None) or "")

@@ -76,7 +76,6 @@ class StoredPixels:
         self.asked = number
 
     def _picture_steps(self, process: DecodingProcess, step: Step) -> Steps[NDArray[Any]]:
-        """Return the requested pixels."""
         assert self.asked is not None, "the caller asks"
         ct_slice, self.asked = self.slices[self.asked], None
         try:

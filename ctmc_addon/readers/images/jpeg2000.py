@@ -21,7 +21,7 @@ MOST_BEHIND = 1 << 16  # Bytes after it.
 
 
 class Depth(NamedTuple):
-    """How the values of a JPEG 2000 picture are stored."""
+    """The depth and sign of the stored values of a JPEG 2000 picture."""
 
     bits: int
     signed: bool

@@ -145,7 +145,6 @@ def _same_place(
 
 
 def _other_grid(folder: Path, first: str, name: str) -> ReadError:
-    """Return the error for masks whose grids differ."""
     return ReadError(
         f"the masks '{first}' and '{name}' in the folder {folder.name} lie on different grids; choose one of them, or "
         "resample them to one grid"

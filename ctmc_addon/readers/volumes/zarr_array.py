@@ -244,7 +244,6 @@ class ZarrSlices(SliceReader):
         return out
 
     def _is_kept(self, slices: range, rows: range, columns: range) -> bool:
-        """Return whether values of one layer were kept."""
         if self._kept is None or self._kept[1:3] != (rows, columns) or slices.step % self._kept[0].step:
             return False
         return slices[0] in self._kept[0] and slices[-1] in self._kept[0]

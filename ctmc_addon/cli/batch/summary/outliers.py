@@ -73,7 +73,6 @@ def _center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _notes_of(row: SummaryRow) -> list[str]:
-    """Return the notes of a row, one by one."""
     return row.notes.split(NOTES_BETWEEN) if row.notes else []
 
 

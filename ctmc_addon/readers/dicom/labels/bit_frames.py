@@ -35,7 +35,6 @@ def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
 def _read_frames(
     image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
 ) -> Iterator[NDArray[Any]]:
-    """Yield the frames of a file that is open."""
     with opened(image.path) as (elements, _):
         elements.file.seek(image.pixels.start)
         yield from read(elements.file, image)

@@ -74,7 +74,6 @@ def fill_steps(
 
 
 def _plane_steps(plane: Plane, grid: SliceGrid, name: str) -> Steps[United]:
-    """Fill the contours of one plane."""
     _, rows, columns = grid.shape
     if plane.xor or len(plane.contours) == 1:
         return United((yield from filled_steps(edges_of(plane.contours, rows), columns)), False)
