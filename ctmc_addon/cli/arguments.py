@@ -365,7 +365,7 @@ def _opacity_choice(text: str) -> tuple[int | str, float]:
 
     Examples
     --------
-    >>> opacity_choice("liver=0.35"), opacity_choice("7=1"), opacity_choice("label 7=1"), opacity_choice("left=.5")
+    >>> _opacity_choice("liver=0.35"), _opacity_choice("7=1"), _opacity_choice("label 7=1"), _opacity_choice("left=.5")
     (('liver', 0.35), (7, 1.0), (7, 1.0), ('left', 0.5))
     """
     name, equals, share = (part.strip() for part in text.rpartition("="))

@@ -70,7 +70,7 @@ def _checked_series(series: str | int) -> str | None:
 
     Examples
     --------
-    >>> checked_series(2), checked_series(" ")
+    >>> _checked_series(2), _checked_series(" ")
     ('2', None)
     """
     return str(series).strip() or None

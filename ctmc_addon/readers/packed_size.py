@@ -70,7 +70,7 @@ def _zstandard_size(head: bytes) -> int:
 
     Examples
     --------
-    >>> zstandard_size(bytes.fromhex("28b52ffd a0 00000080 0000"))
+    >>> _zstandard_size(bytes.fromhex("28b52ffd a0 00000080 0000"))
     2147483648
     """
     if head[:4] != b"\x28\xb5\x2f\xfd" or len(head) < 5:

@@ -85,7 +85,7 @@ def _suffixes_of(*holds: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> suffixes_of("pages")
+    >>> _suffixes_of("pages")
     ('.tif', '.tiff')
     """
     return tuple(end for about in FORMATS.values() if not holds or about.holds in holds for end in about.suffixes)

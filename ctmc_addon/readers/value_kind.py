@@ -215,7 +215,7 @@ def _is_label_name(name: str) -> bool:
 
     Examples
     --------
-    >>> [is_label_name(name) for name in ("segmentation-3", "case 7_seg", "volume-3", "segmented")]
+    >>> [_is_label_name(name) for name in ("segmentation-3", "case 7_seg", "volume-3", "segmented")]
     [True, True, False, False]
     """
     words = [word for word in re.split(r"[^a-z]+", name.lower()) if word]

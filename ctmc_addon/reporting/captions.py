@@ -53,7 +53,7 @@ def _shape_phrases(settings: ReconstructionSettings) -> list[str]:
 
     Examples
     --------
-    >>> shape_phrases(ReconstructionSettings(close_border=True, keep_parts=1, reduction=0.9))
+    >>> _shape_phrases(ReconstructionSettings(close_border=True, keep_parts=1, reduction=0.9))
     ['closed at the border', 'largest component', 'simplified by 90 %']
     """
     phrases = []

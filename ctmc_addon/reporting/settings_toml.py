@@ -106,7 +106,7 @@ def _toml_value(value: Any) -> str:
 
     Examples
     --------
-    >>> toml_value((2, 2, 1)), toml_value(True), toml_value("mesh"), toml_value(1e-7)
+    >>> _toml_value((2, 2, 1)), _toml_value(True), _toml_value("mesh"), _toml_value(1e-7)
     ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
     """
     if isinstance(value, (tuple, list)):

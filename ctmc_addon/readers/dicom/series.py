@@ -255,7 +255,7 @@ def _name_pattern(path: Path) -> str:
 
     Examples
     --------
-    >>> name_pattern(Path("IM-0001-0017.dcm")), name_pattern(Path("1.2.840.17")), name_pattern(Path("0f1e22ab-77aa"))
+    >>> _name_pattern(Path("IM-0001-0017.dcm")), _name_pattern(Path("1.2.840.17")), _name_pattern(Path("0f1e22ab-77aa"))
     ('im-#-#.dcm', '#.#.#.#', '#-#')
     """
     words = re.sub(r"(?<![0-9a-z])[0-9a-f]{4,}(?![0-9a-z])", "#", path.name.casefold())

@@ -326,7 +326,7 @@ def _label_facts(about: Mapping[str, Any]) -> tuple[dict[int, str], dict[int, RG
     Examples
     --------
     >>> about = {"colors": [{"label-value": 1, "rgba": [255, 0, 9, 255]}]}
-    >>> label_facts(about | {"properties": [{"label-value": 1, "name": "liver"}]})
+    >>> _label_facts(about | {"properties": [{"label-value": 1, "name": "liver"}]})
     ({1: 'liver'}, {1: (255, 0, 9)})
     """
     names: dict[int, str] = {}

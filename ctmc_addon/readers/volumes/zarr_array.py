@@ -309,7 +309,7 @@ def _chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
 
     Examples
     --------
-    >>> list(chunk_ranges(range(3, 10, 2), 4))
+    >>> list(_chunk_ranges(range(3, 10, 2), 4))
     [(0, range(3, 5, 2)), (1, range(5, 9, 2)), (3, range(9, 11, 2))]
     """
     first = 0

@@ -81,7 +81,7 @@ def _unpacked_rle(packed: bytes, most: int) -> bytes:
 
     Examples
     --------
-    >>> unpacked_rle(bytes([1, 0, 0, 0, 64]) + bytes(59) + bytes([254, 7, 1, 8, 9, 128]), 10)
+    >>> _unpacked_rle(bytes([1, 0, 0, 0, 64]) + bytes(59) + bytes([254, 7, 1, 8, 9, 128]), 10)
     b'\x07\x07\x07\x08\t'
     """
     segments, start = (int.from_bytes(packed[at : at + 4], "little") for at in (0, 4))

@@ -113,9 +113,9 @@ def _are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     Examples
     --------
-    >>> bool(are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all()), are_joined(np.array([40.0])).tolist()
+    >>> bool(_are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all()), _are_joined(np.array([40.0])).tolist()
     (True, [True])
-    >>> are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
+    >>> _are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
     [True, True, False, True, True, True]
     """
     padded_steps = np.concatenate([[0.0], steps, [0.0]])
@@ -142,7 +142,7 @@ def _sources_of(
     Examples
     --------
     >>> heights = np.array([0.0, 3.0, 6.0])
-    >>> for source in sources_of(heights, np.array([True, True]), np.arange(5) * 2.0, 2.0): print(*source)
+    >>> for source in _sources_of(heights, np.array([True, True]), np.arange(5) * 2.0, 2.0): print(*source)
     0 0 0 0.0
     1 0 1 0.6666666666666666
     2 1 2 0.3333333333333333
@@ -184,7 +184,7 @@ def _lower_median(values: NDArray[np.float64]) -> float:
 
     Examples
     --------
-    >>> lower_median(np.array([9.0, 2.0])), lower_median(np.zeros(0))
+    >>> _lower_median(np.array([9.0, 2.0])), _lower_median(np.zeros(0))
     (2.0, 0.0)
     """
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0
