@@ -21,8 +21,8 @@ from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "development" / "accuracy.md"
-STEPS = (2.0, 1.0, 0.5, 0.25)  # mm; along z times 1 or 2.5
-FINE = STEPS[1:]  # what the orders are taken from: at 2 mm the torus' tube is three voxels wide
+STEPS = (2.0, 1.0, 0.5, 0.25)  # Millimeters; along z times 1 or 2.5.
+FINE = STEPS[1:]  # Orders use these: at 2 mm the torus' tube is three voxels wide.
 ALPHAS = (0.0, 0.5, 1.0)
 SMOOTHINGS: dict[str, dict[str, Any]] = {
     "no": {"smoothing": "none"},
@@ -52,32 +52,32 @@ def main() -> int:
 
 
 def geometry_table() -> str:
-    """Area and volume at alpha 1."""
+    """Print area and volume errors at alpha 1."""
     rows = []
     for shape in SHAPES.values():
         for spacings in (EVEN, UNEVEN):
-            found = [errors(shape, at(step, spacings)) for step in STEPS]
+            error_pairs = [errors(shape, at(step, spacings)) for step in STEPS]
             for number, what in enumerate(("area", "volume")):
-                values = [pair[number] for pair in found]
+                values = [pair[number] for pair in error_pairs]
                 power = order(list(FINE), values[-len(FINE) :])
                 rows.append([f"{shape.name}, {what}", voxel(spacings), *map(percent, values), f"{power:.2f}"])
     return table(["body", "voxel", *(f"{step:g} mm" for step in STEPS), "order"], rows)
 
 
 def alpha_table() -> str:
-    """Area and volume of the sphere at other alphas."""
+    """Print area and volume errors of the sphere at smaller alphas."""
     rows = []
     for spacings in (EVEN, UNEVEN):
         for alpha in ALPHAS:
-            found = [errors(SHAPES["sphere"], at(step, spacings), alpha) for step in STEPS]
+            error_pairs = [errors(SHAPES["sphere"], at(step, spacings), alpha) for step in STEPS]
             for number, what in enumerate(("area", "volume")):
-                values = [percent(pair[number]) for pair in found]
+                values = [percent(pair[number]) for pair in error_pairs]
                 rows.append([f"{what}, alpha {alpha:g}", voxel(spacings), *values])
     return table(["sphere", "voxel", *(f"{step:g} mm" for step in STEPS)], rows)
 
 
 def normals_table() -> str:
-    """Angles between the surface's normals and the body's, mean and greatest."""
+    """Print the mean and the greatest angle between normals of surface and body."""
     rows = []
     for shape in SHAPES.values():
         if shape.gradient is None:
@@ -91,7 +91,7 @@ def normals_table() -> str:
 
 
 def normal_angles(shape: Shape, spacing: tuple[float, float, float]) -> tuple[float, float]:
-    """Mean and greatest angle, degrees."""
+    """Return the mean and the greatest angle, degrees."""
     mesh = extracted(shape, spacing, normals=True)
     assert shape.gradient is not None
     normals = transform_normals(np.diag([*spacing, 1.0]), mesh.normals)
@@ -100,12 +100,12 @@ def normal_angles(shape: Shape, spacing: tuple[float, float, float]) -> tuple[fl
 
 
 def tumors_table() -> str:
-    """Volume of the phantom's tumors against their true volume."""
+    """Print the volume of the phantom's tumors against their true volume."""
     rows = []
     for slices in (29, 250):
-        made = phantom(slices)
-        true = sum(made.tumour_volumes_mm3)
-        x, y, z = made.labels.spacing
+        phantom_of_slices = phantom(slices)
+        true = sum(phantom_of_slices.tumour_volumes_mm3)
+        x, y, z = phantom_of_slices.labels.spacing
         for word, smoothing in SMOOTHINGS.items():
             for side in (1, 2, 3):
                 cells = []
@@ -113,24 +113,24 @@ def tumors_table() -> str:
                     settings = ReconstructionSettings(
                         label=2, stride=(side, side, 1), alpha=alpha, normals="mesh", **smoothing
                     )
-                    cells.append(percent(reconstruct(made.labels, settings).mesh.volume / true - 1))
+                    cells.append(percent(reconstruct(phantom_of_slices.labels, settings).mesh.volume / true - 1))
                 size = f"{slices} slices, {x:.2f} x {y:.2f} x {z:.2f} mm"
                 rows.append([size, word, f"{side} x {side}", *cells])
     return table(["phantom", "smoothed", "stride", *(f"alpha {alpha:g}" for alpha in ALPHAS)], rows)
 
 
 def at(step: float, spacings: tuple[float, float, float]) -> tuple[float, float, float]:
-    """Spacing along x, y, z, mm."""
+    """Return the spacing along x, y, z, mm."""
     return (step * spacings[0], step * spacings[1], step * spacings[2])
 
 
 def voxel(spacings: tuple[float, float, float]) -> str:
-    """`1 : 1 : 2.5`."""
+    """Return proportions as text, such as `1 : 1 : 2.5`."""
     return " : ".join(f"{side:g}" for side in spacings)
 
 
 def percent(share: float) -> str:
-    """Signed per cent with as many digits as say something."""
+    """Return a signed percentage with its significant digits."""
     return f"{100 * share:+.2f} %" if abs(share) >= 1e-3 else f"{100 * share:+.3f} %"
 
 

@@ -25,7 +25,7 @@ from .peers import versions
 
 ROOT = Path(__file__).resolve().parents[1]
 RESULTS = ROOT / "out" / "bench" / "bench.json"
-PARTS = {  # name: module, what is measured
+PARTS = {  # Module and subject by name.
     "extraction": "against VTK, scikit-image, PyMCubes; strides; memory",
     "patient": "bone, skin and masks against VTK and Blender's own mesher",
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
@@ -38,11 +38,11 @@ PARTS = {  # name: module, what is measured
     "blender": "folder to object in a process of its own; alpha on 1M vertices",
     "growth": "time and memory over size, triangles, threads, stride",
 }
-WORK, PEER = 98, 40  # widths of the printed columns
+WORK, PEER = 98, 40  # Widths of the printed columns.
 
 
 def main() -> int:
-    """Run the parts asked for; 0 whether or not targets are met, as a slow minute is no defect."""
+    """Run the requested parts; return 0 even if targets are missed, because a slow minute is not a defect."""
     options = arguments()
     if options.part:
         return child(options)
@@ -61,29 +61,29 @@ def main() -> int:
                 status = 1
                 continue
             keep(part, about | json.loads(answer.read_text()))
-    found = kept()
-    judged = [row["met"] for known in found.values() for row in known["rows"] if row["met"] is not None]
+    results = kept()
+    judged = [row["met"] for part_results in results.values() for row in part_results["rows"] if row["met"] is not None]
     print(f"{sum(judged)} of {len(judged)} targets met; all numbers are in {RESULTS}")
     if options.write_docs:
-        for path in documents.write(found):
+        for path in documents.write(results):
             print(f"written: {path.relative_to(ROOT)}")
     return status
 
 
 def kept() -> dict[str, dict[str, Any]]:
-    """What is known of every part that was measured, now or before, in their order."""
-    found = json.loads(RESULTS.read_text())["parts"] if RESULTS.exists() else {}
-    return {part: found[part] for part in PARTS if part in found}
+    """Return the stored results of all measured parts, in their order."""
+    stored = json.loads(RESULTS.read_text())["parts"] if RESULTS.exists() else {}
+    return {part: stored[part] for part in PARTS if part in stored}
 
 
-def keep(part: str, known: dict[str, Any]) -> None:
-    """Put a part's numbers beside those of the others as soon as they are there: a run that is stopped loses one."""
+def keep(part: str, results: dict[str, Any]) -> None:
+    """Store a part's numbers at once, so that an interrupted run loses only one part."""
     RESULTS.parent.mkdir(parents=True, exist_ok=True)
-    RESULTS.write_text(json.dumps({"parts": {**kept(), part: known}}, indent=1) + "\n")
+    RESULTS.write_text(json.dumps({"parts": {**kept(), part: results}}, indent=1) + "\n")
 
 
 def arguments() -> argparse.Namespace:
-    """What may be asked."""
+    """Return the parser of the options."""
     parser = argparse.ArgumentParser(prog="make bench ARGS=...", description=__doc__.splitlines()[0])
     parser.add_argument("--only", choices=PARTS, action="append", help="run this part only; may be given again")
     parser.add_argument("--quick", action="store_true", help="3 calls instead of 9, for a first look")
@@ -106,13 +106,13 @@ def arguments() -> argparse.Namespace:
 
 
 def command(options: argparse.Namespace) -> str:
-    """The command that repeats this run."""
+    """Return the command that repeats this run."""
     given = " ".join(word for word in sys.argv[1:] if word != "--write-docs")
     return f"make bench ARGS='{given}'" if given else "make bench"
 
 
 def child_command(options: argparse.Namespace, part: str, scratch: Path, answer: Path) -> list[str]:
-    """The same program for one part."""
+    """Return the command that runs one part."""
     asked = [sys.executable, "-m", "benchmarks.bench", "--part", part, "--repeats", str(options.repeats)]
     asked += ["--scratch", str(scratch), "--answer", str(answer), "--row-seconds", str(options.row_seconds)]
     asked += ["--shared"] if options.shared else []
@@ -140,12 +140,12 @@ def child(options: argparse.Namespace) -> int:
 
 
 def header() -> str:
-    """The names of the columns."""
+    """Return the names of the columns."""
     return f"{'work':{WORK}}  {'peer':{PEER}}  {'ours_s':>9}  {'peer_s':>9}  {'ratio':>6}  target"
 
 
 def line(row: Row) -> str:
-    """A row as it is printed; values that are no seconds carry their unit."""
+    """Return the printed line of a row; values other than seconds have their unit."""
     work = row.work if row.unit == "s" else f"{row.work}, {row.unit}"
     target = "" if row.target is None else f"{row.target:.2f}  {row.verdict}"
     note = f"  ({row.note})" if row.note else ""
@@ -153,7 +153,7 @@ def line(row: Row) -> str:
 
 
 def machine() -> dict[str, Any]:
-    """Where and when, and what took part."""
+    """Return machine, date and versions."""
     name, memory = platform.processor() or platform.machine(), ""
     try:
         for entry in Path("/proc/cpuinfo").read_text().splitlines():

@@ -44,7 +44,7 @@ os._exit(0)
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     folder = dicom_folder(session.scratch)
     for tissue, threshold, target in (("bone", scenes.BONE, 0.5), ("skin", scenes.SKIN, None)):
         session.compare(
@@ -67,7 +67,7 @@ def script(text: str, folder: Path, threshold: float) -> int:
 
 
 def alpha(session: Session) -> None:
-    """The key `alpha` moved on about a million vertices, until the evaluated mesh is ready."""
+    """Time a change of the shape key `alpha` on a million vertices until the evaluated mesh is ready."""
     import bpy
 
     from ctmc_addon.blender.surface import add_reconstruction

@@ -25,12 +25,12 @@ BOUNDS_MM = (0.1, 0.5, 1.0)
 SHARES = [0.5**halvings for halvings in range(2, 10)]
 PEERS = {
     "vtkQuadricDecimation": peers.quadric_decimation,
-    "fast-simplification": peers.fast_simplification,  # pyfqmr has the same method, and the same surfaces
+    "fast-simplification": peers.fast_simplification,  # pyfqmr has the same method and surfaces.
 }
 
 
 def measure(session: Session) -> None:
-    """Two rows for every bound: the greatest distance against the bound, and triangles against the best peer."""
+    """Measure two rows for every bound: greatest distance against the bound, triangles against the best peer."""
     mesh = marching_cubes(scenes.tumors(), scenes.EDGE, (2, 2, 2), normals=False)
     mesh = replace(mesh, vertices=mesh.vertices * np.array(scenes.FINE_MM, np.float32))
     tree, on_full = TriangleTree(mesh), np.concatenate([on_surface(mesh, SAMPLES), mesh.vertices])
@@ -65,13 +65,13 @@ def measure(session: Session) -> None:
 
 
 def greatest(small: TriangleMesh, full: TriangleTree, on_full: NDArray[np.float64]) -> float:
-    """Greatest distance both ways: samples spread over the area, and all vertices."""
+    """Return the greatest distance both ways, from samples over the area and all vertices."""
     on_small = np.concatenate([on_surface(small, SAMPLES), small.vertices[np.unique(small.faces)]])
     return float(max(TriangleTree(small).distances(on_full).max(), full.distances(on_small).max()))
 
 
 def triangles_for(distance: float, ladder: list[tuple[float, int]]) -> float:
-    """Triangles at which a peer comes to `distance`, between its measured points; infinite beyond them."""
+    """Return the triangles at which a peer reaches `distance`, interpolated; infinite outside its measured points."""
     ordered = sorted(ladder)
     if not ordered or not ordered[0][0] <= distance:
         return float("inf")

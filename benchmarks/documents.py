@@ -29,19 +29,19 @@ WITH_ROWS = (
 """Parts that have rows on the page."""
 
 
-def write(found: dict[str, Any]) -> list[Path]:
-    """Renew what the page says of every part that was measured, and the picture; returns what was written."""
-    sections = {"run": run_text([known["machine"] for known in found.values()][-1])}
+def write(results: dict[str, Any]) -> list[Path]:
+    """Update the page's text on every measured part, and the picture; return the written files."""
+    sections = {"run": run_text([part["machine"] for part in results.values()][-1])}
     for part in WITH_ROWS:
-        if part in found:
-            sections[f"the rows of {part}"] = rows_text(found[part])
-    extraction = found["extraction"]["facts"] if "extraction" in found else {}
+        if part in results:
+            sections[f"the rows of {part}"] = rows_text(results[part])
+    extraction = results["extraction"]["facts"] if "extraction" in results else {}
     if "stages" in extraction:
         sections["stages"] = stages_text(extraction["stages"], extraction["bandwidth"])
     written = [PAGE]
-    if "growth" in found:
-        sections["growth"] = growth_text(found["growth"]["facts"])
-        draw(found["growth"]["facts"], PICTURE)
+    if "growth" in results:
+        sections["growth"] = growth_text(results["growth"]["facts"])
+        draw(results["growth"]["facts"], PICTURE)
         written.append(PICTURE)
     page = PAGE.read_text(encoding="utf-8")
     for name, text in sections.items():
@@ -51,21 +51,21 @@ def write(found: dict[str, Any]) -> list[Path]:
 
 
 def replaced(page: str, name: str, text: str) -> str:
-    """The page with another text between the markers of this name."""
+    """Return the page with another text between the markers of this name."""
     pattern = re.compile(rf"(<!-- {name}: made by a command -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
     if not pattern.search(page):
         raise ValueError(f"the page has no markers for {name}")
-    return pattern.sub(lambda found: f"{found[1]}\n{text.strip()}\n\n{found[2]}", page)
+    return pattern.sub(lambda match: f"{match[1]}\n{text.strip()}\n\n{match[2]}", page)
 
 
 def table(names: list[str], rows: list[list[str]]) -> str:
-    """A Markdown table; all columns but the first two stand right."""
+    """Return a Markdown table; all columns but the first two are right-aligned."""
     rule = ["---", "---", *["--:"] * (len(names) - 2)]
     return "\n".join("| " + " | ".join(row) + " |" for row in [names, rule, *rows])
 
 
 def run_text(machine: dict[str, Any]) -> str:
-    """Where it was measured, and against what."""
+    """Return the machine and the versions of the peers."""
     versions = ", ".join(f"{name} {version}" for name, version in machine["versions"].items())
     return (
         f"{machine['processor']}, {machine['cores']} cores, {machine['memory']}, {machine['system']}, "
@@ -73,27 +73,27 @@ def run_text(machine: dict[str, Any]) -> str:
     )
 
 
-def rows_text(known: dict[str, Any]) -> str:
-    """When, how and where a part was measured, and its rows; targets are for who runs it, not for the page."""
-    machine = known["machine"]
+def rows_text(results: dict[str, Any]) -> str:
+    """Return date, command and machine of a part, and its rows without targets."""
+    machine = results["machine"]
     load = machine["load"] or 0
     busy = f", load {load:.0f} at the start" if load > 1 else ""
-    lines = [row_cells(row) for row in known["rows"]]
+    lines = [row_cells(row) for row in results["rows"]]
     where = f"{machine['processor']}, {machine['cores']} cores"
-    return f"{machine['date']}, `{known['command']}`, {where}{busy}.\n\n" + table(
+    return f"{machine['date']}, `{results['command']}`, {where}{busy}.\n\n" + table(
         ["work", "peer", "CTMC", "peer", "ratio"], lines
     )
 
 
 def row_cells(row: dict[str, Any]) -> list[str]:
-    """One row's cells."""
+    """Return the cells of a row."""
     work = f"{row['work']} ({row['note']})" if row["note"] else row["work"]
     values = [f"{row[name]:.3g} {row['unit']}" for name in ("ours_s", "peer_s")]
     return [work, row["peer"], *values, f"{row['ratio']:.2f}"]
 
 
 def stages_text(stages: dict[str, list[dict[str, Any]]], widths: dict[str, dict[str, float]]) -> str:
-    """How far each stage of extraction stands from what the memory allows."""
+    """Return a table of extraction stages against the memory's bandwidth."""
     speeds = "; ".join(
         f"{threads} thread{'s' if threads != '1' else ''}: {width['read'] / 1e9:.1f} GB/s read, "
         f"{width['write'] / 1e9:.1f} GB/s written"
@@ -102,17 +102,17 @@ def stages_text(stages: dict[str, list[dict[str, Any]]], widths: dict[str, dict[
     rows = []
     for scene, parts in stages.items():
         for part in parts:
-            known = part["least_seconds"] is not None
-            moved = f"{(part['read'] + part['written']) / 1e6:.0f} MB" if known else ""
-            least = f"{part['least_seconds'] * 1e3:.1f} ms" if known else ""
-            times = f"{part['seconds'] / part['least_seconds']:.1f}" if known else ""
+            has_bound = part["least_seconds"] is not None
+            moved = f"{(part['read'] + part['written']) / 1e6:.0f} MB" if has_bound else ""
+            least = f"{part['least_seconds'] * 1e3:.1f} ms" if has_bound else ""
+            times = f"{part['seconds'] / part['least_seconds']:.1f}" if has_bound else ""
             rows.append([scene, part["stage"], f"{part['seconds'] * 1e3:.1f} ms", moved, least, times])
     names = ["scene", "stage", "measured", "bytes at least", "at bandwidth", "times the limit"]
     return f"Bandwidth in the same run, {speeds}.\n\n{table(names, rows)}"
 
 
 def growth_text(growth: dict[str, Any]) -> str:
-    """The prices of a voxel and a triangle, and threads."""
+    """Return the time per voxel and per triangle, and the effect of threads."""
     threads = [
         [
             point["scene"],
@@ -132,7 +132,7 @@ def growth_text(growth: dict[str, Any]) -> str:
 
 
 def draw(growth: dict[str, Any], path: Path) -> None:
-    """Time above, memory below, over four things."""
+    """Draw time above and memory below, over four quantities."""
     import matplotlib
 
     matplotlib.use("agg")

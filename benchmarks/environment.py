@@ -17,7 +17,7 @@ sys.path.insert(0, str(ROOT / "tools"))
 import setup_environment as tools
 
 PEERS = Path(__file__).with_name("peers.txt")
-BLENDER = "5.0.1"  # the last for Python 3.11, which every peer has a wheel for
+BLENDER = "5.0.1"  # The last one for Python 3.11, for which every peer has a wheel.
 
 
 def main() -> int:
@@ -36,12 +36,12 @@ def main() -> int:
 
 
 def environment() -> Path:
-    """The Python of an environment that holds this checkout, Blender and the peers."""
+    """Return the Python of an environment with this checkout, Blender and the peers."""
     folder = ROOT / ".venvs" / "bench"
     python, version = tools.find_python((tools.BLENDERS[BLENDER][0],), "")
     requirements = [f"bpy=={BLENDER}", "--requirement", str(PEERS), "--editable", str(ROOT)]
-    wanted = [(ROOT / "pyproject.toml").read_text(encoding="utf-8"), PEERS.read_text(encoding="utf-8")]
-    stamp = "\n".join([f"Python {version} and the peers", str(folder), str(requirements), *wanted])
+    requirement_files = [(ROOT / "pyproject.toml").read_text(encoding="utf-8"), PEERS.read_text(encoding="utf-8")]
+    stamp = "\n".join([f"Python {version} and the peers", str(folder), str(requirements), *requirement_files])
     tools.prepare_system(python, version)
     done, inside = folder / "stamp.txt", tools.environment_python(folder)
     if not (inside.exists() and done.is_file() and done.read_text(encoding="utf-8") == stamp):

@@ -23,12 +23,12 @@ from . import peers, scenes
 from .measuring import Row, Session, bandwidth, least_seconds, peak_bytes, stage_seconds
 
 VTK = "vtkFlyingEdges3D"
-STRIDES = {(2, 2, 1): 0.39, (3, 3, 1): 0.21}  # of the time at stride 1: 61 % and 79 % saved
+STRIDES = {(2, 2, 1): 0.39, (3, 3, 1): 0.21}  # Share of the time at stride 1: 61 % and 79 % saved.
 PREVIEW_MS = 100
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     sparse = scenes.tumors()
     work = f"extraction, sparse, {sized(sparse, scenes.EDGE)}"
     against_vtk(session, work, sparse, scenes.EDGE, False, {1: 0.35, 2: 0.35, None: 0.33})
@@ -68,7 +68,7 @@ def measure(session: Session) -> None:
 
 
 def sized(values: NDArray[Any], threshold: float) -> str:
-    """`512 x 512 x 250 uint8, 240k triangles`."""
+    """Return sizes as text, such as `512 x 512 x 250 uint8, 240k triangles`."""
     slices, rows, columns = values.shape
     faces = counted(values, threshold).faces
     size = f"{faces / 1e6:.2f}M" if faces >= 1e6 else f"{faces / 1e3:.0f}k"
@@ -76,7 +76,7 @@ def sized(values: NDArray[Any], threshold: float) -> str:
 
 
 def counted(values: NDArray[Any], threshold: float, stride: tuple[int, int, int] = (1, 1, 1)) -> Counts:
-    """The exact numbers of a surface."""
+    """Return the exact counts of a surface."""
     return finish(count_steps(make_grid(values, stride), threshold))
 
 
@@ -88,7 +88,7 @@ def against_vtk(
     normals: bool,
     targets: dict[int | None, float | None],
 ) -> None:
-    """So many threads each; None is both as installed: CTMC with all it uses, VTK with one."""
+    """Race VTK with this many threads each; None runs both as installed: CTMC with all it uses, VTK with one."""
     for threads, target in targets.items():
         if session.shared and threads != 1:
             continue
@@ -101,7 +101,7 @@ def against_vtk(
 
 
 def memory(session: Session, name: str, values: NDArray[Any], threshold: float, target: float | None) -> None:
-    """The most memory a call holds beside its result."""
+    """Measure the most memory that a call holds in addition to its result."""
     peak = peak_bytes(lambda: marching_cubes(values, threshold, normals=False), mesh_bytes)
     session.add(
         Row(
@@ -117,12 +117,12 @@ def memory(session: Session, name: str, values: NDArray[Any], threshold: float, 
 
 
 def mesh_bytes(mesh: TriangleMesh) -> int:
-    """What a mesh holds."""
+    """Return the bytes of a mesh."""
     return sum(array.nbytes for array in (mesh.vertices, mesh.faces, mesh.normals) if array is not None)
 
 
 def strides(session: Session, name: str, values: NDArray[Any], threshold: float, width: dict[str, float]) -> None:
-    """Voxel sides of 2 x 2 and 3 x 3 pixels, and what the bytes alone would allow."""
+    """Measure strides of 2 x 2 and 3 x 3 pixels, and the bound by memory bandwidth."""
     sides = {(1, 1, 1): None, **STRIDES}
     seconds = session.race(
         {
@@ -150,7 +150,7 @@ def strides(session: Session, name: str, values: NDArray[Any], threshold: float,
 
 
 def least_at(values: NDArray[Any], threshold: float, stride: tuple[int, int, int], width: dict[str, float]) -> float:
-    """What reading the rows that hold samples and writing the result takes at this machine's bandwidth.
+    """Return the seconds to read the needed rows and write the result at this machine's bandwidth.
 
     Memory comes in lines of 64 bytes: of a row that holds samples all is read, up to strides of a line.
     """
@@ -162,18 +162,18 @@ def least_at(values: NDArray[Any], threshold: float, stride: tuple[int, int, int
 def stages(
     session: Session, values: NDArray[Any], threshold: float, threads: int, width: dict[str, float]
 ) -> list[dict[str, Any]]:
-    """For every stage of an extraction: seconds, the bytes it must read and write at least, and their seconds."""
+    """Return for each extraction stage its seconds, the least bytes to read and write, and their seconds."""
     grid = make_grid(values)
     seconds = stage_seconds(session, lambda: extract_steps(grid, threshold, False, Budget(threads)))
     counts = finish(count_steps(grid, threshold))
     bits = values.size / 8
-    found = 5 * counts.active  # of every active voxel its place (int32) and its case
+    case_bytes = 5 * counts.active  # of every active voxel its place (int32) and its case
     moved = {
         "Comparing with the threshold": (values.nbytes, bits),
-        "Finding active voxels": (bits, found),
+        "Finding active voxels": (bits, case_bytes),
         # Two values for every vertex; written are both ends of alpha and the triangles, 12 bytes each.
         "Placing vertices and triangles": (
-            found + 2 * values.itemsize * counts.vertices,
+            case_bytes + 2 * values.itemsize * counts.vertices,
             24 * counts.vertices + 12 * counts.faces,
         ),
     }
@@ -188,7 +188,7 @@ def stages(
 
 
 def preview(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None:
-    """A coarse surface after the threshold has changed: counted, then extracted without normals."""
+    """Measure a coarse surface after a threshold change: counted, then extracted without normals."""
     stride = (4, 4, 2)
     for name, values, threshold in (("sparse", sparse, scenes.EDGE), ("dense", dense, scenes.DENSE_THRESHOLD)):
 
@@ -210,7 +210,7 @@ def preview(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None
 
 
 def predicted(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> None:
-    """The seconds that the panel predicts against those a reconstruction takes, handing over to Blender left out."""
+    """Compare the seconds that the panel predicts with those of a reconstruction, without handing over to Blender."""
     cases: dict[str, tuple[NDArray[Any], dict[str, Any]]] = {
         "sparse": (sparse, {"threshold": scenes.EDGE}),
         "sparse, 90 % removed": (sparse, {"threshold": scenes.EDGE, "simplifier": "builtin", "reduction": 0.9}),

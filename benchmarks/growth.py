@@ -21,13 +21,13 @@ from .extraction import mesh_bytes
 from .measuring import Session, peak_bytes
 
 SIZES = (64, 96, 128, 192, 256, 384, 512)
-ACROSS = (1, 2, 4, 6, 8)  # balls along a side of the cube
+ACROSS = (1, 2, 4, 6, 8)  # Balls along a side of the cube.
 CUBE = 320
 STRIDES = (1, 2, 3, 4, 6, 8)
 
 
 def measure(session: Session) -> None:
-    """Four series of points; no rows, as nobody promised them."""
+    """Measure four series of points; they have no targets, so no rows."""
     session.facts["size"] = [point(session, scenes.ball(size), 1) | {"side": size} for size in SIZES]
     session.say("growth over size measured")
     balls = {across: scenes.spheres(CUBE, across, 0.4 * CUBE / across) for across in ACROSS}
@@ -47,7 +47,7 @@ def measure(session: Session) -> None:
 
 
 def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str, Any]:
-    """Seconds, peak memory and counts of one volume; VTK with as many threads."""
+    """Return seconds, peak memory and counts of one volume; VTK with as many threads."""
     counts = finish(count_steps(make_grid(values), scenes.EDGE))
     calls = {
         "seconds": lambda: marching_cubes(values, scenes.EDGE, normals=False, threads=threads),
@@ -66,7 +66,7 @@ def point(session: Session, values: NDArray[np.uint8], threads: int) -> dict[str
 
 
 def threads_point(session: Session, name: str, values: NDArray[Any], at: float, threads: int) -> dict[str, Any]:
-    """Seconds and peak memory of one volume with so many threads."""
+    """Return seconds and peak memory of one volume with this many threads."""
 
     def call() -> Any:
         return marching_cubes(values, at, normals=False, threads=threads)
@@ -82,7 +82,7 @@ def threads_point(session: Session, name: str, values: NDArray[Any], at: float, 
 
 
 def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[str, Any]:
-    """Seconds and peak memory at strides of `stride` x `stride` x 1 pixels."""
+    """Return seconds and peak memory at strides of `stride` x `stride` x 1 pixels."""
     sides = (stride, stride, 1)
 
     def call() -> Any:
@@ -100,7 +100,7 @@ def stride_point(session: Session, values: NDArray[Any], stride: int) -> dict[st
 
 
 def summary(facts: dict[str, Any]) -> list[str]:
-    """Whether time is linear in what was visited: one price a voxel and one a triangle for all of a series."""
+    """Test whether time is linear: one price per voxel and one per triangle for a whole series."""
     lines = []
     for series, name in (("size", "volume size"), ("triangles", "triangles"), ("stride", "stride")):
         price = prices(facts[series])
@@ -113,19 +113,19 @@ def summary(facts: dict[str, Any]) -> list[str]:
 
 
 def prices(points: list[dict[str, Any]]) -> NDArray[np.float64]:
-    """Seconds a voxel, a triangle and a call, none below zero, by least squares of the relative errors."""
+    """Return seconds per voxel, triangle and call, not below zero, by least squares of relative errors."""
     visited = np.array([[point["voxels"], point["triangles"], 1.0] for point in points])
     visited /= np.array([[point["seconds"]] for point in points])
     best, least = np.zeros(3), np.inf
     for used in ([0, 1, 2], [0, 1], [1, 2], [0, 2], [0], [1]):
-        found = np.linalg.lstsq(visited[:, used], np.ones(len(points)), rcond=None)[0]
-        rest = ((visited[:, used] @ found - 1) ** 2).sum()
-        if (found >= 0).all() and rest < least:
+        solution = np.linalg.lstsq(visited[:, used], np.ones(len(points)), rcond=None)[0]
+        rest = ((visited[:, used] @ solution - 1) ** 2).sum()
+        if (solution >= 0).all() and rest < least:
             best, least = np.zeros(3), rest
-            best[used] = found
+            best[used] = solution
     return best
 
 
 def departure(point: dict[str, Any], price: NDArray[np.float64]) -> float:
-    """How far the measured seconds are from the price, as a share."""
+    """Return the relative deviation of the measured seconds from the fit."""
     return point["seconds"] / float(price @ [point["voxels"], point["triangles"], 1.0]) - 1

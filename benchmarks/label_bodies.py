@@ -31,7 +31,7 @@ class Labelled:
 
 
 def harmonics(seed: int, radius: float = 21.5, height: float = 0.14) -> Body:
-    """A star-shaped blob: a radius with smooth waves of the direction, of degree 2 to 4."""
+    """Make a star-shaped blob: its radius has smooth waves of degree 2 to 4 over the directions."""
     random = np.random.default_rng(seed)
     waves = random.normal(size=(6, 3))
     waves /= np.linalg.norm(waves, axis=1, keepdims=True)
@@ -50,7 +50,7 @@ def harmonics(seed: int, radius: float = 21.5, height: float = 0.14) -> Body:
 
 
 def drops(seed: int, radius: float = 17.0) -> Body:
-    """Five drops that have run into each other."""
+    """Make five drops that have run into each other."""
     random = np.random.default_rng(seed)
     centers = random.uniform(-14, 14, (5, 3))
 
@@ -62,34 +62,34 @@ def drops(seed: int, radius: float = 17.0) -> Body:
 
 
 def bean(x: Doubles, y: Doubles, z: Doubles) -> Doubles:
-    """A bent ellipsoid, lying aslant."""
+    """Make a bent, oblique ellipsoid."""
     u, v, w = 0.8 * x + 0.6 * z, y, -0.6 * x + 0.8 * z
     v = v + 0.012 * u * u - 4.0
     return 20.0 * (1.0 - np.sqrt((u / 32) ** 2 + (v / 19) ** 2 + (w / 16.5) ** 2 + 1e-12))
 
 
 def box(x: Doubles, y: Doubles, z: Doubles) -> Doubles:
-    """A box with well rounded edges: flat faces aslant to the slices."""
+    """Make a box with well rounded edges: flat faces oblique to the slices."""
     u, v, w = 0.936 * x + 0.352 * z, y, -0.352 * x + 0.936 * z
     u, v = 0.94 * u + 0.342 * v, -0.342 * u + 0.94 * v
     return 18.0 * (1.0 - ((u / 19) ** 4 + (v / 17) ** 4 + (w / 18) ** 4 + 1e-12) ** 0.25)
 
 
 def torus(x: Doubles, y: Doubles, z: Doubles) -> Doubles:
-    """A ring aslant: 22 mm, and 8 mm thick at every side."""
+    """Make an oblique ring: 22 mm, and 8 mm thick at every side."""
     u, w = 0.866 * x + 0.5 * z, -0.5 * x + 0.866 * z
     return 8.0 - np.sqrt((np.sqrt(u * u + y * y) - 22.0) ** 2 + w * w)
 
 
 def tube(diameter: float, length: float = 60.0) -> Body:
-    """A tube along a helix, 30 degrees to the slices at least; its ends are half balls."""
+    """Make a tube along a helix, at least 30 degrees to the slices; its ends are half balls."""
     turns = np.linspace(0, 1, 240)
     path = np.stack([16 * np.cos(5 * turns), 16 * np.sin(5 * turns), length * (turns - 0.5)], axis=1)
     return _along([path], [diameter / 2])
 
 
 def vessels(trunk: float = 5.0) -> Body:
-    """A trunk that branches twice, thinner at every branch."""
+    """Make a trunk that branches twice, thinner at every branch."""
     t = np.linspace(0, 1, 160)[:, None]
     root, fork, left, right = (np.array(p, float) for p in ([0, 0, -34], [2, 1, -4], [-16, 6, 12], [14, -4, 10]))
     tips = [np.array(p, float) for p in ([-26, -4, 30], [-12, 18, 32], [24, 8, 28], [12, -20, 26])]
@@ -105,7 +105,7 @@ def _along(paths: list[Doubles], radii: list[float]) -> Body:
 
     def body(x: Doubles, y: Doubles, z: Doubles) -> Doubles:
         points = np.stack([x.ravel(), y.ravel(), z.ravel()], axis=1)
-        found = np.full(len(points), -2.0)
+        depths = np.full(len(points), -2.0)
         for tree, path, radius in zip(trees, paths, radii, strict=True):
             apart, nearest = tree.query(points, distance_upper_bound=radius + 2.0)
             close = np.flatnonzero(nearest < len(path))
@@ -116,8 +116,8 @@ def _along(paths: list[Doubles], radii: list[float]) -> Body:
                 t = ((some - path[nearest]) * other).sum(axis=1) / np.maximum((other**2).sum(axis=1), 1e-12)
                 foot = path[nearest] + np.clip(t, 0, 1)[:, None] * other
                 apart = np.minimum(apart, np.sqrt(((some - foot) ** 2).sum(axis=1)))
-            found[close] = np.maximum(found[close], radius - apart)
-        return found.reshape(x.shape)
+            depths[close] = np.maximum(depths[close], radius - apart)
+        return depths.reshape(x.shape)
 
     return body
 
@@ -132,7 +132,7 @@ BLOBS: dict[str, Body] = {
 
 
 def labelled(body: Body, spacing: tuple[float, float, float], reach: float, fine: float = 0.5, turn: float = 0.0):
-    """The label of a body on a grid of this spacing, turned against the body by so many degrees."""
+    """Sample the label of a body on a grid of this spacing, turned against the body by an angle in degrees."""
     angle = np.deg2rad(turn)
     about_x = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
     about_z = np.array([[np.cos(angle), -np.sin(angle), 0], [np.sin(angle), np.cos(angle), 0], [0, 0, 1]])

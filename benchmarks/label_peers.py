@@ -17,7 +17,7 @@ Mesh = tuple[NDArray[Any], NDArray[Any]]
 
 
 def image_of(mask: NDArray[np.bool_], spacing: tuple[float, float, float] = (1, 1, 1)) -> vtk.vtkImageData:
-    """A mask with an empty sample all around, its first sample at 0."""
+    """Return a mask with an empty sample all around, its first sample at 0."""
     padded = np.pad(mask.astype(np.uint8), 1)
     image = vtk.vtkImageData()
     image.SetDimensions(padded.shape[::-1])
@@ -68,7 +68,7 @@ def cubes(mask: NDArray[np.bool_]) -> vtk.vtkPolyData:
 
 
 def slicer(mask: NDArray[np.bool_], affine: NDArray[np.float64], factor: float) -> Mesh:
-    """As 3D Slicer turns a binary label map into a closed surface: windowed sinc in index space."""
+    """Make a closed surface of a binary label map as 3D Slicer does: windowed sinc in index space."""
     smoother = vtk.vtkWindowedSincPolyDataFilter()
     smoother.SetInputData(cubes(mask))
     smoother.SetNumberOfIterations(20)
@@ -98,7 +98,7 @@ def pymcubes(mask: NDArray[np.bool_], affine: NDArray[np.float64]) -> Mesh:
 
 
 def taubin(mask: NDArray[np.bool_], affine: NDArray[np.float64], rounds: int = 30) -> Mesh:
-    """Taubin's lambda and mu, umbrella weights, in mm."""
+    """Smooth by Taubin's lambda and mu, umbrella weights, in mm."""
     vertices, faces = moved(mesh_of(cubes(mask)), affine)
     a, b = np.concatenate([faces, faces[:, ::-1]])[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2).T
     pairs = np.unique(a.astype(np.int64) * len(vertices) + b)
@@ -137,7 +137,7 @@ def vertex_normals(mesh: Mesh) -> NDArray[np.float64]:
 
 
 def points_on(mesh: Mesh, number: int = 30000) -> tuple[NDArray[np.float64], NDArray[np.intp], NDArray[np.float64]]:
-    """Random points spread evenly over the surface, their faces and their weights at the corners."""
+    """Return random points spread evenly over the surface, their faces and their weights at the corners."""
     random = np.random.default_rng(0)
     corners = mesh[0][mesh[1]]
     area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -158,7 +158,7 @@ def distance(points: NDArray[np.float64], mesh: Mesh) -> NDArray[np.float64]:
 
 
 def compared(mesh: Mesh, case: Labelled) -> dict[str, float]:
-    """Mean and 95 % distance of both ways, mm; volume error to the label, %; mean angle of vertex normals, degrees."""
+    """Return mean and 95 % distance both ways, mm; volume error to the label, %; mean angle of normals, degrees."""
     from scipy.spatial import cKDTree
 
     true = (case.vertices, case.faces)

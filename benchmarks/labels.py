@@ -74,7 +74,7 @@ def dice(a: NDArray[np.bool_], b: NDArray[np.bool_]) -> float:
 
 
 def slices_left_out(mask: NDArray[np.bool_], spacing: tuple[float, float, float], keep: int = 3) -> dict[str, float]:
-    """Dice of the slices between every third one: by linear interpolation, by signed distances, and ours."""
+    """Print the Dice of slices between every third one: by linear interpolation, by signed distances, and ours."""
     from scipy.ndimage import distance_transform_edt
 
     mask = mask[: (len(mask) - 1) // keep * keep + 1]
@@ -101,7 +101,7 @@ def slices_left_out(mask: NDArray[np.bool_], spacing: tuple[float, float, float]
 
 
 def label_files() -> Iterator[tuple[str, NDArray[np.bool_], tuple[float, float, float]]]:
-    """Organs of at least 3000 samples, cropped, of the label volumes in LABELS."""
+    """Yield organs of at least 3000 samples, cropped, from the label volumes in LABELS."""
     for path in filter(None, os.environ.get("LABELS", "").split(":")):
         if path.endswith(".nrrd"):
             import nrrd
@@ -123,7 +123,7 @@ def label_files() -> Iterator[tuple[str, NDArray[np.bool_], tuple[float, float, 
 
 
 def groups(chosen: list[str]) -> Iterator[tuple[str, list[Labelled]]]:
-    """The bodies of every row."""
+    """Return the bodies of every row."""
     if "blobs" in chosen:
         reach = {"drops": 42.0, "bean": 42.0}
         for spacing in SPACINGS.values():
@@ -169,7 +169,7 @@ def main(words: list[str]) -> int:
 
 
 def times() -> None:
-    """Seconds against the size of the surface: one blob, finer and finer."""
+    """Print seconds against surface size: one blob at finer and finer spacings."""
     from .label_bodies import harmonics
 
     print(f"\n{'samples':>12s}{'inside':>12s}{'triangles':>12s}{'s, 1 thread':>12s}{'s, 2':>8s}{'us a triangle':>15s}")

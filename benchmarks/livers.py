@@ -11,17 +11,17 @@ from . import scenes
 from .measuring import Row, Session
 from .processes import REMOVED, compare, reconstruct, run, written
 
-TARGETS = {0.0: 0.9, REMOVED: 0.6}  # against Slicer's recipe
+TARGETS = {0.0: 0.9, REMOVED: 0.6}  # Targets against Slicer's recipe.
 VERSION_SECONDS, TINY_SECONDS = 0.15, 0.45
 INSIDE = ["--label", "1"]
-PATIENT = ("ts_nifti", "example_seg_dicom.nii.gz", 5)  # a folder of the real CT, a file, its liver
+PATIENT = ("ts_nifti", "example_seg_dicom.nii.gz", 5)  # Folder of the real CT, file, and label of the liver.
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     start(session)
-    made = scenes.made_abdomen()
-    labels = written(session.scratch / "labels.nii", made.labels.values, made.labels.affine)
+    phantom = scenes.abdomen_phantom()
+    labels = written(session.scratch / "labels.nii", phantom.labels.values, phantom.labels.affine)
     compare(session, "the phantom's liver", labels, ["--label", str(LIVER)], TARGETS)
     folder, name, liver = PATIENT
     if (session.data / folder / name).exists():
@@ -29,7 +29,7 @@ def measure(session: Session) -> None:
 
 
 def start(session: Session) -> None:
-    """What a process takes before it does anything, and for a label that takes next to nothing."""
+    """Measure the start of a process, and a process for a tiny label."""
     mask = np.zeros((24, 40, 40), np.uint8)
     mask[6:18, 10:30, 10:30] = 1
     tiny = written(session.scratch / "tiny.nii", mask, np.eye(4))

@@ -21,10 +21,10 @@ from ctmc_addon.readers import read_volume
 from .measuring import Row, Session
 from .processes import run, written
 
-SIZE = (600, 512, 512)  # slices, rows, columns
+SIZE = (600, 512, 512)  # (slices, rows, columns)
 SPACING_MM = (0.75, 0.75, 1.0)
-FILES_SECONDS = 14.85  # for all labels, from a NIfTI to an STL each: half of what it took at first
-SHARED = 1.5  # of the time of separate surfaces
+FILES_SECONDS = 14.85  # Target for all labels, from a NIfTI to STL files: half of the first time.
+SHARED = 1.5  # Target ratio to the time of separate surfaces.
 # Milliliters of what TotalSegmentator finds in an adult, and how often; and how many times longer than wide it is.
 BODIES = (
     (1500, 1, 1.3), (1300, 1, 1.1), (850, 5, 1.5), (800, 2, 1.4), (700, 4, 4.0), (350, 4, 2.0), (300, 3, 3.0),
@@ -34,7 +34,7 @@ BODIES = (
 
 
 def many_bodies(size: tuple[int, int, int] = SIZE) -> Volume:
-    """Ellipsoids with waves on them, each its own label from 1, in the order of their sizes, turned every way."""
+    """Make wavy ellipsoids, each with its own label from 1 on in the order of sizes, in all orientations."""
     rng = np.random.default_rng(104)
     labels = np.zeros(size, np.uint8)
     spacing = np.array(SPACING_MM[::-1])  # z, y, x
@@ -61,7 +61,7 @@ def put(
     turn: NDArray[np.float64],
     spacing: NDArray[np.float64],
 ) -> None:
-    """Fill one body: where a turned, waved radius is below 1, and nobody is yet."""
+    """Fill one body: free samples at which its rotated, wavy radius is below 1."""
     low = np.maximum(0, np.floor((middle - reach) / spacing).astype(int))
     high = np.minimum(labels.shape, np.ceil((middle + reach) / spacing).astype(int) + 1)
     box = tuple(slice(a, b) for a, b in zip(low, high, strict=True))
@@ -76,7 +76,7 @@ def put(
 
 
 def measure(session: Session) -> None:
-    """All labels against the largest alone, as the default smooths them and bare; each on a volume not seen before."""
+    """Compare all labels with the largest label, smoothed by default and bare, each on a fresh volume."""
     bodies = many_bodies()
     extents = finish(label_extents_steps(bodies))
     largest = max(extents, key=lambda label: extents[label].voxels)
@@ -86,11 +86,11 @@ def measure(session: Session) -> None:
         def everything(settings: ReconstructionSettings = settings) -> Any:
             return reconstruct_labels(replace(bodies), settings).surfaces
 
-        def alone(settings: ReconstructionSettings = settings) -> Any:
+        def largest(settings: ReconstructionSettings = settings) -> Any:
             return reconstruct(replace(bodies), settings)
 
         work = f"{len(extents)} labels of 512 x 512 x 600 by themselves, smoothing {smoothing}"
-        session.compare(work, everything, {"the largest label alone": (alone, 4.0)}, repeats=min(3, session.repeats))
+        session.compare(work, everything, {"the largest label alone": (largest, 4.0)}, repeats=min(3, session.repeats))
     to_files(session, bodies, len(extents))
     organs = session.data / "ts_nifti" / "example_seg_fast_force_split.nii.gz"
     if not organs.exists():
@@ -99,20 +99,20 @@ def measure(session: Session) -> None:
         volume = read_volume(organs)
         count = len(finish(label_extents_steps(volume)))
 
-        def made(interfaces: str) -> Any:
+        def make(interfaces: str) -> Any:
             settings = ReconstructionSettings(label=1, interfaces=interfaces)
             return reconstruct_labels(replace(volume), settings).surfaces
 
         session.compare(
             f"{count} organs of a patient at 3 mm, walls shared",
-            lambda: made("shared"),
-            {"each by itself": (lambda: made("separate"), SHARED)},
+            lambda: make("shared"),
+            {"each by itself": (lambda: make("separate"), SHARED)},
             repeats=min(3, session.repeats),
         )
 
 
 def to_files(session: Session, bodies: Volume, count: int) -> None:
-    """All labels as a user makes them: a process that reads a NIfTI and writes a folder of STL."""
+    """Time all labels as users make them: a process that reads a NIfTI and writes a folder of STL."""
     source = written(session.scratch / "bodies.nii", bodies.values, bodies.affine)
     seconds = {}
     for interfaces in ("separate", "shared"):
@@ -125,6 +125,6 @@ def to_files(session: Session, bodies: Volume, count: int) -> None:
         shutil.rmtree(out)
     source.unlink()
     work = f"{count} labels of 512 x 512 x 600 to STL, whole process"
-    alone, shared = seconds["separate"], seconds["shared"]
-    session.add(Row(session.part, f"{work}, by themselves", f"{FILES_SECONDS:g} s", alone, FILES_SECONDS, 1.0))
-    session.add(Row(session.part, f"{work}, walls shared", "each by itself", shared, alone, SHARED))
+    separate, shared = seconds["separate"], seconds["shared"]
+    session.add(Row(session.part, f"{work}, by themselves", f"{FILES_SECONDS:g} s", separate, FILES_SECONDS, 1.0))
+    session.add(Row(session.part, f"{work}, walls shared", "each by itself", shared, separate, SHARED))

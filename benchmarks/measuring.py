@@ -59,19 +59,19 @@ class Row:
 
     @property
     def ratio(self) -> float:
-        """Ours over theirs."""
+        """Return our value over theirs."""
         return self.ours / self.theirs
 
     @property
     def verdict(self) -> str:
-        """Whether the target is met; empty where there is none."""
+        """Return whether the target is met; empty without one."""
         if self.target is None:
             return ""
         return "met" if self.ratio <= self.target else "not met"
 
     def as_dict(self) -> dict[str, Any]:
-        """For bench.json: seconds under the names of the printed table, the unit beside them."""
-        known = asdict(self)
+        """Return the row for bench.json: seconds under the names of the printed table, with the unit."""
+        fields = asdict(self)
         return {
             "part": self.part,
             "work": self.work,
@@ -83,13 +83,13 @@ class Row:
             "target": self.target,
             "met": None if self.target is None else self.ratio <= self.target,
             "note": self.note,
-            "runs": known["runs"],
+            "runs": fields["runs"],
         }
 
 
 @dataclass
 class Session:
-    """What one part of the benchmark measures with and reports to.
+    """A session in which one part of the benchmark measures and reports.
 
     Parameters
     ----------
@@ -124,24 +124,24 @@ class Session:
 
     @property
     def threads(self) -> tuple[int, ...]:
-        """The numbers of threads that are measured."""
+        """Return the measured numbers of threads."""
         return (1,) if self.shared else (1, 2)
 
     @property
     def clock(self) -> Clock:
-        """Seconds since some moment."""
+        """Return seconds since some moment."""
         return processor_seconds if self.shared else time.perf_counter
 
     def typical(self, seconds: list[float]) -> float:
-        """What counts of the seconds of equal calls."""
+        """Return the representative of the seconds of equal calls."""
         return min(seconds) if self.shared else statistics.median(seconds)
 
     def seconds(self, call: Call, repeats: int | None = None) -> float:
-        """Typical seconds of a call."""
+        """Return typical seconds of a call."""
         return self.typical(self.race({"call": call}, repeats)["call"])
 
     def timed(self, call: Call) -> tuple[float, Any]:
-        """Seconds of one call, and its result."""
+        """Return the seconds of one call, and its result."""
         return timed(call, self.clock)
 
     def add(self, row: Row) -> None:
@@ -150,7 +150,7 @@ class Session:
         self.show(row)
 
     def race(self, calls: dict[str, Call], repeats: int | None = None, warm: bool = True) -> dict[str, list[float]]:
-        """Seconds of every call, made in turn `repeats` times, or until `row_seconds` are over.
+        """Return the seconds of every call, made in turn `repeats` times, or until `row_seconds` are over.
 
         With `warm` the first round does not count, unless it alone takes as long.
         """
@@ -174,7 +174,7 @@ class Session:
         repeats: int | None = None,
         warm: bool = True,
     ) -> dict[str, float]:
-        """Race `ours` against every peer (its call and its target) and add a row for each; returns what counts."""
+        """Race `ours` against every peer (a call and a target), add a row for each, and return typical seconds."""
         seconds = self.race({"CTMC": ours, **{name: call for name, (call, _) in peers.items()}}, repeats, warm)
         typical = {name: self.typical(taken) for name, taken in seconds.items()}
         for name, (_, target) in peers.items():
@@ -184,13 +184,13 @@ class Session:
 
 
 def processor_seconds() -> float:
-    """Processor time of this process, and of those that it has waited for (to 10 ms; not on Windows)."""
-    others = os.times()
-    return time.process_time() + others.children_user + others.children_system
+    """Return the processor time of this process and of ended child processes (to 10 ms; not on Windows)."""
+    times = os.times()
+    return time.process_time() + times.children_user + times.children_system
 
 
 def timed(call: Call, clock: Clock = time.perf_counter) -> tuple[float, Any]:
-    """Seconds of a call and its result, with no garbage collection in between."""
+    """Return the seconds of a call and its result, without garbage collection in between."""
     gc.collect()
     gc.disable()
     try:
@@ -202,7 +202,7 @@ def timed(call: Call, clock: Clock = time.perf_counter) -> tuple[float, Any]:
 
 
 def peak_bytes(call: Call, returned: Callable[[Any], int]) -> int:
-    """Most memory Python and NumPy held during a call, less what the call returned."""
+    """Return the most memory that Python and NumPy held during a call, without its result."""
     call()  # tables and imports made on first use are not the call's
     gc.collect()
     tracemalloc.start()
@@ -216,7 +216,7 @@ def peak_bytes(call: Call, returned: Callable[[Any], int]) -> int:
 
 
 def stage_seconds(session: Session, make_steps: Callable[[], Any]) -> dict[str, float]:
-    """Typical seconds between the steps of long work, by the message of the step that ends them."""
+    """Return typical seconds between the steps of long work, by the message of the step that ends them."""
     runs: list[dict[str, float]] = []
     for _ in range(session.repeats + 1):
         gc.collect()
@@ -231,7 +231,7 @@ def stage_seconds(session: Session, make_steps: Callable[[], Any]) -> dict[str, 
 
 
 def bandwidth(session: Session, threads: int, size: int = 1 << 28) -> dict[str, float]:
-    """Bytes a second this machine reads and writes with so many threads.
+    """Return the bytes per second that this machine reads and writes with this many threads.
 
     Written into memory that is in use already: what fresh memory costs on top is the system's page faults.
     """
@@ -249,5 +249,5 @@ def bandwidth(session: Session, threads: int, size: int = 1 << 28) -> dict[str, 
 
 
 def least_seconds(read: float, written: float, width: dict[str, float]) -> float:
-    """What moving so many bytes takes when nothing else costs time."""
+    """Return the seconds to move these bytes at full bandwidth."""
     return read / width["read"] + written / width["write"]

@@ -19,13 +19,13 @@ from .measuring import Session
 TISSUES = {"bone": (scenes.BONE, 0.8, 1.0), "skin": (scenes.SKIN, 0.5, 0.8)}
 # name: label of the phantom; targets without and with normals
 MASKS = {"liver": (LIVER, 0.6, 0.8), "tumors": (TUMOR, 0.4, 0.4)}
-TRILINEAR = 1.1  # of classic topology
-HALF = 0.5  # a mask's surface is half-way between 0 and 1
+TRILINEAR = 1.1  # Target ratio to classic topology.
+HALF = 0.5  # A mask's surface is half-way between 0 and 1.
 BLENDER = "OpenVDB's convertToPolygons, as installed"
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     volumes = scenes.real_ct(session.data, session.also)
     if not volumes:
         session.say(f"No real CT in {session.data}: rows left out")
@@ -34,7 +34,7 @@ def measure(session: Session) -> None:
             work = f"{tissue} of {name}, {sized(volume.values, threshold)}"
             race(session, work, volume.values, threshold, bare, normals)
             trilinear(session, f"{work}, trilinear topology", volume.values, threshold)
-    labels = scenes.made_abdomen().labels.values
+    labels = scenes.abdomen_phantom().labels.values
     for name, (label, bare, normals) in MASKS.items():
         mask = (labels == label).view(np.uint8)
         race(session, f"mask of the phantom's {name}, {sized(mask, HALF)}", mask, HALF, bare, normals)
@@ -43,7 +43,7 @@ def measure(session: Session) -> None:
 def race(
     session: Session, work: str, values: NDArray[Any], threshold: float, bare: float | None, normals: float | None
 ) -> None:
-    """Against VTK with one thread and two, without normals and with; then against Blender's mesher."""
+    """Race VTK with one thread and two, without normals and with; then Blender's mesher."""
     against_vtk(session, work, values, threshold, False, {1: bare, 2: bare})
     against_vtk(session, f"{work}, normals", values, threshold, True, {1: normals, 2: normals})
     mesher = peers.openvdb(values, threshold)
@@ -60,7 +60,7 @@ def race(
 
 
 def trilinear(session: Session, work: str, values: NDArray[Any], threshold: float) -> None:
-    """What the topology of the trilinear interpolant costs over the classic one, normals included."""
+    """Measure the cost of trilinear over classic topology, normals included."""
     session.compare(
         work,
         lambda: marching_cubes(values, threshold, topology="trilinear"),

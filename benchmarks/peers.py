@@ -20,18 +20,18 @@ PACKAGES = ("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "
 
 
 def versions() -> dict[str, str]:
-    """What is compared with, as installed."""
-    known = {}
+    """Return the installed versions of the peers."""
+    installed = {}
     for name in (*PACKAGES, "bpy"):
         try:
-            known[name] = metadata.version(name)
+            installed[name] = metadata.version(name)
         except metadata.PackageNotFoundError:
-            known[name] = "missing"
-    return known
+            installed[name] = "missing"
+    return installed
 
 
 def vtk_threads(count: int | None) -> None:
-    """So many threads for VTK; None for what its wheel does unless told otherwise."""
+    """Set the threads of VTK; None for its wheel's default."""
     from vtkmodules.vtkCommonCore import vtkSMPTools
 
     vtkSMPTools.SetBackend("Sequential" if count is None else "STDThread")
@@ -39,7 +39,7 @@ def vtk_threads(count: int | None) -> None:
 
 
 def vtk_image(values: NDArray[Any]) -> Any:
-    """The volume as VTK sees it; shares its memory."""
+    """Return the volume as a VTK image that shares its memory."""
     from vtkmodules.util.numpy_support import numpy_to_vtk
     from vtkmodules.vtkCommonDataModel import vtkImageData
 
@@ -50,7 +50,7 @@ def vtk_image(values: NDArray[Any]) -> Any:
 
 
 def flying_edges(values: NDArray[Any], threshold: float, normals: bool, threads: int | None) -> Callable[[], Any]:
-    """A call that extracts with vtkFlyingEdges3D."""
+    """Return a call that extracts with vtkFlyingEdges3D."""
     from vtkmodules.vtkFiltersCore import vtkFlyingEdges3D
 
     image = vtk_image(values)
@@ -70,7 +70,7 @@ def flying_edges(values: NDArray[Any], threshold: float, normals: bool, threads:
 
 
 def openvdb(values: NDArray[Any], threshold: float) -> Callable[[], Any] | None:
-    """A call that meshes with OpenVDB of Blender's own packages; None where Blender has no such module.
+    """Return a call that meshes with Blender's own OpenVDB; None if Blender lacks the module.
 
     The volume is a dense grid whose background is its lowest value, filled before, as in a Volume object of Blender.
     """
@@ -85,21 +85,21 @@ def openvdb(values: NDArray[Any], threshold: float) -> Callable[[], Any] | None:
 
 
 def scikit_image(values: NDArray[Any], threshold: float) -> Callable[[], Any]:
-    """A call that extracts with skimage.measure.marching_cubes; it always makes normals."""
+    """Return a call that extracts with skimage.measure.marching_cubes, which always makes normals."""
     from skimage.measure import marching_cubes
 
     return lambda: marching_cubes(values, threshold)
 
 
 def pymcubes(values: NDArray[Any], threshold: float) -> Callable[[], Any]:
-    """A call that extracts with PyMCubes."""
+    """Return a call that extracts with PyMCubes."""
     import mcubes
 
     return lambda: mcubes.marching_cubes(values, threshold)
 
 
 def vtk_polydata(mesh: TriangleMesh) -> Any:
-    """A mesh as VTK sees it."""
+    """Return a mesh as VTK polydata."""
     from vtkmodules.util.numpy_support import numpy_to_vtk, numpy_to_vtkIdTypeArray
     from vtkmodules.vtkCommonCore import vtkPoints
     from vtkmodules.vtkCommonDataModel import vtkCellArray, vtkPolyData
@@ -115,7 +115,7 @@ def vtk_polydata(mesh: TriangleMesh) -> Any:
 
 
 def from_polydata(data: Any) -> TriangleMesh:
-    """And back."""
+    """Return the mesh of VTK polydata."""
     from vtkmodules.util.numpy_support import vtk_to_numpy
 
     vertices = vtk_to_numpy(data.GetPoints().GetData()).astype(np.float32)
@@ -124,7 +124,7 @@ def from_polydata(data: Any) -> TriangleMesh:
 
 
 def quadric_decimation(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
-    """A call that simplifies with vtkQuadricDecimation."""
+    """Return a call that simplifies with vtkQuadricDecimation."""
     from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
 
     data = vtk_polydata(mesh)
@@ -140,14 +140,14 @@ def quadric_decimation(mesh: TriangleMesh, reduction: float) -> Callable[[], Tri
 
 
 def fast_simplification(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
-    """A call that simplifies with fast-simplification."""
+    """Return a call that simplifies with fast-simplification."""
     import fast_simplification as library
 
     return lambda: TriangleMesh(*library.simplify(mesh.vertices, mesh.faces, reduction))
 
 
 def pyfqmr(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
-    """A call that simplifies with pyfqmr."""
+    """Return a call that simplifies with pyfqmr."""
     import pyfqmr as library
 
     def call() -> TriangleMesh:
@@ -161,7 +161,7 @@ def pyfqmr(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
 
 
 def meshoptimizer(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
-    """A call that simplifies with meshoptimizer; it keeps vertices where they are."""
+    """Return a call that simplifies with meshoptimizer, which does not move vertices."""
     import meshoptimizer as library
 
     indices = mesh.faces.astype(np.uint32).ravel()

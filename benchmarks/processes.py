@@ -18,13 +18,13 @@ from .measuring import Session
 
 SLICER, VTK = "Slicer's recipe in VTK", "VTK: flying edges, normals, STL"
 FOLDERS = [str(Path(__file__).parents[up]) for up in (1, 2)]
-REMOVED = 0.9  # of the triangles, where they are reduced
+REMOVED = 0.9  # Share of triangles to remove.
 
 
 def measure(session: Session) -> None:
-    """All rows of this part: bone from HU of the phantom and of the largest real CT."""
-    made = scenes.made_abdomen()
-    stored = {"phantom": (made.volume.values, made.volume.affine)}
+    """Measure all rows of this part: bone from HU of the phantom and of the largest real CT."""
+    phantom = scenes.abdomen_phantom()
+    stored = {"phantom": (phantom.volume.values, phantom.volume.affine)}
     real = scenes.real_ct(session.data, session.also)
     if real:
         name, largest = max(real.items(), key=lambda item: item[1].values.size)
@@ -36,7 +36,7 @@ def measure(session: Session) -> None:
 
 
 def written(path: Path, values: NDArray[Any], affine: NDArray[np.float64]) -> Path:
-    """An uncompressed NIfTI, which both read in little time."""
+    """Write an uncompressed NIfTI, which both read quickly."""
     import nibabel
 
     nibabel.save(nibabel.Nifti1Image(values.transpose(2, 1, 0), affine), path)
@@ -46,7 +46,7 @@ def written(path: Path, values: NDArray[Any], affine: NDArray[np.float64]) -> Pa
 def compare(
     session: Session, work: str, source: Path, inside: list[str], targets: Mapping[float, float] | None = None
 ) -> None:
-    """All triangles, and with nine of ten removed; CTMC with one thread, as the recipe is but for flying edges."""
+    """Compare with all triangles, and with nine of ten removed; CTMC has one thread, as most of the recipe has."""
     for removed in (0.0, REMOVED):
         ours = [*inside, "--threads", "1", *(["--simplify", str(removed)] if removed else [])]
         theirs = [*inside, *(["--decimate", str(removed)] if removed else [])]
@@ -66,12 +66,12 @@ def compare(
 
 
 def reconstruct(source: Path, out: Path, words: list[str]) -> int:
-    """`ctmc reconstruct`; the triangles it wrote."""
+    """Run `ctmc reconstruct`; return the number of triangles."""
     return run(["ctmc_addon", "reconstruct", str(source), "-o", str(out), *words], out)
 
 
 def recipe(source: Path, out: Path, words: list[str]) -> int:
-    """VTK's process; the triangles it wrote."""
+    """Run VTK's process; return the number of triangles."""
     return run(["benchmarks.slicer_recipe", str(source), str(out), *words], out)
 
 

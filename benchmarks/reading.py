@@ -17,14 +17,14 @@ from ctmc_addon.readers import read_volume
 from . import scenes
 from .measuring import Session
 
-PATIENTS = ("ircadb01_abdomen", "lidc0314_thorax")  # whole series
+PATIENTS = ("ircadb01_abdomen", "lidc0314_thorax")  # Whole series.
 PEER = "SimpleITK's series reader"
-ORGANS = ("ts_nifti", "example_seg_fast_force_split.nii.gz")  # labels of a patient
-MASKS, WIDER = 8, 4  # of the largest organs; and each pixel of the labels is so many by so many of the masks
+ORGANS = ("ts_nifti", "example_seg_fast_force_split.nii.gz")  # Labels of a patient.
+MASKS, WIDER = 8, 4  # Number of organs; mask pixels per label pixel along each side.
 
 
 def measure(session: Session) -> None:
-    """The phantom's folder, and those of patients, on one thread each."""
+    """Measure the phantom's folder, and those of patients, on one thread each."""
     compare(session, "the phantom", dicom_folder(session.scratch))
     for name in PATIENTS:
         if (session.data / name).is_dir():
@@ -40,7 +40,7 @@ def measure(session: Session) -> None:
 
 
 def masks(session: Session, folder: Path) -> None:
-    """A folder of masks as one label volume; the peer reads each of them."""
+    """Measure a folder of masks read as one label volume; the peer reads each mask."""
     folders = sorted(folder.iterdir())
     labels = read_volume(folder)
     assert set(labels.label_names.values()) == {each.name for each in folders}, "a mask is missing"
@@ -53,7 +53,7 @@ def masks(session: Session, folder: Path) -> None:
 
 
 def mask_folders(organs: Path, folder: Path) -> Path:
-    """A DICOM series for each of the largest organs of a label volume."""
+    """Write a DICOM series for each of the largest organs of a label volume."""
     import pydicom
 
     values = read_volume(organs).values
@@ -70,7 +70,7 @@ def mask_folders(organs: Path, folder: Path) -> Path:
 
 
 def compare(session: Session, name: str, folder: Path) -> None:
-    """A row, once both readers gave the same values."""
+    """Add a row after checking that both readers gave the same values."""
     _image, theirs = simple_itk(folder)
     ours = read_volume(folder)
     assert ours.values.shape == theirs.shape, "the two readers do not agree"
@@ -83,22 +83,22 @@ def compare(session: Session, name: str, folder: Path) -> None:
 
 
 def ends_of(values: NDArray[np.int16]) -> NDArray[np.float64]:
-    """Mean values of the first and the last slice, the lower first: which is first is the reader's choice."""
+    """Return mean values of the first and the last slice, the lower first, because readers differ in order."""
     return np.sort(values[:: len(values) - 1].mean(axis=(1, 2)))
 
 
 def dicom_folder(scratch: Path) -> Path:
-    """The phantom as a DICOM series, made once a run."""
+    """Write the phantom as a DICOM series, once per run."""
     folder = scratch / "dicom"
     if not folder.exists():
-        made = scenes.made_abdomen()
-        np.save(scratch / "abdomen.npy", made.volume.values)
-        finish(write_dicom_steps(made, scratch))
+        phantom = scenes.abdomen_phantom()
+        np.save(scratch / "abdomen.npy", phantom.volume.values)
+        finish(write_dicom_steps(phantom, scratch))
     return folder
 
 
 def simple_itk(folder: Path) -> tuple[Any, NDArray[np.int16]]:
-    """The series as its users read it: the image, and its values, which live as long as the image."""
+    """Read the series as users of SimpleITK do; the values live as long as the image."""
     import SimpleITK
 
     reader = SimpleITK.ImageSeriesReader()

@@ -17,16 +17,16 @@ from ctmc_addon.core.volume.volume import Volume
 from ctmc_addon.readers import read_volume
 
 SLICES, SIZE = 250, 512
-FINE_MM = (0.477, 0.477, 0.58)  # a field of view of 244 mm, about the liver alone
+FINE_MM = (0.477, 0.477, 0.58)  # A field of view of 244 mm around the liver.
 LIVER_MM = (0.67, 0.67, 0.58)
-EDGE = 127.5  # gray value of the surface in volumes made from closed forms
+EDGE = 127.5  # Gray value of the surface in volumes of closed forms.
 DENSE_THRESHOLD = 142  # HU: vessels, bone, and the noise that reaches as far
 BONE, SKIN = 200, -300  # HU
-REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k", "ircadb01_abdomen")  # folders of 512 x 512 DICOM slices
+REAL_CT = ("lidc0314_abdomen30", "ts_dicom_j2k", "ircadb01_abdomen")  # Folders of 512 x 512 DICOM slices.
 
 
 def tumors(seed: int = 0) -> NDArray[np.uint8]:
-    """The phantom's tumors alone, 250 slices of 512 x 512: 0 outside, 255 inside, an edge of a few pixels."""
+    """Return only the phantom's tumors, 250 slices of 512 x 512: 0 outside, 255 inside, an edge of a few pixels."""
     chance = np.random.Generator(np.random.PCG64(seed))
     liver = liver_shape(chance, 1.0, FINE_MM[2])
     axes = grid_about(liver, FINE_MM)
@@ -34,18 +34,18 @@ def tumors(seed: int = 0) -> NDArray[np.uint8]:
 
 
 def whole_liver(seed: int = 0) -> NDArray[np.uint8]:
-    """The phantom's liver, on as many samples."""
+    """Return the phantom's liver, on as many samples."""
     liver = liver_shape(np.random.Generator(np.random.PCG64(seed)), 1.0, LIVER_MM[2])
     return painted([liver], grid_about(liver, LIVER_MM))
 
 
 def grid_about(shape: Blob, spacing: tuple[float, float, float]) -> list[NDArray[np.float64]]:
-    """Positions of columns, rows and slices, mm, about the middle of a body."""
+    """Return positions of columns, rows and slices, mm, about the middle of a body."""
     return [shape.center[axis] + centered(count, spacing[axis]) for axis, count in enumerate((SIZE, SIZE, SLICES))]
 
 
 def painted(shapes: list[Blob], axes: list[NDArray[np.float64]]) -> NDArray[np.uint8]:
-    """Bodies in an empty volume."""
+    """Paint bodies into an empty volume."""
     values = np.zeros((SLICES, SIZE, SIZE), np.uint8)
     for shape in shapes:
         paint(values, shape, axes)
@@ -73,12 +73,12 @@ def paint(values: NDArray[np.uint8], shape: Blob, axes: list[NDArray[np.float64]
 
 
 def ball(size: int) -> NDArray[np.uint8]:
-    """A ball that fills 0.8 of a cube, gray at its edge."""
+    """Return a ball that fills 0.8 of a cube, gray at its edge."""
     return spheres(size, 1, 0.4 * size)
 
 
 def spheres(size: int, across: int, radius: float) -> NDArray[np.uint8]:
-    """`across` cubed balls in a cube of `size`, of a radius in voxels, slice by slice."""
+    """Paint `across` cubed balls of a radius in voxels into a cube of `size`, slice by slice."""
     pitch = size / across
     offset = (np.arange(size) + 0.37) % pitch - pitch / 2  # from the middle of the nearest ball
     square = (offset**2).astype(np.float32)
@@ -90,24 +90,24 @@ def spheres(size: int, across: int, radius: float) -> NDArray[np.uint8]:
 
 
 def abdomen(scratch: Path) -> NDArray[np.int16]:
-    """HU of the phantom, 250 slices of 512 x 512; made once a run."""
+    """Return HU of the phantom, 250 slices of 512 x 512; made once per run."""
     path = scratch / "abdomen.npy"
     if not path.exists():
-        np.save(path, made_abdomen().volume.values)
+        np.save(path, abdomen_phantom().volume.values)
     return np.load(path)
 
 
-def made_abdomen(slices: int = SLICES) -> Phantom:
-    """The phantom with its geometry."""
+def abdomen_phantom(slices: int = SLICES) -> Phantom:
+    """Return the phantom with its geometry."""
     return phantom(slices=slices)
 
 
 def real_ct(data: Path, also: list[Path]) -> dict[str, Volume]:
-    """The real volumes that are there, by name."""
+    """Return the available real volumes by name."""
     paths = [data / name for name in REAL_CT] + list(also)
     return {path.name: read_volume(path) for path in paths if path.exists()}
 
 
 def affine(spacing: tuple[float, float, float] = (0.74, 0.74, 0.58)) -> NDArray[np.float64]:
-    """Axes towards the patient's left, back and head."""
+    """Return an affine with axes towards the patient's left, back and head."""
     return np.diag([-spacing[0], -spacing[1], spacing[2], 1.0])

@@ -34,9 +34,9 @@ Mask = NDArray[np.bool_]
 DATA = Path(os.environ.get("CTMC_TEST_CT", Path(__file__).resolve().parents[3] / "shared" / "data"))
 ORGANS = {"spleen": 1, "kidney": 2, "gallbladder": 4, "liver": 5, "vertebra": 28, "aorta": 52, "vena cava": 63,
           "portal vein": 64, "hip": 77}  # fmt: skip
-MADE_TUMORS = {8: (16, 282, 228), 12: (2, 212, 188), 20: (4, 298, 168), 30: (7, 237, 223)}  # mm, and where in the liver
-MADE_HU, MADE_BLUR_MM = -40.0, 1.0
-ROOM_MM = 30.0  # around the truth, that peers see
+SIMULATED_TUMORS = {8: (16, 282, 228), 12: (2, 212, 188), 20: (4, 298, 168), 30: (7, 237, 223)}  # {mm: position}
+SIMULATED_HU, SIMULATED_BLUR_MM = -40.0, 1.0
+ROOM_MM = 30.0  # Peers see this margin around the truth.
 GOAL = 0.8
 SHOWN = (1, 2, 4, 6, 10, 12)
 
@@ -84,12 +84,12 @@ Method = Callable[[Case, list[Click], NDArray[np.float32]], Mask]
 
 
 def compete(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """Ours."""
+    """Segment with our `compete`."""
     return finish(compete_steps(case.ct, clicks)) == 1
 
 
 def connected(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """Ours, in the values that the clicks say, through openings of two voxels."""
+    """Segment with our `connected` in the value range of the clicks, through openings of two voxels."""
     low, high = value_limits(case, clicks, smooth)
     allowed = (smooth >= low) & (smooth <= high)
     for click in clicks:
@@ -118,7 +118,7 @@ def seeds_of(clicks: list[Click], structure: int) -> list[tuple[int, int, int]]:
 
 
 def connected_threshold(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """SimpleITK's ConnectedThreshold."""
+    """Segment with SimpleITK's ConnectedThreshold."""
     import SimpleITK as sitk
 
     low, high = value_limits(case, clicks, smooth)
@@ -126,16 +126,16 @@ def connected_threshold(case: Case, clicks: list[Click], smooth: NDArray[np.floa
 
 
 def confidence_connected(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """SimpleITK's ConfidenceConnected."""
+    """Segment with SimpleITK's ConfidenceConnected."""
     import SimpleITK as sitk
 
     seeds = seeds_of(clicks, 1)
-    found = sitk.ConfidenceConnected(image_of(smooth, case), seeds, 3, 2.5, 1, 1)
-    return sitk.GetArrayFromImage(found) > 0
+    segmented = sitk.ConfidenceConnected(image_of(smooth, case), seeds, 3, 2.5, 1, 1)
+    return sitk.GetArrayFromImage(segmented) > 0
 
 
 def fast_marching(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """SimpleITK's FastMarching from both kinds of clicks, stopped where it is best for the truth."""
+    """Segment with SimpleITK's FastMarching from both kinds of clicks, stopped at the best time for the truth."""
     import SimpleITK as sitk
 
     gradient = sitk.GradientMagnitude(image_of(smooth, case))
@@ -152,19 +152,19 @@ def fast_marching(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) 
 
 
 def random_walker(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """scikit-image's random_walker, the border of the box as surroundings."""
+    """Segment with scikit-image's random_walker; the border of the box is background."""
     from skimage.segmentation import random_walker as walk
 
     labels = np.full(smooth.shape, 2, np.int32)
     labels[1:-1, 1:-1, 1:-1] = 0
     for click in clicks:
         labels[click.sample] = 1 if click.structure else 2
-    found = walk(np.clip(smooth, -200, 400), labels, beta=130, mode="cg_j", tol=1e-2, spacing=case.ct.spacing[::-1])
-    return found == 1
+    segmented = walk(np.clip(smooth, -200, 400), labels, beta=130, mode="cg_j", tol=1e-2, spacing=case.ct.spacing[::-1])
+    return segmented == 1
 
 
 def grow_cut(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Mask:
-    """3D Slicer's grow-from-seeds, by SciPy: least sums of differences over 26 neighbors, the border as surroundings.
+    """Segment as 3D Slicer's grow-from-seeds, by SciPy: least sums of differences over 26 neighbors.
 
     Zhu, Kolesov, Gao, Kikinis and Tannenbaum 2014, An effective interactive medical image segmentation method using
     fast GrowCut; as Slicer's vtkImageGrowCut with its default seed locality, 0.
@@ -190,8 +190,8 @@ def grow_cut(case: Case, clicks: list[Click], smooth: NDArray[np.float32]) -> Ma
     for click in clicks:
         seeds[click.sample], inside[click.sample] = True, bool(click.structure)
     nearest = dijkstra(graph, indices=np.flatnonzero(seeds), min_only=True, return_predecessors=True)[2]
-    found: Mask = inside.ravel()[nearest].reshape(smooth.shape)
-    return found
+    segmented: Mask = inside.ravel()[nearest].reshape(smooth.shape)
+    return segmented
 
 
 OURS: dict[str, Method] = {"compete": compete, "connected": connected}
@@ -243,11 +243,11 @@ def clicks_to(scores: list[float], goal: float) -> float:
 
 
 def phantoms() -> dict[str, Callable[[], Case]]:
-    """Return phantoms by name: balls beside each other, and a vessel that branches, in noise."""
+    """Return noisy phantoms by name: neighboring balls, and a branching vessel."""
 
-    def made(name: str, inside: Mask, beside: Mask, spacing: tuple[float, float, float]) -> Case:
+    def simulated_case(name: str, inside: Mask, neighbor: Mask, spacing: tuple[float, float, float]) -> Case:
         noise = np.random.default_rng(1).normal(0, 15, inside.shape)
-        values = np.where(inside, 60, np.where(beside, 105, 30)) + noise
+        values = np.where(inside, 60, np.where(neighbor, 105, 30)) + noise
         return Case(name, Volume(values.astype(np.int16), np.diag([*spacing, 1.0]), kind="HU"), inside)
 
     def grid(shape: tuple[int, int, int], spacing: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -257,15 +257,15 @@ def phantoms() -> dict[str, Callable[[], Case]]:
         spacing = (1.0, 1.0, 2.0)
         at = grid((36, 72, 72), spacing)
         inside = ((at - 34.0) ** 2).sum(axis=0) < 12**2
-        beside = ((at - np.array([34.0, 34.0, 26.0])[:, None, None, None]) ** 2).sum(axis=0) < 27**2
-        return made("ball", inside, beside & ~inside, spacing)
+        neighbor = ((at - np.array([34.0, 34.0, 26.0])[:, None, None, None]) ** 2).sum(axis=0) < 27**2
+        return simulated_case("ball", inside, neighbor & ~inside, spacing)
 
     def vessel() -> Case:
         at = grid((64, 64, 64), (1.0, 1.0, 1.0))
         bend = 32 + 10 * np.sin(at[0] / 12)
         inside = (at[1] - bend) ** 2 + (at[2] - 32) ** 2 < 4.5**2
         branch = (at[1] - 32 - (at[0] - 32) * 0.8) ** 2 + (at[2] - 32 - (at[0] - 32) * 0.5) ** 2 < 3.5**2
-        case = made("vessel", inside | (branch & (at[0] > 32)), np.zeros(inside.shape, bool), (1.0, 1.0, 1.0))
+        case = simulated_case("vessel", inside | (branch & (at[0] > 32)), np.zeros(inside.shape, bool), (1.0, 1.0, 1.0))
         values = np.where(case.truth, 150, 60) + np.random.default_rng(2).normal(0, 15, inside.shape)
         return case._replace(ct=Volume(values.astype(np.int16), np.eye(4), kind="HU"))
 
@@ -292,7 +292,7 @@ def tumor() -> Case:
     return Case("tumor", ct, truth)
 
 
-def made_tumor(diameter_mm: float, middle: tuple[int, int, int]) -> Case:
+def simulated_tumor(diameter_mm: float, middle: tuple[int, int, int]) -> Case:
     """Return a tumor that was made: an uneven ball, blurred, taken off a patient's liver, whose noise it keeps."""
     ct = readers.read_volume(DATA / "ts_dicom_j2k")
     sides = np.array(ct.spacing[::-1])
@@ -303,33 +303,35 @@ def made_tumor(diameter_mm: float, middle: tuple[int, int, int]) -> Case:
     truth = distance < radius
     share = truth.astype(np.float32)
     for axis, side in enumerate(sides):
-        share = convolved(share, weights(MADE_BLUR_MM / side), axis)
-    values = (ct.values + MADE_HU * share).round().astype(np.int16)
+        share = convolved(share, weights(SIMULATED_BLUR_MM / side), axis)
+    values = (ct.values + SIMULATED_HU * share).round().astype(np.int16)
     return Case(f"made tumor {diameter_mm} mm", Volume(values, ct.affine, kind=ValueKind.HU), truth)
 
 
 def cases() -> dict[str, Callable[[], Case]]:
-    """Return what can be drawn here, by name."""
-    found = phantoms()
+    """Return the available cases by name."""
+    makers = phantoms()
     if (DATA / "ibsi_lung_tumor").is_dir():
-        found["tumor"] = tumor
+        makers["tumor"] = tumor
     if (DATA / "ts_nifti").is_dir():
-        found |= {name: lambda name=name: organ(name) for name in ORGANS}
+        makers |= {name: lambda name=name: organ(name) for name in ORGANS}
     if (DATA / "ts_dicom_j2k").is_dir():
-        found |= {f"made tumor {mm} mm": lambda mm=mm: made_tumor(mm, MADE_TUMORS[mm]) for mm in MADE_TUMORS}
-    return found
+        makers |= {
+            f"made tumor {mm} mm": lambda mm=mm, at=at: simulated_tumor(mm, at) for mm, at in SIMULATED_TUMORS.items()
+        }
+    return makers
 
 
 def main() -> None:
     """Print Dice, clicks and seconds of every method, and our ratios to the best peer."""
-    known = cases()
+    makers = cases()
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("cases", nargs="*", help=f"some of: {', '.join(known)}")
+    parser.add_argument("cases", nargs="*", help=f"some of: {', '.join(makers)}")
     parser.add_argument("--clicks", type=int, default=12)
     parser.add_argument("--without", action="append", default=[], choices=[*OURS, *PEERS])
     args = parser.parse_args()
-    for name in args.cases or known:
-        case = known[name]()
+    for name in args.cases or makers:
+        case = makers[name]()
         small = boxed(case)
         print(f"\n{name}: {np.count_nonzero(case.truth)} voxels of {case.truth.size}, Dice after clicks")
         print(f"{'':24s}{''.join(f'{number:>7d}' for number in SHOWN)}{'best':>7s}   clicks to {GOAL}  cpu s, longest")

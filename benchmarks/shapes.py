@@ -17,9 +17,9 @@ from ctmc_addon.core import TriangleMesh, marching_cubes
 
 Doubles = NDArray[np.float64]
 Triple = tuple[float, float, float]
-OFFSETS = (0.31, 0.17, 0.43)  # of the samples from the center, in spacings
-AXIS = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)  # of the cylinder and the capsule: oblique to the grid
-EVEN, UNEVEN = (1.0, 1.0, 1.0), (1.0, 1.0, 2.5)  # spacings in proportion
+OFFSETS = (0.31, 0.17, 0.43)  # Offsets of the samples from the center, in spacings.
+AXIS = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)  # Axis of cylinder and capsule, oblique to the grid.
+EVEN, UNEVEN = (1.0, 1.0, 1.0), (1.0, 1.0, 2.5)  # Proportions of spacings.
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Shape:
 
 
 def sphere(radius: float = 10.0) -> Shape:
-    """A ball."""
+    """Return a ball."""
     return Shape(
         "sphere",
         lambda x, y, z: radius - np.sqrt(x * x + y * y + z * z),
@@ -64,7 +64,7 @@ def sphere(radius: float = 10.0) -> Shape:
 
 
 def ellipsoid(a: float = 12.0, b: float = 9.0, c: float = 6.0) -> Shape:
-    """Half axes a, b, c."""
+    """Return an ellipsoid with half axes a, b, c."""
     return Shape(
         "ellipsoid",
         lambda x, y, z: 1 - np.sqrt((x / a) ** 2 + (y / b) ** 2 + (z / c) ** 2),
@@ -76,7 +76,7 @@ def ellipsoid(a: float = 12.0, b: float = 9.0, c: float = 6.0) -> Shape:
 
 
 def ellipsoid_area(a: float, b: float, c: float) -> float:
-    """By a product rule on the sphere of directions, exact to rounding for half axes as alike as ours."""
+    """Return the area by a product rule on the sphere of directions, exact to rounding for our half axes."""
     height, weight = np.polynomial.legendre.leggauss(200)
     turn = (np.arange(400) + 0.5) * (2 * np.pi / 400)
     flat = np.sqrt(1 - height**2)[:, None]
@@ -85,7 +85,7 @@ def ellipsoid_area(a: float, b: float, c: float) -> float:
 
 
 def torus(ring: float = 8.0, tube: float = 3.0) -> Shape:
-    """A tube about a ring in the plane of x and y."""
+    """Return a tube about a ring in the plane of x and y."""
 
     def gradient(points: Doubles) -> Doubles:
         on_ring = points * [1, 1, 0]
@@ -102,7 +102,7 @@ def torus(ring: float = 8.0, tube: float = 3.0) -> Shape:
 
 
 def capsule(radius: float = 5.0, half: float = 5.0) -> Shape:
-    """An oblique cylinder with round ends."""
+    """Return an oblique cylinder with round ends."""
 
     def depth(x: Any, y: Any, z: Any) -> Doubles:
         along = x * AXIS[0] + y * AXIS[1] + z * AXIS[2]
@@ -119,7 +119,7 @@ def capsule(radius: float = 5.0, half: float = 5.0) -> Shape:
 
 
 def cylinder(radius: float = 5.0, half: float = 8.0) -> Shape:
-    """An oblique cylinder with flat ends, and so with edges."""
+    """Return an oblique cylinder with flat ends and sharp edges."""
 
     def depth(x: Any, y: Any, z: Any) -> Doubles:
         along = x * AXIS[0] + y * AXIS[1] + z * AXIS[2]
@@ -136,7 +136,7 @@ SHAPES = {shape.name: shape for shape in (sphere(), ellipsoid(), torus(), capsul
 
 
 def sampled(shape: Shape, spacing: Triple) -> tuple[Doubles, Doubles]:
-    """Values (slices, rows, columns) float64, and the first sample's place (x, y, z), mm."""
+    """Return values (slices, rows, columns) float64, and the first sample's position (x, y, z), mm."""
     axes = []
     for gap, half, offset in zip(spacing, shape.half, OFFSETS, strict=True):
         count = int(np.ceil(half / gap)) + 2
@@ -146,26 +146,26 @@ def sampled(shape: Shape, spacing: Triple) -> tuple[Doubles, Doubles]:
 
 
 def extracted(shape: Shape, spacing: Triple, alpha: float = 1.0, normals: bool = False) -> TriangleMesh:
-    """The body's surface, vertices in millimeters about its center; normals, if asked for, of index space."""
+    """Return the body's surface, vertices in mm about its center; normals, if requested, in index space."""
     values, first = sampled(shape, spacing)
     mesh = marching_cubes(values, 0.0, alpha=alpha, normals=normals)
     return replace(mesh, vertices=(mesh.vertices * np.array(spacing) + first).astype(np.float32))
 
 
 def errors(shape: Shape, spacing: Triple, alpha: float = 1.0) -> tuple[float, float]:
-    """Area and volume less the truth, as shares of it."""
+    """Return the relative errors of area and volume."""
     mesh = extracted(shape, spacing, alpha)
     return mesh.area / shape.area - 1, mesh.volume / shape.volume - 1
 
 
-def order(steps: list[float], found: list[float]) -> float:
-    """The power of the spacing with which an error falls: slope of the logarithms by least squares."""
-    x, y = np.log(steps), np.log(np.abs(found))
+def order(steps: list[float], measured_errors: list[float]) -> float:
+    """Return the order of an error in the spacing: the slope of the logarithms by least squares."""
+    x, y = np.log(steps), np.log(np.abs(measured_errors))
     return float(((x - x.mean()) * (y - y.mean())).sum() / ((x - x.mean()) ** 2).sum())
 
 
 def angles(normals: NDArray[Any], truth: NDArray[Any]) -> Doubles:
-    """Degrees between two sets of vectors (n, 3), (n,)."""
+    """Return the degrees between two sets of vectors (n, 3), (n,)."""
     lengths = np.sqrt((normals.astype(np.float64) ** 2).sum(axis=1) * (truth**2).sum(axis=1))
     cross = np.sqrt((np.cross(normals, truth) ** 2).sum(axis=1)) / lengths
     along = (normals * truth).sum(axis=1) / lengths

@@ -38,7 +38,7 @@ RATES = (0.5, 0.9, 0.98)
 
 
 class Wall:
-    """A wavy wall through a ball, along the slices or across them: where it stands over two coordinates, in mm."""
+    """A wavy wall through a ball, along the slices or across them: its height over two coordinates, in mm."""
 
     def __init__(self, seed: int, across: bool) -> None:
         rng = np.random.default_rng(seed)
@@ -57,7 +57,7 @@ class Wall:
         return along, -self.amplitude / q * np.sin(u / p + s) * np.sin(v / q + t) + self.tilt[1]
 
     def labels(self, gap: float) -> tuple[NDArray[np.uint8], NDArray[np.float64]]:
-        """A ball of label 1, and 2 beyond the wall; its affine."""
+        """Return a ball of label 1, with label 2 beyond the wall, and the affine."""
         spacing = np.array([PIXEL, PIXEL, gap])
         counts = (2 * (RADIUS + 2 * spacing) / spacing).astype(int)
         axes = [(np.arange(n) - n / 2 + o) * s for n, o, s in zip(counts, self.offset, spacing, strict=True)]
@@ -69,7 +69,7 @@ class Wall:
         return values.astype(np.uint8), affine
 
     def distances(self, mesh: Mesh) -> tuple[float, float]:
-        """Mean and 95 % of the distances of triangles to the wall, by area, each at four points."""
+        """Return mean and 95 % distance of triangles to the wall, by area, each at four points."""
         corners = np.asarray(mesh[0], np.float64)[mesh[1]]  # (f, 3, 3)
         middle = corners.mean(axis=1)
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
@@ -108,7 +108,7 @@ def surface_nets(values: NDArray[np.uint8], affine: NDArray[np.float64]) -> Mesh
 
 
 def joint_sinc(values: NDArray[np.uint8], affine: NDArray[np.float64], factor: float) -> Mesh:
-    """3D Slicer's joint smoothing: flying edges of all labels at once, one windowed sinc filter."""
+    """Smooth jointly as 3D Slicer does: flying edges of all labels at once, one windowed sinc filter."""
     edges = vtk.vtkDiscreteFlyingEdges3D()
     edges.SetInputData(image(values, affine))
     edges.SetValue(0, 1)
@@ -135,10 +135,10 @@ def joint_sinc(values: NDArray[np.uint8], affine: NDArray[np.float64], factor: f
 
 
 def image(values: NDArray[np.uint8], affine: NDArray[np.float64]) -> vtk.vtkImageData:
-    """The labels as an image whose first sample stands at 0; `image_of` makes one of a mask."""
-    made = image_of(values > 0, tuple(np.diag(affine)[:3]))
-    vtk_to_numpy(made.GetPointData().GetScalars())[:] = np.pad(values, 1).ravel()
-    return made
+    """Return the labels as an image whose first sample is at 0; `image_of` does so for a mask."""
+    image = image_of(values > 0, tuple(np.diag(affine)[:3]))
+    vtk_to_numpy(image.GetPointData().GetScalars())[:] = np.pad(values, 1).ravel()
+    return image
 
 
 def walls_table() -> None:
@@ -152,9 +152,9 @@ def walls_table() -> None:
         for across in (False, True):
             wall = Wall(seed, across)
             labels = wall.labels(gap)
-            found = {name: wall.distances(method(*labels)) for name, method in methods.items()}
-            cells = "".join(f"{mean:9.3f} / {most:5.2f}" for mean, most in found.values())
-            for name, (mean, _) in found.items():
+            wall_distances = {name: wall.distances(method(*labels)) for name, method in methods.items()}
+            cells = "".join(f"{mean:9.3f} / {most:5.2f}" for mean, most in wall_distances.values())
+            for name, (mean, _) in wall_distances.items():
                 means[name].append(mean)
             ratio = means["ours"][0] + means["ours"][-1], min(sum(own) for own in list(means.values())[1:])
             end = f"{ratio[0] / ratio[1]:10.2f}" if across else ""
@@ -162,15 +162,15 @@ def walls_table() -> None:
 
 
 def reversed_share(mesh: ComplexMesh) -> float:
-    """The share of walls between labels whose triangles occur, turned, in the neighbor's own surface."""
+    """Return the share of wall triangles that occur reversed in the neighbor's own surface."""
     keys = {label: oriented(mesh, label) for label in mesh.labels}
-    found = total = 0
+    reversed_count = total = 0
     for one, other in sorted({tuple(sorted(wall[:2])) for wall in mesh.interfaces}):
         if one:
             total += int((np.sort(mesh.sides, axis=1) == (one, other)).all(axis=1).sum())
             turned = {(a, c, b) for a, b, c in keys[other]}
-            found += len({(*each[k:], *each[:k]) for each in keys[one] for k in range(3)} & turned)
-    return found / max(1, total)
+            reversed_count += len({(*each[k:], *each[:k]) for each in keys[one] for k in range(3)} & turned)
+    return reversed_count / max(1, total)
 
 
 def oriented(mesh: ComplexMesh, label: int) -> set[tuple[bytes, ...]]:
@@ -181,10 +181,10 @@ def oriented(mesh: ComplexMesh, label: int) -> set[tuple[bytes, ...]]:
 
 def labels_table(path: str) -> None:
     volume, one = read_volume(path), Budget(threads=1)
-    made = complex_of(volume)
-    mesh = made.surface.at(1.0)
-    large = [label for label in made.labels if made.label_mm3[label] > 1000 * float(np.prod(volume.spacing))]
-    worst = max((abs(made.volumes_mm3[label] / made.label_mm3[label] - 1) for label in large), default=0.0)
+    complex = complex_of(volume)
+    mesh = complex.surface.at(1.0)
+    large = [label for label in complex.labels if complex.label_mm3[label] > 1000 * float(np.prod(volume.spacing))]
+    worst = max((abs(complex.volumes_mm3[label] / complex.label_mm3[label] - 1) for label in large), default=0.0)
     print(f"\n{Path(path).name}: {len(mesh.labels)} labels, {len(mesh.faces):,} triangles")
     print(f"volume, worst of {len(large)} labels of more than 1,000 voxels: {100 * worst:.2f} %")
     print(f"triangles of walls that occur reversed in the neighbor: {100 * reversed_share(mesh):.1f} %")
@@ -199,19 +199,19 @@ def labels_table(path: str) -> None:
           f"{'crossings':>11}{'reversed':>10}{'s':>7}{'s alone':>9}")  # fmt: skip
     for rate in RATES:
         start = time.process_time()
-        together = finish(simplify_complex_steps(mesh, reduction=rate, budget=one))
+        joint = finish(simplify_complex_steps(mesh, reduction=rate, budget=one))
         ours_s = time.process_time() - start
-        errors = finish(label_distances_steps(together.mesh, mesh))
-        ratios, alone_s, alone_faces = [], 0.0, 0
+        errors = finish(label_distances_steps(joint.mesh, mesh))
+        ratios, separate_s, separate_faces = [], 0.0, 0
         for label, error in errors.items():
             full, start = mesh.of_label(label), time.process_time()
-            alone = simplify(full, reduction=rate, budget=one)
-            alone_s, alone_faces = alone_s + time.process_time() - start, alone_faces + len(alone.faces)
-            ratios.append(error.mean / surface_distance(alone, full).mean)
+            separate = simplify(full, reduction=rate, budget=one)
+            separate_s, separate_faces = separate_s + time.process_time() - start, separate_faces + len(separate.faces)
+            ratios.append(error.mean / surface_distance(separate, full).mean)
         asked, own = round(len(mesh.faces) * (1 - rate)), f"{sum(r <= 1.1 for r in ratios)} of {len(ratios)}"
-        print(f"{rate:6g}{asked:10,}{len(together.mesh.faces):10,}{alone_faces:10,}{np.median(ratios):8.2f}"
-              f"{np.quantile(ratios, 0.9):7.2f}{own:>10}{together.self_intersections or 0:11}"
-              f"{100 * reversed_share(together.mesh):8.1f} %{ours_s:7.1f}{alone_s:9.1f}", flush=True)  # fmt: skip
+        print(f"{rate:6g}{asked:10,}{len(joint.mesh.faces):10,}{separate_faces:10,}{np.median(ratios):8.2f}"
+              f"{np.quantile(ratios, 0.9):7.2f}{own:>10}{joint.self_intersections or 0:11}"
+              f"{100 * reversed_share(joint.mesh):8.1f} %{ours_s:7.1f}{separate_s:9.1f}", flush=True)  # fmt: skip
 
 
 def main() -> int:

@@ -20,9 +20,9 @@ from . import peers, scenes
 from .measuring import Row, Session
 
 VTK = "vtkQuadricDecimation"
-LEVELS = {0.5: 1.0, 0.9: 1.0, 0.95: 1.0}  # reduction: target of the mean error against VTK's
-SAMPLES = 20_000  # each way
-PATIENT = "ircadb01_abdomen"  # noisy: thousands of components
+LEVELS = {0.5: 1.0, 0.9: 1.0, 0.95: 1.0}  # Target of the mean error against VTK's, by reduction.
+SAMPLES = 20_000  # Samples each way.
+PATIENT = "ircadb01_abdomen"  # Noisy, with thousands of components.
 # name: HU, reductions, target of the time against VTK's; every other pixel and row, raw otherwise
 PATIENT_SURFACES = {"bone": (280, (0.5, 0.9, 0.95), 0.5), "vessels": (140, (0.5, 0.9), 0.6)}
 PATIENT_STRIDE = (2, 2, 1)
@@ -30,7 +30,7 @@ LARGE_BONE, LARGE_SECONDS, LARGE_SECOND_THREAD = 265, 9.0, 0.6  # HU, of all pix
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     mesh = marching_cubes(scenes.tumors(), scenes.EDGE, normals=False)
     size = f"{len(mesh.faces) / 1e3:.0f}k triangles"
     repeats = max(1, session.repeats // 3)
@@ -59,30 +59,30 @@ def measure(session: Session) -> None:
 
 
 def raw_surface(volume: Volume, threshold: float, stride: tuple[int, int, int] = (1, 1, 1)) -> TriangleMesh:
-    """A surface with all its components, in millimeters."""
-    made = reconstruct(volume, ReconstructionSettings(threshold=threshold, stride=stride)).mesh
-    return TriangleMesh(made.vertices, made.faces)
+    """Return a surface with all its components, in millimeters."""
+    mesh = reconstruct(volume, ReconstructionSettings(threshold=threshold, stride=stride)).mesh
+    return TriangleMesh(mesh.vertices, mesh.faces)
 
 
 def against_vtk(
     session: Session, name: str, mesh: TriangleMesh, reductions: tuple[float, ...], target: float | None
 ) -> None:
-    """Time and mean error of a patient's surface, one call each."""
+    """Compare time and mean error for a patient's surface, one call each."""
     full, on_full = TriangleTree(mesh), on_surface(mesh, SAMPLES)
     for reduction in reductions:
         work = f"QEM, {name} of {PATIENT}, {len(mesh.faces) / 1e3:.0f}k triangles to {1 - reduction:.0%}"
-        known = {}
+        results = {}
         for maker, make in {"CTMC": ours, VTK: peers.quadric_decimation}.items():
             seconds, small = session.timed(make(mesh, reduction))
             there, back = TriangleTree(small).distances(on_full), full.distances(on_surface(small, SAMPLES))
-            known[maker] = (seconds, float(there.mean() + back.mean()) / 2)
-        (seconds, error), (vtk_seconds, vtk_error) = known.values()
+            results[maker] = (seconds, float(there.mean() + back.mean()) / 2)
+        (seconds, error), (vtk_seconds, vtk_error) = results.values()
         session.add(Row(session.part, work, VTK, seconds, vtk_seconds, target))
         session.add(Row(session.part, f"{work}: mean error", VTK, error, vtk_error, 1.0, unit="mm"))
 
 
 def large_bone(session: Session, mesh: TriangleMesh) -> None:
-    """A surface that goes in batches, on one thread and on two."""
+    """Measure a surface that is simplified in batches, on one thread and on two."""
     work = f"QEM, bone of {PATIENT}, {len(mesh.faces) / 1e6:.2f}M triangles to 10%"
     taken = {}
     for threads in session.threads:
@@ -93,19 +93,19 @@ def large_bone(session: Session, mesh: TriangleMesh) -> None:
 
 
 def errors(session: Session, mesh: TriangleMesh, size: str) -> None:
-    """Mean distance to the full surface, both ways, at the same samples of it for everyone."""
+    """Compare mean distances to the full surface, both ways, at the same samples for all methods."""
     full = TriangleTree(mesh)
     on_full = on_surface(mesh, SAMPLES)
     for reduction, target in LEVELS.items():
-        known = {}
+        results = {}
         for name, make in {"CTMC": ours, **PEERS}.items():
             small = make(mesh, reduction)()
             there, back = TriangleTree(small).distances(on_full), full.distances(on_surface(small, SAMPLES))
             used = small.vertices[np.unique(small.faces)]
             farthest = max(there.max(), back.max(), full.distances(used).max())
-            known[name] = (float(there.mean() + back.mean()) / 2, float(farthest), len(small.faces), small.closed)
-        mean, farthest, faces, closed = known["CTMC"]
-        for name, (peer_mean, peer_farthest, peer_faces, peer_closed) in known.items():
+            results[name] = (float(there.mean() + back.mean()) / 2, float(farthest), len(small.faces), small.closed)
+        mean, farthest, faces, closed = results["CTMC"]
+        for name, (peer_mean, peer_farthest, peer_faces, peer_closed) in results.items():
             if name == "CTMC":
                 continue
             note = (
@@ -118,12 +118,12 @@ def errors(session: Session, mesh: TriangleMesh, size: str) -> None:
 
 
 def ours(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
-    """A call of this project's own."""
+    """Return a call of this project's simplifier."""
     return lambda: simplify(mesh, reduction=reduction)
 
 
 def on_surface(mesh: TriangleMesh, count: int, seed: int = 0) -> NDArray[np.float64]:
-    """Points spread evenly over a mesh's area, (count, 3), the same for the same mesh."""
+    """Return points spread evenly over a mesh's area, (count, 3), the same for the same mesh."""
     chance = np.random.Generator(np.random.PCG64(seed))
     corners = mesh.vertices[mesh.faces].astype(np.float64)  # (F, 3, 3)
     cross = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -138,7 +138,7 @@ def on_surface(mesh: TriangleMesh, count: int, seed: int = 0) -> NDArray[np.floa
 
 
 def decimate(mesh: TriangleMesh, ratio: float) -> Callable[[], Any]:
-    """A call of Blender's Decimate (collapse) through the evaluated mesh."""
+    """Return a call of Blender's Decimate (collapse) through the evaluated mesh."""
     import bpy
 
     data = bpy.data.meshes.new("full")

@@ -24,7 +24,7 @@ from vtkmodules.vtkFiltersGeneral import vtkDiscreteFlyingEdges3D
 from vtkmodules.vtkIOGeometry import vtkSTLWriter
 from vtkmodules.vtkIOImage import vtkNIFTIImageReader
 
-ROUNDS, FACTOR = 20, 0.5  # of smoothing; Slicer's default
+ROUNDS, FACTOR = 20, 0.5  # Smoothing rounds and factor, Slicer's defaults.
 
 
 def main() -> None:
@@ -61,7 +61,7 @@ def main() -> None:
 
 
 def segment(image: Any, label: int | None, threshold: float | None) -> Any:
-    """0 and 1 in the box of the segment, an empty sample around it."""
+    """Return 0 and 1 in the box of the segment, with an empty sample around it."""
     values = vtk_to_numpy(image.GetPointData().GetScalars()).reshape(image.GetDimensions()[::-1])
     mask = values == label if threshold is None else values >= threshold
     ends = [np.flatnonzero(mask.any(axis=tuple({0, 1, 2} - {axis}))) for axis in range(3)]
@@ -76,7 +76,7 @@ def segment(image: Any, label: int | None, threshold: float | None) -> Any:
 
 
 def closed_surface(binary: Any, decimate: float) -> Any:
-    """The last of the filters."""
+    """Run the filters and return the last one."""
     edges = vtkDiscreteFlyingEdges3D()
     edges.SetInputData(binary)
     edges.SetValue(0, 1)

@@ -27,28 +27,28 @@ from . import peers, scenes
 from .measuring import Row, Session
 from .simplify import VTK, on_surface, ours
 
-LEVELS = {0.5: 0.9, 0.8: 0.85, 0.9: None, 0.95: None}  # reduction: target of the mean error against VTK's
+LEVELS = {0.5: 0.9, 0.8: 0.85, 0.9: None, 0.95: None}  # Target of the mean error against VTK's, by reduction.
 NOISE, VESSELS = 142, 130  # HU; of the phantom, and of contrast in a CT
 STRIDE = (2, 2, 1)
-SAMPLES = 30_000  # each way
-CROSSINGS = 0.15  # of the time, at most, are for looking for crossings and undoing them
+SAMPLES = 30_000  # Samples each way.
+CROSSINGS = 0.15  # Finding and reverting crossings takes at most this share of the time.
 
 
 def measure(session: Session) -> None:
-    """All rows of this part."""
+    """Measure all rows of this part."""
     for name, mesh in surfaces(session):
         tree, points = TriangleTree(mesh), on_surface(mesh, SAMPLES)
         for level, target in LEVELS.items():
             work = f"{name}, {len(mesh.faces) / 1e3:.0f}k triangles in {mesh.components} components to {1 - level:.0%}"
-            known = {}
+            results = {}
             for peer, call in calls(mesh, level).items():
                 seconds, small = session.timed(call)
                 there, back = TriangleTree(small).distances(points), tree.distances(on_surface(small, SAMPLES))
-                known[peer] = (float(there.mean() + back.mean()) / 2, seconds, small)
+                results[peer] = (float(there.mean() + back.mean()) / 2, seconds, small)
             shares = crossing_seconds(session, mesh, level)
             session.add(Row(session.part, f"{work}: tests for crossings and undoing", "all of it", *shares, CROSSINGS))
-            error, seconds, small = known.pop("CTMC")
-            for peer, (peer_error, peer_seconds, other) in known.items():
+            error, seconds, small = results.pop("CTMC")
+            for peer, (peer_error, peer_seconds, other) in results.items():
                 note = (
                     f"{len(small.faces)} against {len(other.faces)} triangles, {small.components} against "
                     f"{other.components} components, {len(non_manifold_edges(other))} non-manifold edges of the peer"
@@ -60,7 +60,7 @@ def measure(session: Session) -> None:
 
 
 def crossing_seconds(session: Session, mesh: TriangleMesh, level: float) -> tuple[float, float]:
-    """Seconds of looking for crossings and undoing them, and of all of a simplification."""
+    """Return the seconds of finding and reverting crossings, and of the whole simplification."""
     spent = 0.0
 
     def timed(begin_steps: Callable[..., Steps[Any]]) -> Callable[..., Steps[Any]]:
@@ -86,7 +86,7 @@ def crossing_seconds(session: Session, mesh: TriangleMesh, level: float) -> tupl
 
 
 def surfaces(session: Session) -> Iterator[tuple[str, TriangleMesh]]:
-    """Noise and bone of the phantom; bone and vessels of the CT that was given."""
+    """Return noise and bone of the phantom; bone and vessels of the given CT."""
     volumes = {"phantom": (Volume(scenes.abdomen(session.scratch), np.diag([*scenes.LIVER_MM, 1.0])), (NOISE,))}
     for path in session.also:
         volumes[path.name] = (read_volume(path), (scenes.BONE, VESSELS))
@@ -98,7 +98,7 @@ def surfaces(session: Session) -> Iterator[tuple[str, TriangleMesh]]:
 
 
 def calls(mesh: TriangleMesh, level: float) -> dict[str, Callable[[], TriangleMesh]]:
-    """Everyone, by name."""
+    """Return all simplifiers by name."""
     return {
         "CTMC": ours(mesh, level),
         VTK: peers.quadric_decimation(mesh, level),
@@ -108,7 +108,7 @@ def calls(mesh: TriangleMesh, level: float) -> dict[str, Callable[[], TriangleMe
 
 
 def decimate(mesh: TriangleMesh, level: float) -> Callable[[], TriangleMesh]:
-    """A call of Blender's Decimate (collapse), evaluated and read back."""
+    """Return a call of Blender's Decimate (collapse), evaluated and read back."""
     import bpy
 
     full = bpy.data.meshes.new("full")

@@ -46,20 +46,20 @@ class Gap:
 
     steps: int = 0
     longest: float = 0.0
-    processor: float = 0.0  # of the longest, over all threads
+    processor: float = 0.0  # Processor seconds of the longest gap, over all threads.
     whole: float = 0.0
 
 
 def gaps(begin: Callable[[], Steps[Any]], most: float) -> dict[str, Gap]:
-    """Drive a job to its end, its conclusion included, or leave it after `most` seconds; the gaps by their names."""
-    found: dict[str, Gap] = {}
+    """Run a job to its end with its conclusion, or leave it after `most` seconds; return the gaps by stage."""
+    gaps_by_stage: dict[str, Gap] = {}
     started = wall = time.perf_counter()
     processor = time.process_time()
 
     def note(name: str) -> None:
         nonlocal wall, processor
         now, used = time.perf_counter(), time.process_time()
-        gap = found.setdefault(name, Gap())
+        gap = gaps_by_stage.setdefault(name, Gap())
         gap.steps += 1
         gap.whole += now - wall
         if now - wall > gap.longest:
@@ -75,23 +75,23 @@ def gaps(begin: Callable[[], Steps[Any]], most: float) -> dict[str, Gap]:
             if callable(end.value):
                 end.value()
                 note(CONCLUSION)
-            return found
+            return gaps_by_stage
         note(name)
         name = step.message
     steps.close()
     note(ESC)
-    return found
+    return gaps_by_stage
 
 
 def at_once(call: Callable[[], Any]) -> Steps[None]:
-    """What has no steps, as a job of one."""
+    """Return work without steps as a job of one step."""
     call()
     return
     yield
 
 
 def least(runs: list[dict[str, Gap]]) -> dict[str, Gap]:
-    """For every stage the run with the shortest longest gap: what others do on the machine only adds."""
+    """Return for every stage the run with the shortest longest gap: other load on the machine only adds time."""
     return {
         name: min((run[name] for run in runs if name in run), key=lambda gap: gap.longest)
         for name in dict.fromkeys(name for run in runs for name in run)
@@ -103,10 +103,10 @@ class Panel:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.scene = folder, bpy.context.scene
-        made = scenes.made_abdomen()
+        phantom = scenes.abdomen_phantom()
         for write in (write_dicom_steps, write_nifti_steps):
-            finish(write(made, folder))
-        self.ct, self.labels = folder / f"{made.volume.name}.nii.gz", folder / f"{made.labels.name}.nii.gz"
+            finish(write(phantom, folder))
+        self.ct, self.labels = folder / f"{phantom.volume.name}.nii.gz", folder / f"{phantom.labels.name}.nii.gz"
 
     def load(self, path: Path) -> Steps[Any]:
         """Load CT."""
@@ -114,18 +114,18 @@ class Panel:
         return load.CTMC_OT_load.steps(None, path, reading, self.scene.session_uid, "")
 
     def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
-        """Reconstruct Surface, or Update Surface of an object."""
+        """Run Reconstruct Surface, or Update Surface of an object."""
         uid = None if target is None else target.session_uid
         request = ObjectRequest(settings, target=uid, fingerprint=self.scene.ctmc.volume_fingerprint)
         return reconstruct.surfaces_steps(volumes.current(self.scene), [request], self.scene.session_uid)
 
     @property
     def surface(self) -> Any:
-        """The surface made last."""
+        """Return the surface made last."""
         return bpy.context.view_layer.objects.active
 
     def simplify(self, **goal: Any) -> Steps[Any]:
-        """Simplify Surface."""
+        """Run Simplify Surface."""
         request = ObjectRequest(
             replace(CLASSIC, simplifier="builtin", **goal),
             target=self.surface.session_uid,
@@ -135,28 +135,28 @@ class Panel:
 
     @property
     def full(self) -> Any:
-        """The surface made last, before simplification."""
+        """Return the surface made last, before simplification."""
         return surfaces.full_of(self.surface, self.scene)
 
     def deviation_map(self) -> Steps[Any]:
-        """Deviation Map."""
+        """Run Deviation Map."""
         uid = self.surface.session_uid
         return results.deviation_steps(own_mesh(self.surface), self.full, uid)
 
     def move_slider(self) -> None:
-        """What a coarse preview shows while a slider moves."""
+        """Run the coarse preview of a moving slider."""
         self.scene.ctmc.threshold = self.scene.ctmc.threshold + 7
         live.tick()
 
     def rest(self) -> Steps[None]:
-        """What happens when nothing changes: the cost estimate, then a finer preview."""
+        """Run what follows when nothing changes: the cost estimate, then a finer preview."""
         live.live.stop_work()
         uid, settings = self.scene.session_uid, self.scene.ctmc.to_settings()
         yield from live.cost_steps(uid, [(live.live.fields, settings)])
         yield from preview.refine_steps(uid, settings)
 
     def jobs(self) -> Iterator[tuple[str, Callable[[], Steps[Any]]]]:
-        """Everything that is measured, in an order in which each finds what it needs."""
+        """Return all measured jobs, in an order in which each has what it needs."""
         yield "Load CT, NIfTI", lambda: self.load(self.ct)
         yield "Load CT, DICOM folder", lambda: self.load(self.folder / "dicom")
         self.scene.ctmc.threshold = 200.0
@@ -209,12 +209,12 @@ def main() -> int:
         panel = Panel(Path(scratch))
         for job, begin in panel.jobs():
             chosen = options.only.lower() in job.lower()
-            found = least([gaps(begin, options.most) for _ in range(options.repeats if chosen else 1)])
+            longest_gaps = least([gaps(begin, options.most) for _ in range(options.repeats if chosen else 1)])
             clear(panel)
             if not chosen:
                 continue
-            for stage, gap in sorted(found.items(), key=lambda item: -item[1].longest):
-                if gap.longest >= options.least or gap == max(found.values(), key=lambda one: one.longest):
+            for stage, gap in sorted(longest_gaps.items(), key=lambda item: -item[1].longest):
+                if gap.longest >= options.least or gap == max(longest_gaps.values(), key=lambda one: one.longest):
                     print(
                         f"{job:30}  {stage:46}  {gap.steps:6}  {gap.longest:9.3f}  {gap.processor:9.3f}  "
                         f"{gap.whole:8.2f}",

@@ -42,7 +42,7 @@ def main() -> int:
 
 
 def topology_table(count: int) -> str:
-    """How many of `count` voxels and of as many grids come out wrong, undecided and not closed."""
+    """Return how many of `count` voxels and grids are wrong, undecided and not closed."""
     rows = []
     for name, values_of, truth_of, closed in (
         ("single voxels", random_voxel, voxel_truth, False),
@@ -61,7 +61,7 @@ def judged(
     truth_of: Callable[[NDArray[np.float64]], Truth],
     closed: bool,
 ) -> tuple[dict[str, int], int, dict[str, int]]:
-    """Numbers of wrong ones for each topology, of undecided ones, and of torn ones for each topology."""
+    """Return the number of wrong ones for each topology, of undecided ones, and of open ones for each topology."""
     draw = np.random.Generator(np.random.PCG64(SEED))
     wrong, torn, undecided = dict.fromkeys(TOPOLOGIES, 0), dict.fromkeys(TOPOLOGIES, 0), 0
     for number in range(count):
@@ -81,7 +81,7 @@ def judged(
 
 
 def surface(values: NDArray[Any], topology: str) -> TriangleMesh | None:
-    """The surface at 0, None if there is none; values are (x, y, z)."""
+    """Return the surface at 0, None if there is none; values are (x, y, z)."""
     try:
         return marching_cubes(values.transpose(2, 1, 0), 0.0, normals=False, threads=1, topology=topology)
     except ThresholdError:
@@ -89,27 +89,27 @@ def surface(values: NDArray[Any], topology: str) -> TriangleMesh | None:
 
 
 def random_voxel(draw: np.random.Generator) -> NDArray[np.float64]:
-    """Corner values from -1 to 1."""
+    """Return corner values from -1 to 1."""
     return draw.uniform(-1, 1, (2, 2, 2))
 
 
 def random_grid(draw: np.random.Generator) -> NDArray[np.float64]:
-    """27 values from -1 to 1 within a border of -1."""
+    """Return 27 values from -1 to 1 within a border of -1."""
     return np.pad(draw.uniform(-1, 1, (3, 3, 3)), 1, constant_values=-1.0)
 
 
 def voxel_truth(values: NDArray[np.float64]) -> Truth:
-    """Of a voxel alone, whose surface ends at its faces."""
-    found = voxel_topology(values)
-    return None if found is None else (found[0], len(found[1]))
+    """Return the true topology of a single voxel, whose surface ends at its faces."""
+    topology = voxel_topology(values)
+    return None if topology is None else (topology[0], len(topology[1]))
 
 
 def grid_truth(values: NDArray[np.float64]) -> Truth:
-    """Of a grid."""
+    """Return the true topology of a grid."""
     if (values < 0).all():
         return 0, 0
-    found: Truth = grid_topology(values, 0.0)
-    return found
+    topology: Truth = grid_topology(values, 0.0)
+    return topology
 
 
 if __name__ == "__main__":

@@ -45,7 +45,7 @@ PLATFORMS = {
 
 
 class BuildError(Exception):
-    """A sentence for whoever builds."""
+    """A sentence for the person who builds."""
 
 
 def run(command: list[str], failure: str) -> None:
@@ -56,7 +56,7 @@ def run(command: list[str], failure: str) -> None:
 
 
 def gather_wheels(name: str) -> list[Path]:
-    """The wheels of one platform, from wheels/ or by pip; one for each library and Python, pure ones once.
+    """Return the wheels of one platform, from wheels/ or by pip; one per library and Python, pure ones once.
 
     pip refuses a wheel whose hash is not in tools/wheels.txt.
     """
@@ -99,7 +99,7 @@ def pin_wheels() -> None:
 
 
 def blender_scripts() -> Path:
-    """The scripts folder of the installed bpy wheel, found without starting Blender."""
+    """Return the scripts folder of the installed bpy wheel, without starting Blender."""
     spec = importlib.util.find_spec("bpy")
     folders = spec.submodule_search_locations if spec else None
     if not folders:
@@ -120,7 +120,7 @@ def validate(package: Path) -> None:
 
 
 def stage(folder: Path, name: str) -> None:
-    """Lay out one platform's package: the sources, its wheels, and the manifest naming both."""
+    """Copy one platform's package into a folder: the sources, its wheels, and a manifest with both."""
     for part in PACKED:
         if (ROOT / part).is_dir():
             shutil.copytree(ROOT / part, folder / part, ignore=shutil.ignore_patterns("__pycache__"))

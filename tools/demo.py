@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What `make demo` runs: a CT with liver tumors of known volume, and their surface the paper's way.
+"""Run `make demo`: reconstruct liver tumors of known volume in a CT as the paper does.
 
 Su and Ma: labels of the tumors, a stride of 2 x 2 pixels, alpha, 90 % simplification; beside it strides of
 1 and 3 pixels, and every volume against the phantom's truth. `make demo CT=PATH` does the same with a CT of your
@@ -45,12 +45,12 @@ FOLDER = Path(__file__).resolve().parents[1] / "out" / "demo"
 SETTINGS = ReconstructionSettings(label=2, stride=(2, 2, 1), reduction=0.9)
 SIDES = (1, 2, 3)
 BONE_HU = 200.0
-SMALLEST_MM3 = 500.0  # of a component of a threshold's surface
+SMALLEST_MM3 = 500.0  # Smallest component of a threshold's surface.
 STAGES = {"Making the phantom": 2, "Writing the phantom": 4, "Reading": 1, "Reconstructing": 6, "Writing": 7}
 
 
 class Subject(NamedTuple):
-    """What is reconstructed, and what its volume is compared with.
+    """The subject of a demo: what to reconstruct, and its true volume.
 
     Parameters
     ----------
@@ -66,11 +66,11 @@ class Subject(NamedTuple):
     settings: ReconstructionSettings
     name: str
     chosen: str
-    made: Phantom | None = None
+    phantom: Phantom | None = None
 
     @property
     def stride(self) -> int:
-        """Pixels of the surface that is written."""
+        """Return the pixels of the written surface."""
         return self.settings.stride[0]
 
 
@@ -95,13 +95,13 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
     require_own_slices(folder, list(WRITERS), slices)
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
-        made = progress.finish(stages.run("Making the phantom", phantom_steps(slices, size)))
-        progress.finish(stages.run("Writing the phantom", write_phantom_steps(made, folder, list(WRITERS))))
+        phantom = progress.finish(stages.run("Making the phantom", phantom_steps(slices, size)))
+        progress.finish(stages.run("Writing the phantom", write_phantom_steps(phantom, folder, list(WRITERS))))
         chosen = (
             "the labels are smoothed with every sample on its own side, their volume kept; larger voxels cut corners"
         )
-        subject = Subject(SETTINGS, "tumor", chosen, made)
-        reconstructed(folder, folder / f"{made.labels.name}.nii.gz", stages, progress, subject)
+        subject = Subject(SETTINGS, "tumor", chosen, phantom)
+        reconstructed(folder, folder / f"{phantom.labels.name}.nii.gz", stages, progress, subject)
 
 
 def demo_of_ct(folder: Path, ct: Path) -> None:
@@ -112,7 +112,7 @@ def demo_of_ct(folder: Path, ct: Path) -> None:
 
 
 def chosen_subject(volume: Volume) -> Subject:
-    """Return what is reconstructed of a volume: its largest label, bone where it has HU, else what Otsu divides."""
+    """Return the subject in a volume: its largest label, bone if it has HU, else what Otsu's threshold divides."""
     if volume.kind == ValueKind.LABEL:
         labels, voxels = np.unique(volume.values[volume.values > 0], return_counts=True)
         if not labels.size:
@@ -155,21 +155,21 @@ def reconstructed(folder: Path, path: Path, stages: Stages, progress: Progress, 
 
 
 def true_mm3(subject: Subject, results: dict[int, Reconstruction]) -> float:
-    """Return the volume that others are compared with: the truth, else that of the smallest voxels."""
-    return sum(subject.made.tumour_volumes_mm3) if subject.made else results[SIDES[0]].mesh.volume
+    """Return the reference volume: the truth, else that of the smallest voxels."""
+    return sum(subject.phantom.tumour_volumes_mm3) if subject.phantom else results[SIDES[0]].mesh.volume
 
 
 def against(true: float, volume_mm3: float) -> float:
-    """Return how far a volume is from the true one, per cent of that."""
+    """Return the deviation of a volume from the true one, per cent."""
     return 100.0 * (volume_mm3 - true) / true
 
 
 def report(subject: Subject, results: dict[int, Reconstruction], files: Sequence[str]) -> dict[str, Any]:
-    """The report of the run that was written, the truth where it is known, and a row for every voxel side."""
+    """Return the report of the written run, the truth if known, and a row for every voxel side."""
     true = true_mm3(subject, results)
-    known = {}
-    if subject.made:
-        known = {"true_volume_mm3": round(true, 3), "labelled_voxels_mm3": round(subject.made.counted_mm3(), 3)}
+    truth = {}
+    if subject.phantom:
+        truth = {"true_volume_mm3": round(true, 3), "labelled_voxels_mm3": round(subject.phantom.counted_mm3(), 3)}
     rows = [
         {
             "stride": list(result.settings.stride),
@@ -182,16 +182,16 @@ def report(subject: Subject, results: dict[int, Reconstruction], files: Sequence
         }
         for result in results.values()
     ]
-    return results[subject.stride].report() | {"files": list(files)} | known | {"voxel_sides": rows}
+    return results[subject.stride].report() | {"files": list(files)} | truth | {"voxel_sides": rows}
 
 
 def told(
     subject: Subject, volume: Volume, results: dict[int, Reconstruction], files: Sequence[str], folder: Path
 ) -> str:
-    """The table of stages, seconds, triangles and volumes, a column for every voxel side."""
+    """Return the table of stages, seconds, triangles and volumes, a column for every voxel side."""
     names = [stage.name for stage in results[subject.stride].stages]
     seconds = [{stage.name: f"{stage.seconds:.3f}" for stage in result.stages} for result in results.values()]
-    many, true, made = list(results.values()), true_mm3(subject, results), subject.made
+    many, true, phantom = list(results.values()), true_mm3(subject, results), subject.phantom
     rows = [
         ("stride", *(f"{side} x {side} px" for side in results)),
         ("", *(f"{dimensions([round(side * volume.spacing[0], 2)])} mm" for side in results)),
@@ -201,23 +201,23 @@ def told(
         ("triangles kept", *(str(len(result.mesh.faces)) for result in many)),
         ("volume, ml", *(f"{result.mesh.volume / 1000:.2f}" for result in many)),
         (
-            "against the truth" if made else f"against {SIDES[0]} x {SIDES[0]} px",
+            "against the truth" if phantom else f"against {SIDES[0]} x {SIDES[0]} px",
             *(f"{against(true, result.mesh.volume):+.1f} %" for result in many),
         ),
         ("closed", *("yes" if result.mesh.closed else "no" for result in many)),
     ]
     shape = f"{dimensions(volume.size)} voxels of {dimensions(volume.spacing)} mm"
-    facts = [("phantom", f"{shape}, {len(made.tumour_volumes_mm3)} tumors")] if made else [(volume.name, shape)]
-    if made:
-        counted = against(true, made.counted_mm3())
+    facts = [("phantom", f"{shape}, {len(phantom.tumour_volumes_mm3)} tumors")] if phantom else [(volume.name, shape)]
+    if phantom:
+        counted = against(true, phantom.counted_mm3())
         facts.append(("truth", f"{true / 1000:.2f} ml of tumor; its labeled voxels count {counted:+.1f} %"))
     else:
         facts.append(("chosen", subject.chosen))
     facts.append(("settings", f"{command_of(subject.settings)} (strides 1 and 3 beside it)"))
-    if made:
+    if phantom:
         facts.append(("", subject.chosen))
     end = [
-        ("files", ", ".join([*files, "report.json", *(["the phantom"] if made else [])])),
+        ("files", ", ".join([*files, "report.json", *(["the phantom"] if phantom else [])])),
         ("", f"in {folder.parent.name}/{folder.name}"),
     ]
     return f"\n{listing(facts)}\n\n{table(rows)}\n\n{listing(end)}"

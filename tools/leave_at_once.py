@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A pytest plugin: a process of tests leaves as soon as it has reported its last one.
+"""End a pytest process as soon as it has reported its last test: a plugin.
 
 Blender as a module can hang or crash while Python shuts down; by then the process that collects the results has them.
 """
@@ -12,6 +12,6 @@ from typing import Any
 
 
 def pytest_unconfigure(config: Any) -> None:
-    """Leave before whatever the tests have registered for Python's end, which is called last in, first out."""
+    """Exit before all functions that tests have registered with atexit, which run last in, first out."""
     if hasattr(config, "workerinput"):  # one of several processes; the only one leaves by itself
         atexit.register(os._exit, 0)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What `make experiments` runs: the paper's experiments on two phantoms and a real CT, into docs/experiments.md.
+"""Run `make experiments`: the paper's experiments on two phantoms and a real CT, into docs/experiments.md.
 
 Every experiment is the command a user types; its tables and pictures stay in out/experiments/CASE/EXPERIMENT. Of the
 page only what stands between the markers is renewed. The comparison sheets are the commands that stand in the page;
@@ -40,10 +40,10 @@ CASES = {
 EXPERIMENTS = {
     "voxels": ["--strides", "1", "2x1", "1x2", "2", "3", "--repeats", "9"],
     "rotation": [],
-    "alpha": ["--no-pictures"],  # the sheets show more
+    "alpha": ["--no-pictures"],  # The sheets show more.
     "simplify": [],
 }
-FIGURES = "figures"  # the sheets
+FIGURES = "figures"  # Name of the sheets' folder.
 # Su and Ma, table 1 (first and second set: seconds, improved efficiency in per cent) and table 2 (average, saved).
 PAPER_VOXELS = {
     1: ("0.809", "", "27.292", ""),
@@ -59,7 +59,7 @@ SHOWN = (
     ("abdomen", "alpha"),
     ("abdomen", "simplify"),
 )
-Found = dict[str, dict[str, list[dict[str, Any]]]]  # case, experiment, rows
+Results = dict[str, dict[str, list[dict[str, Any]]]]  # Rows by case and experiment.
 
 
 def main() -> int:
@@ -84,12 +84,12 @@ def main() -> int:
             named = {"CT_FOLDER" if case == "abdomen" else case: path for case, path in inputs.items()}
             if code := render(PAGE, OUT / FIGURES, named):
                 return code
-    write_page(read_found())
+    write_page(read_results())
     return 0
 
 
 def inputs_of(cases: Sequence[str]) -> dict[str, Path]:
-    """The folders of the cases, phantoms made if need be, without a real CT that is not there."""
+    """Return the folders of the cases, without a missing real CT; make missing phantoms."""
     inputs = {}
     for case in cases:
         if case != "abdomen":
@@ -103,22 +103,22 @@ def inputs_of(cases: Sequence[str]) -> dict[str, Path]:
     return inputs
 
 
-def read_found() -> Found:
-    """The rows of every experiment that lies in out/experiments."""
-    found: Found = {}
+def read_results() -> Results:
+    """Return the rows of every experiment in out/experiments."""
+    results: Results = {}
     for case in CASES:
         for experiment in EXPERIMENTS:
             table = OUT / case / experiment / "table.json"
             if table.is_file():
-                found.setdefault(case, {})[experiment] = json.loads(table.read_text("utf-8"))
-    return found
+                results.setdefault(case, {})[experiment] = json.loads(table.read_text("utf-8"))
+    return results
 
 
-def write_page(found: Found) -> None:
-    """Renew the tables between the markers, where every case has been measured, and the plots."""
+def write_page(results: Results) -> None:
+    """Update the tables between the markers if every case has been measured, and the plots."""
     page = PAGE.read_text("utf-8")
-    whole = {name: all(name in found.get(case, {}) for case in CASES) for name in EXPERIMENTS}
-    sections: list[tuple[str, str, Callable[[Found], str]]] = [
+    whole = {name: all(name in results.get(case, {}) for case in CASES) for name in EXPERIMENTS}
+    sections: list[tuple[str, str, Callable[[Results], str]]] = [
         ("machine", "voxels", machine_text),
         ("table-1", "voxels", voxels_text),
         ("table-1-error", "voxels", error_text),
@@ -128,7 +128,7 @@ def write_page(found: Found) -> None:
     ]
     for name, experiment, text in sections:
         if whole[experiment]:
-            page = replaced(page, name, text(found))
+            page = replaced(page, name, text(results))
         else:
             print(f"{name} stays as it is: {experiment} has not been measured for every case")
     PAGE.write_text(page, "utf-8")
@@ -140,7 +140,7 @@ def write_page(found: Found) -> None:
 
 
 def replaced(page: str, name: str, text: str) -> str:
-    """The page with another text between the markers of that name."""
+    """Return the page with another text between the markers of that name."""
     pattern = re.compile(rf"(<!-- {name}: made by a command -->\n).*?(<!-- end of {name} -->)", re.DOTALL)
     if not pattern.search(page):
         raise SystemExit(f"{PAGE.name} has no markers named {name}")
@@ -148,48 +148,48 @@ def replaced(page: str, name: str, text: str) -> str:
 
 
 def as_markdown(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table, all columns but the first to the right."""
+    """Return a Markdown table, all columns but the first right-aligned."""
     rule = ["---", *["--:"] * (len(titles) - 1)]
     return "\n".join(f"| {' | '.join(row)} |" for row in (titles, rule, *rows))
 
 
-def machine_text(found: Found) -> str:
-    """What everything was measured on."""
-    row = found["phantom-29"]["voxels"][0]
+def machine_text(results: Results) -> str:
+    """Return the machine of all measurements."""
+    row = results["phantom-29"]["voxels"][0]
     return f"{row['machine']}. {row['versions']}."
 
 
-def voxels_text(found: Found) -> str:
-    """Table 1: seconds, and improved efficiency in per cent."""
+def voxels_text(results: Results) -> str:
+    """Return table 1: seconds, and improved efficiency in per cent."""
     titles = ["stride, px", "paper, 29 slices"]
     titles += [CASES["phantom-29"][0], "paper, 250 slices", CASES["phantom-250"][0], CASES["abdomen"][0]]
     rows = []
-    for at, row in enumerate(found["phantom-29"]["voxels"]):
+    for at, row in enumerate(results["phantom-29"]["voxels"]):
         x, y, _ = row["sides_px"]
         paper = PAPER_VOXELS.get(x if x == y else 0, ("", "", "", ""))
-        ours = [timed(found[case]["voxels"][at]) for case in CASES]
+        ours = [timed(results[case]["voxels"][at]) for case in CASES]
         rows.append([f"{x} x {y}", cell(*paper[:2]), ours[0], cell(*paper[2:]), *ours[1:]])
     return as_markdown(titles, rows)
 
 
 def timed(row: dict[str, Any]) -> str:
-    """Seconds and improved efficiency of a row of table 1."""
+    """Return seconds and improved efficiency of a row of table 1."""
     first = row["sides_px"][:2] == [1, 1]
     return cell(f"{row['seconds']:.4f}", "" if first else f"{row['improved_percent']:.1f}")
 
 
 def cell(seconds: str, percent: str) -> str:
-    """'0.315 s, 61.1 %'."""
+    """Return a cell such as '0.315 s, 61.1 %'."""
     return f"{seconds} s" * bool(seconds) + f", {percent} %" * bool(percent)
 
 
-def error_text(found: Found) -> str:
-    """What larger voxels cost in accuracy, which the paper has only as pictures."""
+def error_text(results: Results) -> str:
+    """Return the errors of larger voxels, which the paper shows only as pictures."""
     titles = ["input", "stride, px", "mm", "voxels", "triangles", "volume error", "mean, mm", "max, mm"]
     titles.append("preparing, s")
     rows = []
     for case, (name, _) in CASES.items():
-        for row in found[case]["voxels"]:
+        for row in results[case]["voxels"]:
             x, y, _ = row["sides_px"]
             error = row["volume_error_percent"]
             sides = " x ".join(f"{side:.2f}" for side in row["sides_mm"][:2])
@@ -199,45 +199,45 @@ def error_text(found: Found) -> str:
     return as_markdown(titles, rows)
 
 
-def rotation_text(found: Found) -> str:
-    """Table 2: the average of five turns, and what simplification saves."""
+def rotation_text(results: Results) -> str:
+    """Return table 2: the average of five turns, and the savings of simplification."""
     titles = ["input", "removed", "triangles", "whole frames", "saved", "drawing alone", "saved"]
     rows = [
         ["paper, 29 slices", f"{level} %", "", f"{average} s", f"{saved} %" if saved else "", "", ""]
         for level, (average, saved) in PAPER_ROTATION.items()
     ]
     for case, (name, _) in CASES.items():
-        for row in found[case]["rotation"]:
+        for row in results[case]["rotation"]:
             level = row["level_percent"]
             drawn = ["-", "-"]
             if row["draw_average"] is not None:
                 drawn = [f"{row['draw_average']:.3f} s", f"{row['draw_saved_percent']:.1f} %" if level else ""]
             whole = [f"{row['average']:.3f} s", f"{row['saved_percent']:.1f} %" if level else ""]
             rows.append([name, f"{level} %", f"{row['faces']:,}", *whole, *drawn])
-    row = found["phantom-29"]["rotation"][0]
+    row = results["phantom-29"]["rotation"][0]
     width, height = row["resolution"]
     said = f"{row['engine']}, off screen, {width} x {height} px, {row['frames']} frames a turn"
     return f"{as_markdown(titles, rows)}\n\n{said}, average of {len(row['rounds'])} turns."
 
 
-def alpha_text(found: Found) -> str:
-    """Figure 8 in numbers."""
+def alpha_text(results: Results) -> str:
+    """Return figure 8 in numbers."""
     titles = ["input", "alpha", "roughness", "shape", "worst shape", "volume, ml", "mean, mm", "max, mm"]
     rows = []
     for case, (name, _) in CASES.items():
-        for row in found[case]["alpha"]:
+        for row in results[case]["alpha"]:
             volume = "-" if row["volume_mm3"] is None else f"{row['volume_mm3'] / 1000:.2f}"
             numbers = [f"{row['roughness_deg']:.2f} deg", f"{row['shape_mean']:.3f}", f"{row['shape_worst']:.3f}"]
             rows.append([name, f"{row['alpha']:g}", *numbers, volume, f"{row['mean_mm']:.3f}", f"{row['max_mm']:.3f}"])
     return as_markdown(titles, rows)
 
 
-def simplify_text(found: Found) -> str:
-    """Both simplifiers at the same number of triangles."""
+def simplify_text(results: Results) -> str:
+    """Return a comparison of both simplifiers at the same number of triangles."""
     titles = ["input", "removed", "simplifier", "triangles", "seconds", "mean, mm", "max, mm", "closed"]
     rows = []
     for case, (name, _) in CASES.items():
-        for row in found[case]["simplify"]:
+        for row in results[case]["simplify"]:
             errors = [f"{row['mean_mm']:.4f}", f"{row['max_mm']:.3f}", "yes" if row["closed"] else "no"]
             counts = [f"{row['faces']:,}", f"{row['seconds']:.3f}"]
             rows.append([name, f"{row['level_percent']} %", row["simplifier"], *counts, *errors])

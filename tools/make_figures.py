@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What `make figures` runs: the pictures of docs/figures.md, each by the command that stands beside it.
+"""Run `make figures`: render the pictures of docs/figures.md, each by the command beside it.
 
 The commands run on the phantom in out/figures, and the page gets small copies. `make experiments` does the same for its
 own page.
@@ -53,8 +53,8 @@ def render(page: Path, out: Path, inputs: Mapping[str, Path], only: Sequence[str
     shown = {Path(path).stem: page.parent / path for path in re.findall(r"\]\((pictures/[^)]+\.jpg)\)", text)}
     for words in commands(text):
         name = words[words.index("-o") + 1]
-        known = any(word.partition("/")[0] in inputs for word in words)
-        if not known or not name.endswith(".png") or (only and name not in only):
+        has_input = any(word.partition("/")[0] in inputs for word in words)
+        if not has_input or not name.endswith(".png") or (only and name not in only):
             continue
         print(f"\n{name}", flush=True)
         if ctmc([*(placed(word, inputs, out) for word in words), "--dpi", DPI, "--no-blend"]):
@@ -65,13 +65,13 @@ def render(page: Path, out: Path, inputs: Mapping[str, Path], only: Sequence[str
 
 
 def commands(page: str) -> list[list[str]]:
-    """The words of every `ctmc figure` command in a page, without `ctmc`."""
+    """Return the words of every `ctmc figure` command in a page, without `ctmc`."""
     lines = page.replace("\\\n", " ").splitlines()
     return [shlex.split(line)[1:] for line in lines if line.startswith("ctmc figure ") and " -o " in line]
 
 
 def placed(word: str, inputs: Mapping[str, Path], out: Path) -> str:
-    """A word of a command, where its files are: inputs in their folders, pictures in `out`."""
+    """Return a word of a command with the real paths: inputs in their folders, pictures in `out`."""
     first, _, rest = word.partition("/")
     if first in inputs:
         return str(inputs[first] / rest)
@@ -79,7 +79,7 @@ def placed(word: str, inputs: Mapping[str, Path], out: Path) -> str:
 
 
 def shrink(source: Path, target: Path) -> None:
-    """Copy a picture as a JPEG as good as a small one can be."""
+    """Copy a picture as a small JPEG of high quality."""
     target.parent.mkdir(parents=True, exist_ok=True)
     with Image.open(source) as picture:
         for quality in (92, 85, 75, 65):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The letters of figures, from GNU FreeFont's FreeSans: `python tools/make_font.py FreeSans.otf`.
+"""Make the font of figures from GNU FreeFont's FreeSans: `python tools/make_font.py FreeSans.otf`.
 
 FreeSans has the shapes of Helvetica, which journals ask for, and the license of this project. Its small l is a bar as
 its capital I is, so l gets the hook of t. Outlines that overlap are merged, because a text object leaves holes there;
@@ -17,7 +17,7 @@ from typing import Any
 from ctmc_addon.blender.figure.letters import CHARACTERS, FILE
 
 NAME = "CTMC Letters"
-SMALL_L = 240  # its width, thousandths of the em, with the hook
+SMALL_L = 240  # Width with the hook, thousandths of the em.
 
 
 def main() -> int:
@@ -37,7 +37,7 @@ def main() -> int:
 
 
 def subset(font: Any) -> None:
-    """Keep our characters; Blender places letters by their widths alone."""
+    """Keep our characters, without kerning: Blender places letters by their widths."""
     module = importlib.import_module("fontTools.subset")
     options = module.Options(layout_features=[], hinting=False, notdef_outline=True, name_IDs=["*"])
     options.drop_tables += ["GPOS", "GSUB", "GDEF", "STAT", "MVAR", "HVAR", "avar"]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pictures of README, rendered from the CT of a chest: `make readme-pictures CT=FOLDER`, a quarter of an hour.
+"""Render the pictures of README from the CT of a chest: `make readme-pictures CT=FOLDER`, a quarter of an hour.
 
 Blender renders them with Cycles on the processor. The CT has to have skin all around and both lungs, such as
 LIDC-IDRI-0314 of The Cancer Imaging Archive (CC BY 3.0), of which the committed pictures are.
@@ -41,7 +41,7 @@ Mask = NDArray[np.bool_]
 
 
 class Chest(NamedTuple):
-    """A CT of a chest, without the table, and what is known of it.
+    """A CT of a chest without the table, with its lungs.
 
     Parameters
     ----------
@@ -104,7 +104,7 @@ def chest_of(volume: Volume, stride: int) -> Chest:
 
 
 def render_hero(chest: Chest, quick: bool) -> None:
-    """Half of the skin, bones, lungs and what is in them, above the slice at their feet."""
+    """Render half of the skin, bones, lungs and their vessels, above the lowest slice."""
     scene = new_scene((480, 270) if quick else (1920, 1080), samples=12 if quick else 32)
     volume = chest.volume
     slices, rows, columns = volume.values.shape
@@ -123,12 +123,12 @@ def render_hero(chest: Chest, quick: bool) -> None:
 
 
 def volume_of(like: Volume, values: NDArray[Any]) -> Volume:
-    """Other values at the places of a volume."""
+    """Return a volume with other values."""
     return Volume(values.astype(np.int16), like.affine, name=like.name)
 
 
 def alpha_frames(chest: Chest) -> list[Image.Image]:
-    """The spine at large voxels, from edge midpoints to linear interpolation and back, by its shape key."""
+    """Render the spine at large voxels, from edge midpoints to linear interpolation and back, by its shape key."""
     scene = new_scene((440, 330), samples=10)
     settings = {
         "smoothing": "gaussian",
@@ -149,7 +149,7 @@ def alpha_frames(chest: Chest) -> list[Image.Image]:
 
 
 def threshold_frames(volume: Volume, middle: Vector) -> Iterator[Image.Image]:
-    """One surface for each threshold, from muscle to bone; the skin of a patient is not shown from the front."""
+    """Render a surface for each threshold, from muscle to bone; the patient's face is not shown."""
     scene = new_scene((440, 330), samples=10)
     look(scene, middle, azimuth=-24, elevation=18, distance=14, lens=105)
     for threshold in (0, 20, 40, 60, 80, 100, 120, 140, 170, 200, 250, 300, 350):
@@ -162,7 +162,7 @@ def threshold_frames(volume: Volume, middle: Vector) -> Iterator[Image.Image]:
 
 
 def new_scene(size: tuple[int, int], samples: int) -> bpy.types.Scene:
-    """An empty file's scene: dark, with a camera, rendered by Cycles on the processor."""
+    """Return the scene of an empty file: dark, with a camera, rendered by Cycles on the processor."""
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
     scene = bpy.context.scene
     scene.camera = bpy.data.objects.new("camera", bpy.data.cameras.new("camera"))
@@ -178,20 +178,20 @@ def new_scene(size: tuple[int, int], samples: int) -> bpy.types.Scene:
 
 
 def add(scene: bpy.types.Scene, volume: Volume, color: Sequence[float], **settings: Any) -> bpy.types.Object:
-    """A surface of the volume as an object."""
+    """Add a surface of the volume as an object."""
     result = reconstruct(volume, ReconstructionSettings(**settings))
     red, green, blue = color
     return add_reconstruction(result, scene, scale=SCALE, color=(red, green, blue))
 
 
 def shader_of(obj: bpy.types.Object) -> Any:
-    """The Principled node of an object's first material."""
+    """Return the Principled node of an object's first material."""
     nodes = obj.data.materials[0].node_tree.nodes
     return next(node for node in nodes if node.type == "BSDF_PRINCIPLED")
 
 
 def add_slice(scene: bpy.types.Scene, volume: Volume, number: int) -> None:
-    """A slice of the CT as a picture at its place, air transparent."""
+    """Add a slice of the CT as a picture at its position, with transparent air."""
     values = volume.values[number].astype(np.float32)
     rows, columns = values.shape
     pixels = np.ones((rows, columns, 4), np.float32)
@@ -221,7 +221,7 @@ def add_slice(scene: bpy.types.Scene, volume: Volume, number: int) -> None:
 def look(
     scene: bpy.types.Scene, middle: Vector, azimuth: float, elevation: float, distance: float, lens: float
 ) -> None:
-    """Aim the camera at `middle` from these angles (degrees, 0 is the patient's front), and light it."""
+    """Point the camera at `middle` from these angles (degrees, 0 is the patient's front), and light it."""
     turn, rise = math.radians(azimuth), math.radians(elevation)
     direction = Vector((math.sin(turn) * math.cos(rise), math.cos(turn) * math.cos(rise), math.sin(rise)))
     aim(scene.camera, middle, direction * distance)
@@ -241,7 +241,7 @@ def aim(obj: bpy.types.Object, middle: Vector, offset: Vector) -> None:
 
 
 def render(scene: bpy.types.Scene) -> Image.Image:
-    """The picture that the scene's camera sees."""
+    """Return the picture that the scene's camera sees."""
     path = PICTURES / "frame.png"
     scene.render.filepath = str(path)
     bpy.ops.render.render(write_still=True)

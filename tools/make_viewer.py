@@ -26,7 +26,7 @@ export { unzlibSync } from "fflate";
 
 
 def main() -> None:
-    """Install, pack, and put the licenses before what was packed."""
+    """Install and pack the modules, and put their licenses first."""
     npm = shutil.which("npm")
     if npm is None:
         raise SystemExit("npm is missing; install Node.js")

@@ -25,11 +25,11 @@ sys.stdout.flush()
 sys.stderr.flush()
 os._exit(status)
 """
-MOST_PROCESSES = 8  # each takes up to 1.5 GB
+MOST_PROCESSES = 8  # Each process takes up to 1.5 GB.
 
 
 def cores() -> int:
-    """The processor cores that this process may use."""
+    """Return the number of processor cores that this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Write where the project lives into what names it: `make address URL=https://host/owner/repository`.
+"""Write the project's address into all files that name it: `make address URL=https://host/owner/repository`.
 
 The extension's manifest, the Python package, the citation and the site each have the address in a form of their own. A
 checkout that was published nowhere has none. The releases' workflow compares it with the repository that it runs in.
@@ -29,11 +29,11 @@ PLACES = (
 
 def addresses(root: Path = ROOT) -> list[str]:
     """Return the address that each file names, "" where it names none."""
-    found = []
+    named = []
     for name, _, line in PLACES:
         match = re.search(rf'^{re.escape(line.partition("URL")[0])}([^"]*)"', _text(root / name), re.MULTILINE)
-        found.append(match[1] if match else "")
-    return found
+        named.append(match[1] if match else "")
+    return named
 
 
 def set_address(url: str, root: Path = ROOT) -> None:

@@ -21,8 +21,8 @@ NO_PYTHON = (
     "Blender's Python module exists for Python 3.11 (Blender 4.2 to 5.0) and Python 3.13 (Blender 5.1 and later)"
 )
 PYTHONS = ("3.11", "3.13")
-BLENDERS = {  # the versions that the tests run in: Python, and what to install beside Blender
-    "4.2.23": ("3.11", ["numpy==1.24.3"]),  # the NumPy that Blender 4.2 brings along
+BLENDERS = {  # Python and extra packages of each Blender version in which the tests run.
+    "4.2.23": ("3.11", ["numpy==1.24.3"]),  # Blender 4.2 has this NumPy.
     "4.5.15": ("3.11", []),
     "5.0.1": ("3.11", []),
     "5.2.3": ("3.13", []),
@@ -43,7 +43,7 @@ LIBRARIES = {
 
 
 class SetupError(Exception):
-    """One sentence for whoever sets up."""
+    """A sentence for the person who sets up."""
 
 
 def say(message: str) -> None:
@@ -63,7 +63,7 @@ def run(command: list[str], failure: str, **environment: str) -> None:
 
 
 def python_version(python: str) -> str | None:
-    """`3.11` for an interpreter that runs, None for one that does not (a shim, another Python's launcher)."""
+    """Return the version of an interpreter, such as `3.11`; None if it does not run, as some shims do not."""
     command = [python, "-c", "import sys; print('%d.%d' % sys.version_info[:2])"]
     try:
         done = subprocess.run(command, stdin=subprocess.DEVNULL, capture_output=True, timeout=60, check=False)
@@ -72,32 +72,32 @@ def python_version(python: str) -> str | None:
     return done.stdout.decode().strip() if done.returncode == 0 else None
 
 
-def find_python(wanted: tuple[str, ...], asked: str) -> tuple[str, str]:
-    """The interpreter to use and its version: the one asked for, else the first suitable one found."""
+def find_python(suitable: tuple[str, ...], asked: str) -> tuple[str, str]:
+    """Return the interpreter and its version: the requested one, else the first suitable one."""
     if asked:
         version = python_version(asked)
         if version is None:
             raise SetupError(
-                f"PYTHON={asked} does not run as a Python; give the path of a Python {' or '.join(wanted)}"
+                f"PYTHON={asked} does not run as a Python; give the path of a Python {' or '.join(suitable)}"
             )
-        if version not in wanted:
+        if version not in suitable:
             raise SetupError(f"PYTHON={asked} is Python {version}, but {NO_PYTHON}")
         return asked, version
     pyenv = Path(os.environ.get("PYENV_ROOT") or Path.home() / ".pyenv") / "versions"
-    names = ["python3", *(f"python{version}" for version in wanted)]
-    names += [str(path) for version in wanted for path in sorted(pyenv.glob(f"{version}.*/bin/python"))]
+    names = ["python3", *(f"python{version}" for version in suitable)]
+    names += [str(path) for version in suitable for path in sorted(pyenv.glob(f"{version}.*/bin/python"))]
     for name in names:
         path = shutil.which(name)
         version = python_version(path) if path else None
-        if path and version in wanted:
+        if path and version in suitable:
             return path, version
     raise SetupError(
-        f"No Python {' or '.join(wanted)} was found: {NO_PYTHON}; install one, or name one with PYTHON=/path/to/python"
+        f"No Python {' or '.join(suitable)} was found: {NO_PYTHON}; install one, or give PYTHON=/path/to/python"
     )
 
 
 def missing_packages(python: str, version: str) -> list[str]:
-    """The Debian packages that are not there yet, for Blender and for making an environment."""
+    """Return the missing Debian packages for Blender and for environments."""
     packages = [package for library, package in LIBRARIES.items() if ctypes.util.find_library(library) is None]
     probe = subprocess.run([python, "-c", "import ensurepip, venv"], capture_output=True, check=False)
     if probe.returncode:
@@ -106,7 +106,7 @@ def missing_packages(python: str, version: str) -> list[str]:
 
 
 def install_packages(packages: list[str]) -> None:
-    """Install Debian packages where that is allowed without asking, else name them in one line to copy."""
+    """Install Debian packages if no password is needed, else print the command."""
     by_hand = f"sudo apt-get install -y --no-install-recommends {' '.join(packages)}"
     if shutil.which("apt-get") is None:
         raise SetupError(f"System libraries are missing, which Debian would install with: {by_hand}")
@@ -126,7 +126,7 @@ def install_packages(packages: list[str]) -> None:
 
 
 def prepare_system(python: str, version: str) -> None:
-    """See to it that the libraries are there that Blender and the environment need; on Linux only."""
+    """Install the libraries that Blender and the environment need; on Linux only."""
     if not sys.platform.startswith("linux"):
         return
     packages = missing_packages(python, version)
@@ -137,7 +137,7 @@ def prepare_system(python: str, version: str) -> None:
 
 
 def make_environment(folder: Path, python: str, stamp: str, requirements: list[str]) -> None:
-    """A new virtual environment with this checkout, editable, and everything it needs."""
+    """Make a new virtual environment with this checkout, editable, and everything it needs."""
     say(f"Setting up {folder.relative_to(ROOT)} with {stamp.splitlines()[0]}; up to some minutes and 2 GB")
     shutil.rmtree(folder, ignore_errors=True)
     run([python, "-m", "venv", str(folder)], f"{python} could not make the environment {folder}")
@@ -147,7 +147,7 @@ def make_environment(folder: Path, python: str, stamp: str, requirements: list[s
 
 
 def environment_python(folder: Path) -> Path:
-    """The interpreter of a virtual environment."""
+    """Return the interpreter of a virtual environment."""
     return folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
 
 
@@ -157,9 +157,9 @@ def set_up(bpy: str = "", asked: str = "") -> Path:
         raise SetupError(f"Blender {bpy} is not among the tested versions {', '.join(BLENDERS)}")
     if bpy:
         folder = ROOT / ".venvs" / f"bpy-{bpy}"
-        version, beside = BLENDERS[bpy]
+        version, further = BLENDERS[bpy]
         python, version = find_python((version,), "")
-        requirements = [f"bpy=={bpy}", *beside, "--editable", f"{ROOT}[test]"]
+        requirements = [f"bpy=={bpy}", *further, "--editable", f"{ROOT}[test]"]
     else:
         folder = ROOT / ".venv"
         python, version = find_python(PYTHONS, asked)

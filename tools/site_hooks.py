@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What MkDocs makes of docs/ beside its pages: a gallery, a reference of Python, the pages of the checkout's root.
+"""Make further pages for MkDocs: a gallery, a reference of Python, the pages of the checkout's root.
 
 Nothing of it is stored: the gallery shows the pictures of the pages with the commands that stand above them there, the
 reference is made from docstrings, and the root's pages are copied with their links turned.
@@ -22,7 +22,7 @@ OF_ROOT = {
 }
 GALLERY = ("figures.md", "interfaces.md", "index.md", "segmenting.md", "simulation.md", "experiments.md", "sidebar.md")
 """Pages whose pictures stand in the gallery, in this order."""
-MADE_BY = {
+COMMANDS_BY_FOLDER = {
     "readme": "make readme-pictures CT=FOLDER",
     "sidebar": 'make sidebar-pictures CT=FOLDER ARGS="--click 60.4 -146.5 -489.8"',
     "experiments": "make experiments",
@@ -82,11 +82,11 @@ class Picture(NamedTuple):
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages that are made."""
-    made = {place: (ROOT / name).read_text(encoding="utf-8") for name, place in OF_ROOT.items()}
-    made["site.css"] = STYLE
-    made |= {"gallery.md": gallery(Path(config.docs_dir)), "python.md": python_reference()}
-    for place, text in made.items():
+    """Add the generated pages."""
+    pages = {place: (ROOT / name).read_text(encoding="utf-8") for name, place in OF_ROOT.items()}
+    pages["site.css"] = STYLE
+    pages |= {"gallery.md": gallery(Path(config.docs_dir)), "python.md": python_reference()}
+    for place, text in pages.items():
         files.append(File.generated(config, place, content=text))
     return files
 
@@ -106,19 +106,19 @@ def gallery(docs: Path) -> str:
     """Return the page of all pictures, each with the command that made it."""
     shown: list[str] = []
     for name in GALLERY:
-        found = pictures_of(name, (docs / name).read_text(encoding="utf-8"))
-        if found:
+        pictures = pictures_of(name, (docs / name).read_text(encoding="utf-8"))
+        if pictures:
             title = re.search(r"^# (.*)$", (docs / name).read_text(encoding="utf-8"), re.MULTILINE)
             shown.append(f'\n## {title[1] if title else name}\n\n<div class="grid cards" markdown>\n')
-            shown += [card(picture) for picture in found]
+            shown += [card(picture) for picture in pictures]
             shown.append("</div>\n")
     about = "Pictures with the commands that made them. Where the data are from: [sources](pictures/SOURCES.md)."
     return f"# Gallery\n\n{about}\n" + "\n".join(shown)
 
 
 def pictures_of(name: str, text: str) -> list[Picture]:
-    """Return the pictures of a page whose command is known: one above them that writes that name, or their folder's."""
-    found, heading, commands = [], "", dict[str, str]()
+    """Return the pictures of a page that have a command: one above them with their name, or that of their folder."""
+    pictures, heading, commands = [], "", dict[str, str]()
     blocks = re.finditer(
         r"^```(\w*)\n(.*?)^```$|^#+ ([^\n]*)$|!\[([^\]]*)\]\(([^)]+)\)", text, re.MULTILINE | re.DOTALL
     )
@@ -132,10 +132,10 @@ def pictures_of(name: str, text: str) -> list[Picture]:
                     commands[output[1]] = command
         elif block[5]:
             stem = posixpath.splitext(posixpath.basename(block[5]))[0]
-            command = commands.get(stem) or MADE_BY.get(posixpath.basename(posixpath.dirname(block[5])))
+            command = commands.get(stem) or COMMANDS_BY_FOLDER.get(posixpath.basename(posixpath.dirname(block[5])))
             if command:
-                found.append(Picture(name, heading, block[4], block[5], command))
-    return found
+                pictures.append(Picture(name, heading, block[4], block[5], command))
+    return pictures
 
 
 def card(picture: Picture) -> str:

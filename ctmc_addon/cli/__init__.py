@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The command line: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
+"""Run the command line: `ctmc ...`, `python -m ctmc_addon ...` and `blender -b --command ctmc ...`."""
 
 from __future__ import annotations
 

@@ -15,9 +15,9 @@ import sys
 import threading
 from contextlib import suppress
 
-TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3  # malloc.h
-LARGE, KEPT = 1 << 25, 1 << 28  # bytes of a block that goes back to the system once it is freed, and of free ones kept
-STACK = 1 << 20  # bytes for each thread
+TRIM_THRESHOLD, MMAP_THRESHOLD = -1, -3  # From malloc.h.
+LARGE, KEPT = 1 << 25, 1 << 28  # Bytes of a block to return at once, and of free memory to keep.
+STACK = 1 << 20  # Bytes for each thread.
 
 
 def reserve_memory() -> None:

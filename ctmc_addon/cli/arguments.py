@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flags made from the settings, and the flags that say how INPUT is read."""
+"""Make flags from the settings and from the options for reading INPUT."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ TABLES = ("reading", "figure")
 
 
 class UsageError(CtmcError):
-    """Flags that cannot be, whatever the input: exit code 2."""
+    """Flags that are wrong for any input: exit code 2."""
 
 
 class Parser(argparse.ArgumentParser):
@@ -59,14 +59,14 @@ class Parser(argparse.ArgumentParser):
         return self.commands[name]
 
     def parse_known_args(self, args: Any = None, namespace: Any = None) -> tuple[Any, list[str]]:
-        """As in `argparse`."""
+        """Parse as `argparse` does; the first word may name a command."""
         words = list(sys.argv[1:] if args is None else args)
         if words and words[0] in self.commands:
             return self.commands[words[0]].parse_known_args(words[1:], namespace)
         return super().parse_known_args(list(self.values_joined(words)), namespace)
 
     def parse_args(self, args: Any = None, namespace: Any = None) -> Any:
-        """As in `argparse`, but what is not understood is refused with what was meant, where that is known."""
+        """Parse as `argparse` does; refuse unknown arguments with a suggestion if there is one."""
         parsed, rest = self.parse_known_args(args, namespace)
         if rest:
             parser: Parser = parsed.parser
@@ -78,7 +78,7 @@ class Parser(argparse.ArgumentParser):
         return parsed
 
     def values_joined(self, words: Sequence[str]) -> Iterator[str]:
-        """`--stride 2 2 1 INPUT` as `--stride=2 2 1 INPUT`: what is not a number is not the flag's."""
+        """Turn `--stride 2 2 1 INPUT` into `--stride=2 2 1 INPUT`: a word that is not a number ends the flag."""
         at = 0
         while at < len(words):
             flag = words[at]
@@ -95,7 +95,7 @@ class Parser(argparse.ArgumentParser):
 
 
 def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> None:
-    """A flag for every field of `ReconstructionSettings`, and --settings for a file of them.
+    """Add a flag for every field of `ReconstructionSettings`, and --settings for a file of them.
 
     Only flags that are given reach the namespace; those of the settings in `many` take several values, as a list.
     """
@@ -120,7 +120,7 @@ def add_settings(parser: argparse.ArgumentParser, many: Sequence[str] = ()) -> N
 
 
 def label_choices(text: str) -> list[int | str]:
-    """Labels by number or name, with commas between them; numbers with spaces too.
+    """Read labels by number or name, separated by commas; numbers also by spaces.
 
     Examples
     --------
@@ -130,13 +130,13 @@ def label_choices(text: str) -> list[int | str]:
     choices: list[int | str] = []
     for piece in text.replace(";", ",").split(","):
         words = piece.split()
-        others = [word for word in words if not re.fullmatch(r"[-+]?[0-9]{1,18}", word)]
-        if words and not others:
+        names = [word for word in words if not re.fullmatch(r"[-+]?[0-9]{1,18}", word)]
+        if words and not names:
             choices += [int(word) for word in words]
         elif words and not is_number(words[0]):
             choices.append(ALL if piece.strip().lower() == ALL else " ".join(words))
         elif words:
-            raise argparse.ArgumentTypeError(f"write a whole number, a name, or all, not {others[0]!r}")
+            raise argparse.ArgumentTypeError(f"write a whole number, a name, or all, not {names[0]!r}")
     if not choices:
         raise argparse.ArgumentTypeError("write a label's number or name, or all")
     return choices
@@ -164,7 +164,7 @@ def at_least(low: int) -> Callable[[str], int]:
 
 @contextmanager
 def flags_checked() -> Iterator[None]:
-    """Errors of settings in the block are those of the flags: wrong usage."""
+    """Turn errors of settings in the block into `UsageError`."""
     try:
         yield
     except SettingsError as error:
@@ -180,7 +180,7 @@ def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
 
 
 def settings_and_labels(args: argparse.Namespace) -> tuple[ReconstructionSettings, tuple[int | str, ...]]:
-    """The settings of flags and file, and the labels that these choose; the settings have one of them, or any."""
+    """Return the settings of flags and file, and the labels they choose; the settings have one of these, or any."""
     values = given_settings(args)
     choices = choices_of(values)
     with flags_checked():
@@ -229,7 +229,7 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def _file_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return what stands in the file of --settings, its tables as dictionaries; empty without one."""
+    """Return the content of the file of --settings, its tables as dictionaries; empty without one."""
     path = getattr(args, "settings", None)
     return read_settings(path) if path else {}
 
@@ -294,7 +294,7 @@ def _with_flags_of(kinds: Sequence[type], sentence: str) -> str:
 
 
 def add_input(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
-    """INPUT, how it is read and what it is called; `all_times` may be asked for."""
+    """Add INPUT and the flags for reading it; `all_times` allows --time all."""
     parser.add_argument(
         "input",
         metavar="INPUT",
@@ -305,7 +305,7 @@ def add_input(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
 
 
 def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names: bool = True) -> None:
-    """A flag for every field of `ReadingOptions`; `all_times` may be asked for, and batches name their cases."""
+    """Add a flag for every field of `ReadingOptions`; `all_times` allows --time all, and batches name their cases."""
     group = parser.add_argument_group("reading")
     for name, about in descriptions(readers.ReadingOptions).items():
         if name == "name" and not names:
@@ -324,7 +324,7 @@ def add_work(parser: Any) -> None:
 
 
 def add_quiet(parser: Any) -> None:
-    """Whether anything is printed."""
+    """Add the flag for printing errors only."""
     parser.add_argument("--quiet", action="store_true", help="print errors only")
 
 
@@ -365,7 +365,7 @@ def _opacity_choice(text: str) -> tuple[int | str, float]:
 
     Examples
     --------
-    >>> opacity_choice("liver=0.35"), opacity_choice("7=1"), opacity_choice("label 7=1"), opacity_choice("left=.5")
+    >>> _opacity_choice("liver=0.35"), _opacity_choice("7=1"), _opacity_choice("label 7=1"), _opacity_choice("left=.5")
     (('liver', 0.35), (7, 1.0), (7, 1.0), ('left', 0.5))
     """
     name, equals, share = (part.strip() for part in text.rpartition("="))

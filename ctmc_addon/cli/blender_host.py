@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Blender from a command: loaded when it is needed, silent, and not interrupted half-way."""
+"""Run Blender from a command: load it on demand, silence it, and never interrupt it half-way."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..core import CtmcError, MemoryLimitError, Reconstruction, Steps, address_s
 from .interrupts import interrupts_held
 
 T = TypeVar("T")
-BLENDER_BYTES = 1250 << 20  # of address space, from 4.2 to 5.2
+BLENDER_BYTES = 1250 << 20  # Address space that Blender 4.2 to 5.2 needs.
 
 
 def has_blender() -> bool:
@@ -78,7 +78,7 @@ def objects_of(
     names: Sequence[str] = (),
     opacities: Sequence[float | None] = (),
 ) -> Iterator[tuple[Any, list[Any], list[Reconstruction]]]:
-    """A scene of its own with an object for every surface, by names and opacities if any; surfaces as they show."""
+    """Make a scene with an object for every surface, with names and opacities if any; yield surfaces as shown."""
     from ..blender.surface import evaluated_triangles, temporary_surfaces
 
     with ExitStack() as stack:
@@ -96,7 +96,7 @@ def objects_of(
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Lead standard output and standard error nowhere, for Python and for C."""
+    """Discard standard output and standard error, for Python and for C."""
     sys.stdout.flush()
     sys.stderr.flush()
     _flush_c_streams()

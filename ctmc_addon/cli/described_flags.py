@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flags made from the fields of a dataclass that describes itself, and the values that were given by them.
+"""Make flags from the fields of a dataclass that describes itself, and collect their values.
 
 Only flags that are given reach the namespace, so that a settings file may stand below them.
 """
@@ -119,7 +119,7 @@ def number_of(word: str, about: Setting) -> Any:
 
 
 def help_of(about: Setting, default: Any) -> str:
-    """Text, choices, unit, limits and default: 'Side of ... (px; from 1 to 16; default 1 1 1)'."""
+    """Return text, choices, unit, limits and default: 'Side of ... (px; from 1 to 16; default 1 1 1)'."""
     facts = [about.unit] if about.unit else []
     if not about.choices and about.is_limited:
         facts.append(about.limits)
@@ -138,7 +138,7 @@ def help_of(about: Setting, default: Any) -> str:
 
 
 def metavar_of(about: Setting) -> str:
-    """Return what stands for the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
+    """Return the name of the value in the help: X Y Z, MM, N, VALUE, or the setting's label."""
     if about.size > 1:
         return {2: "N", 3: "X Y Z", 6: "X0 Y0 Z0 X1 Y1 Z1"}[about.size]
     if about.unit in METAVARS:

@@ -28,24 +28,24 @@ from ..version import VERSION
 
 SUFFIX = ".dcm"
 EXTRA = "pip install 'ctmc-addon[dicom-seg]'"
-OLDEST = [0, 27]  # colors are made from sRGB since then
-SERIES_NUMBER = 900  # beyond those of a scanner
+OLDEST = [0, 27]  # Since this version colors are made from sRGB.
+SERIES_NUMBER = 900  # Scanners use smaller numbers.
 ANATOMY = ("123037004", "SCT", "Anatomical Structure")  # PS3.16 CID 7150
 ABNORMAL = ("49755003", "SCT", "Morphologically Abnormal Structure")
 TISSUE, LESION = ("85756007", "SCT", "Tissue"), ("52988006", "SCT", "Lesion")
 FAMILY = ("123101", "DCM", "Neighborhood Analysis")  # PS3.16 CID 7162
-IDENTITY = (  # type 2 of PS3.3 C.7.1.1 and C.7.2.1: there, and perhaps empty; anonymized files leave some out
+IDENTITY = (  # Type 2 of PS3.3 C.7.1.1 and C.7.2.1: present, perhaps empty; anonymized files lack some.
     *("PatientID", "PatientName", "PatientBirthDate", "PatientSex"),
     *("AccessionNumber", "StudyID", "StudyDate", "StudyTime"),
 )
 
 NEEDED = ("SOPClassUID", "SOPInstanceUID", "StudyInstanceUID", "SeriesInstanceUID", "FrameOfReferenceUID")
 
-COPIES = 3  # of the masks, a byte a voxel each, that highdicom works on
+COPIES = 3  # highdicom copies the masks this often, a byte per voxel each.
 
 
 def require_highdicom() -> Any:
-    """Import highdicom; an `OutputError` that says how it is installed where it is missing."""
+    """Import highdicom; if it is missing, raise an `OutputError` with the command that installs it."""
     try:
         highdicom = importlib.import_module("highdicom")
     except ImportError as error:
@@ -155,7 +155,7 @@ def _volume(highdicom: Any, masks: NDArray[np.uint8], affine: NDArray[np.float64
 
 
 def _description(highdicom: Any, segment: Segment) -> Any:
-    """Return what a viewer shows of a structure: its name, its color and whether it is a lesion."""
+    """Return a structure's description for viewers: its name, its color and whether it is a lesion."""
     coded = highdicom.sr.CodedConcept
     lesion = anatomy_of(segment.name) == anatomy_of("tumor")
     return highdicom.seg.SegmentDescription(

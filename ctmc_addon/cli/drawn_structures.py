@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures that `ctmc segment` makes: their names, labels and colors, from a file and back to one."""
+"""Keep the structures that `ctmc segment` makes: their names, labels and colors, from a file and back to one."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ class Structures:
         self.notes: list[str] = []
 
     def mask(self, name: str) -> Flags:
-        """Return where a structure is."""
+        """Return the mask of a structure."""
         return self.layers.mask(self.label_of[name])
 
     def add(self, name: str, mask: Flags, window: Window) -> None:
@@ -106,7 +106,7 @@ class Structures:
                 self.colors[name] = labels.label_colors[label]
 
     def grow_steps(self, margins: Mapping[str, float], spacing_mm: tuple[float, float, float]) -> Steps[None]:
-        """Grow and shrink structures; one that vanishes is refused, and a note says where nothing changed."""
+        """Grow and shrink structures; refuse one that vanishes, and note unchanged ones."""
         for name, margin_mm in margins.items():
             if name not in self.label_of:
                 raise LabelError(
@@ -125,7 +125,7 @@ class Structures:
         self.layers.compact()
 
     def segments(self, in_order: bool) -> list[Segment]:
-        """Return what a file says of each; `in_order` they are numbered 1, 2, 3, as DICOM numbers them."""
+        """Return the segments for a file; `in_order` numbers them 1, 2, 3, as DICOM does."""
         segments = []
         for number, (name, label) in enumerate(self.label_of.items(), 1):
             color = structure_color(label, self.colors.get(name), name).rgb

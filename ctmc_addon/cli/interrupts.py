@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Ctrl-C and SIGTERM: both raise `KeyboardInterrupt`, and neither inside a block that it would break."""
+"""Handle Ctrl-C and SIGTERM: both raise `KeyboardInterrupt`, but never inside a block that it would break."""
 
 from __future__ import annotations
 
@@ -27,7 +27,6 @@ def sigterm_raised() -> Iterator[None]:
 
 
 def _raise_terminated(_number: int, _frame: Any) -> None:
-    """Handle SIGTERM."""
     raise KeyboardInterrupt("terminated")
 
 

@@ -15,13 +15,13 @@ from ..core import VERSION
 
 
 def machine() -> str:
-    """Processor, cores and system, such as 'Intel Xeon E5, 2 cores, Debian GNU/Linux 12'."""
+    """Return processor, cores and system, such as 'Intel Xeon E5, 2 cores, Debian GNU/Linux 12'."""
     cores = os.cpu_count() or 1
     return f"{processor()}, {cores} {'core' if cores == 1 else 'cores'}, {system()}"
 
 
 def versions() -> str:
-    """Of CTMC, Blender where it is at work, NumPy and Python."""
+    """Return the versions of CTMC, Blender if it is running, NumPy and Python."""
     bpy = sys.modules.get("bpy")
     blender = f"Blender {bpy.app.version_string}, " if bpy else ""
     return f"CTMC {VERSION}, {blender}NumPy {np.__version__}, Python {platform.python_version()}"

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files of surfaces: one for all of them, or one for each; a report and a picture. All are written, or none."""
+"""Write the files of surfaces: one for all of them, or one for each; a report and a picture; all, or none."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ from .blender_host import blender_at_work, objects_of, quiet_steps
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
 
-THUMBNAIL_FACES = 100_000  # of a picture of 160 x 120 pixels
-FEWEST_FACES = 200  # of each of many surfaces in it
+THUMBNAIL_FACES = 100_000  # Enough for a picture of 160 x 120 pixels.
+FEWEST_FACES = 200  # Each of many surfaces keeps this many.
 
 
 @dataclass(frozen=True)
@@ -85,7 +85,7 @@ class Outputs:
         return [file for path in self.surfaces_in(surfaces) for file in files_of(path)]
 
     def blender_needed_for(self, simplifier: str) -> str:
-        """Return what Blender is needed for, empty if for nothing."""
+        """Return the purpose for which Blender is needed; empty if it is not."""
         if simplifier == "decimate":
             return "--simplifier decimate"
         suffixes = [suffix for suffix in self.suffixes if suffix in mesh_files.BLENDER_SUFFIXES]
@@ -93,7 +93,7 @@ class Outputs:
 
     @property
     def suffixes(self) -> list[str]:
-        """The suffixes of the files with surfaces."""
+        """Return the suffixes of the surface files."""
         return [path.suffix.lower() for path in self.surfaces] + ([self.suffix] if self.folder else [])
 
     @contextmanager
@@ -116,7 +116,7 @@ class Outputs:
             mesh_files.require_one_surface(path, count)
 
     def triangle_bytes(self, simplifier: str) -> int:
-        """Bytes that writing takes for each triangle beside the surface; 0 for an STL or PLY without Blender."""
+        """Return the bytes that writing adds for each triangle; 0 for an STL or PLY without Blender."""
         objects = self.needs_objects(simplifier)  # a thumbnail is of few triangles, whatever the surface has
         return triangle_bytes(self.suffixes, objects, self.figure is not None and self.thumbnail is None)
 
@@ -133,7 +133,7 @@ class Outputs:
         Budget().require(faces * self.triangle_bytes(simplifier), f"writing {faces} triangles{by}", remedy)
 
 
-def surface_output(text: str, suffix: str, several: bool, count_known: bool = True) -> dict[str, Any]:
+def surface_output(text: str, suffix: str, several: bool, is_counted: bool = True) -> dict[str, Any]:
     """Return the fields of `Outputs` that an OUTPUT names: a file for all surfaces, or a folder for a file of each.
 
     Checked before the work. A folder is one that exists, or ends in a slash; its parent must exist.
@@ -144,7 +144,7 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
         The OUTPUT, and the suffix of files in a folder.
     several : bool
         Whether there may be several surfaces.
-    count_known : bool
+    is_counted : bool
         Whether there are several; else `Outputs.require_room_for` is asked once their number is known.
 
     Raises
@@ -161,11 +161,11 @@ def surface_output(text: str, suffix: str, several: bool, count_known: bool = Tr
         raise OutputError(f"{path.name} is a picture; add --figure {path.name} to a surface, or use ctmc figure")
     if several and text and not path.suffix:
         raise OutputError(f"{path.name} has no suffix; a folder for several surfaces ends in a slash: -o {path.name}/")
-    if several and count_known:
+    if several and is_counted:
         mesh_files.require_one_surface(path)
     surface = require_writable(path, mesh_files.SURFACE_SUFFIXES)
-    for beside in files_of(surface)[1:]:
-        require_writable(beside)
+    for companion in files_of(surface)[1:]:
+        require_writable(companion)
     return {"surfaces": (surface,)}
 
 
@@ -215,8 +215,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
         opacities = opacities_of(surfaces.results, outputs.opacity)
         if outputs.needs_objects(surfaces.results[0].settings.simplifier):
             # A .blend has a scene "CTMC", a name that only one can have.
-            made = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
-            scene, objects, shown = stack.enter_context(made)
+            objects_shown = objects_of(surfaces.results, "CTMC objects", surfaces.names, opacities)
+            scene, objects, shown = stack.enter_context(objects_shown)
             stages.append(Stage("Building the object", time.perf_counter() - start))
         for path, numbers in outputs.surfaces_in(surfaces).items():
             if path.suffix.lower() in mesh_files.BLENDER_SUFFIXES:
@@ -232,8 +232,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                 small: dict[str, Any] = {}
                 if outputs.thumbnail:
                     small = {"size": outputs.thumbnail}
-                    made = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
-                    scene, objects, _ = stack.enter_context(made)
+                    objects_shown = objects_of(_coarse_surfaces(shown), "CTMC thumbnail", surfaces.names, opacities)
+                    scene, objects, _ = stack.enter_context(objects_shown)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
                 how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}
@@ -243,7 +243,7 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
 
 
 def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
-    """Return the surfaces as a thumbnail shows them, of `THUMBNAIL_FACES` triangles together at most, or a few more."""
+    """Return surfaces simplified for a thumbnail, with about `THUMBNAIL_FACES` triangles in total at most."""
     total = max(1, sum(len(result.mesh.faces) for result in results))
     coarse = []
     for result in results:
@@ -257,7 +257,7 @@ def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
 
 
 def _with_stages(surfaces: Surfaces, stages: Sequence[Stage]) -> Surfaces:
-    """The surfaces with further stages, those of one name together; of several surfaces each has had all of them."""
+    """Return the surfaces with further stages; stages of one name are added up, and every surface gets all of them."""
     seconds: dict[str, float] = {}
     for stage in stages:
         seconds[stage.name] = seconds.get(stage.name, 0.0) + stage.seconds

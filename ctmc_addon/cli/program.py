@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The parser of `ctmc`, and the exit code of one command."""
+"""Parse the arguments of `ctmc`, run one command and return its exit code."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..core.files.input_files import own_input_files
 from .arguments import Parser, UsageError, with_flags
 from .terminal import checked_output
 
-WORKER = "batch-case"  # for `ctmc batch` to start, not for people
+WORKER = "batch-case"  # `ctmc batch` starts it; people do not.
 
 # The module of every command, in the order of the help. Only that of the command that is called is imported.
 COMMANDS = {

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A connection to the scheduler of a dask.distributed cluster."""
+"""Connect to the scheduler of a dask.distributed cluster."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from typing import Any
 from ..core import CtmcError
 
 PACKAGE = Path(__file__).resolve().parents[1]
-PATIENCE = 10.0  # seconds in which a scheduler has to answer
+PATIENCE = 10.0  # Seconds within which a scheduler has to answer.
 
 
 class Scheduler:
@@ -64,7 +64,7 @@ class Scheduler:
 
     @property
     def workers(self) -> int:
-        """Workers that the scheduler knows now; raises `CtmcError` if it is gone."""
+        """Return the workers of the scheduler; raise `CtmcError` if it no longer answers."""
         try:
             return len(self.client.nthreads())
         except (OSError, TimeoutError) as error:

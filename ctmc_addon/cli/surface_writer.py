@@ -16,7 +16,7 @@ from ..core.files.temporary_names import temporary_name
 
 @dataclass(frozen=True)
 class SurfaceWriter:
-    """Write surfaces to temporary files until all files of a command are complete.
+    """A writer of surfaces to temporary files until all files of a command are complete.
 
     Parameters
     ----------

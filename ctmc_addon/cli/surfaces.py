@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The surfaces that a command makes of one input, and what each is called: one, or one for each label or time."""
+"""Make the surfaces of one input and name them: one, or one for each label or time."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from .surface_writer import SurfaceWriter
 
 
 def open_words(number: int, opened: int) -> str:
-    """Return how many surfaces there are and how many of them are open, with the remedy.
+    """Return the number of surfaces and of open ones as text, with the remedy.
 
     Examples
     --------
@@ -75,19 +75,19 @@ class Surfaces:
 
     @property
     def titles(self) -> tuple[str, ...]:
-        """Return what each is called, alone or not: by its label's name where it has a label."""
+        """Return a title for each surface, even for a single one: the name of its label if it has one."""
         return self.names or (
             structure_names(self.results) if self.results[0].settings.label is not None else (self.name,)
         )
 
     @property
     def notes(self) -> list[str]:
-        """Return what all surfaces note, and what was left out."""
+        """Return the notes of all surfaces, and those on what was left out."""
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
         return [*shared, *self.left_out]
 
     def report(self) -> dict[str, Any]:
-        """Plain data for JSON: of one surface its report, of several a list of them with their names."""
+        """Return plain data for JSON: the report of one surface, or a list of reports with names."""
         if not self.are_several:
             return self.results[0].report()
         surfaces = [result.report() | {"name": name} for name, result in zip(self.names, self.results, strict=True)]
@@ -103,7 +103,7 @@ class Surfaces:
 
     @property
     def interfaces(self) -> list[dict[str, Any]]:
-        """Plain data of every pair of labels that share triangles: once, the lower label first."""
+        """Return plain data of every pair of labels that share triangles, the lower label first."""
         return [
             {"labels": [label, neighbor.label], "triangles": neighbor.triangles, "area_mm2": neighbor.area_mm2}
             for result in self.results
@@ -151,9 +151,9 @@ def surfaces_steps(
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
         working = make_surfaces_steps(volume, [request], budget, all_needed=True)
-        [made] = yield from stages.run(making, working)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        return surface_of(volume, made, writer)
+        [surface] = yield from stages.run(making, working)
+        assert isinstance(surface, MadeSurface), "an error is raised"
+        return surface_of(volume, surface, writer)
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -165,10 +165,10 @@ def surfaces_steps(
     )
 
 
-def surface_of(volume: Volume, made: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
+def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
     """Return one surface that goes by the input's name; a `writer` has written it."""
-    files = () if writer is None else (writer.path_of(made.result.settings.label),)
-    return Surfaces(volume.name, (made.result,), files=files)
+    files = () if writer is None else (writer.path_of(surface.result.settings.label),)
+    return Surfaces(volume.name, (surface.result,), files=files)
 
 
 def may_be_several(choices: Sequence[int | str]) -> bool:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Output for a terminal: the progress line, tables, numbers; and the check that a folder is empty."""
+"""Print to a terminal: the progress line, tables and numbers; and check that a folder is empty."""
 
 from __future__ import annotations
 
@@ -58,7 +58,7 @@ class Progress:
             self.due = step.fraction + SHARE
 
     def finish(self, steps: Steps[T]) -> T:
-        """Drain the steps, showing each, and return their result; an interrupt closes them."""
+        """Run the steps, showing each, and return their result; an interrupt closes them."""
         try:
             return finish(steps, self)
         finally:
@@ -98,7 +98,7 @@ class _CheckedOutput:
 
 @contextmanager
 def checked_output() -> Iterator[None]:
-    """Flush standard output at the end; what goes wrong there is an `OutputError`, a pipe that was closed excepted."""
+    """Flush standard output at the end; turn errors into `OutputError`, except that of a closed pipe."""
     with open(os.devnull, "w", encoding="utf-8") as nowhere:
         output = _CheckedOutput(sys.stdout or nowhere)  # none where it was closed, as by `>&-`
         with redirect_stdout(cast(TextIO, output)):
@@ -109,7 +109,7 @@ def checked_output() -> Iterator[None]:
 
 
 def table(rows: Sequence[Sequence[str]], indent: str = "") -> str:
-    """Return rows in columns, the first one flush left, the others flush right.
+    """Return rows in columns, the first one flush left, the rest flush right.
 
     Parameters
     ----------
@@ -146,7 +146,7 @@ def listing(facts: Sequence[tuple[str, str]]) -> str:
 
 
 def titled(title: str, lines: Sequence[str]) -> list[tuple[str, str]]:
-    """Lines for `listing`, the title before the first of them."""
+    """Return lines for `listing`, the title before the first of them."""
     return [(title if not at else "", line) for at, line in enumerate(lines)]
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Files to volumes: one door for every format, chosen by what the path holds.
+"""Read volumes from files of every format, chosen by the content of the path.
 
 Knows no Blender. `open_volume` reads headers alone; `read_volume` returns a `Volume` in RAS+ mm whose notes say all
 that was assumed.
@@ -25,7 +25,7 @@ from .file_formats import (
     suffix,
     suffixes_of_text,
 )
-from .labels.beside import labels_beside
+from .labels.nearby_labels import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
     FOLDER,
@@ -36,7 +36,7 @@ from .registry import (
     PAGE_SUFFIXES,
     VOLUME_SUFFIXES,
     folder_format,
-    is_alone,
+    is_whole_volume,
     open_steps,
 )
 from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
@@ -75,7 +75,7 @@ PathLike = str | os.PathLike[str]
 
 
 def open_volume(path: PathLike, allow_outside: bool = False) -> VolumeSource:
-    """Find out what a file or folder holds, from headers alone.
+    """Read the headers of a file or folder and describe its volume.
 
     Parameters
     ----------
@@ -192,7 +192,7 @@ def read_volume_steps(
     region_unit: str = "voxel",
     **fields: Any,
 ) -> Steps[Volume]:
-    """`read_volume` as steps; closing the generator cancels.
+    """Do what `read_volume` does, as steps; closing the generator cancels.
 
     Between steps there is a thread only while a library is imported for the first time.
     """
@@ -234,7 +234,7 @@ def existing_path(path: PathLike) -> Path:
 
 
 def _format_at(path: Path) -> str:
-    """Return the name of the format at a path, such as 'NIfTI'; '' for a folder of slices or of other things."""
+    """Return the name of the format at a path, such as 'NIfTI'; empty for a folder without a format of its own."""
     if path.is_dir():
         return folder_format(path)
     if not path.stat().st_size:
@@ -254,7 +254,7 @@ def _format_at(path: Path) -> str:
 
 
 def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
-    """Image slices or DICOM, whichever the folder holds more of; a `ReadError` if it holds neither."""
+    """Open the image slices or the DICOM files of a folder, whichever are more; `ReadError` without either."""
     from .dicom import series as dicom_series
     from .images import folder as image_folder
     from .labels import masks
@@ -268,8 +268,8 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     source = yield from dicom_series.open_steps(folder, files)
     if slices and len(source.files) <= len(slices):
         single_picture = len(slices) == 1 and not source.files  # such as TotalSegmentator's preview of its masks
-        found_masks = (yield from masks.in_files_steps(folder, open_volume_steps)) if single_picture else None
-        return found_masks or (yield from image_folder.open_folder_steps(folder))
+        mask_folder = (yield from masks.in_files_steps(folder, open_volume_steps)) if single_picture else None
+        return mask_folder or (yield from image_folder.open_folder_steps(folder))
     if source.files:
         return (yield from masks.in_folders_steps(source)) or source
     masks_in_files = yield from masks.in_files_steps(folder, open_volume_steps)
@@ -311,13 +311,13 @@ def is_volume_file(path: Path) -> bool:
     if suffix(path) not in PAGE_SUFFIXES:
         return suffix(path) in VOLUME_SUFFIXES
     try:
-        return is_alone(format_of(path), path)
+        return is_whole_volume(format_of(path), path)
     except (CtmcError, OSError):
         return False
 
 
 def volume_name(path: Path) -> str:
-    """Return what the volume at `path` will be called; of a folder's slice it is the folder's name.
+    """Return the name of the volume at `path`; for a slice, the name of its folder.
 
     The slice's own is often an identifier.
 
@@ -329,7 +329,7 @@ def volume_name(path: Path) -> str:
     if path.is_dir():
         return stem(path)
     try:
-        is_volume = is_alone(_format_at(path), path)
+        is_volume = is_whole_volume(_format_at(path), path)
     except (CtmcError, OSError):
         is_volume = True
     return stem(path if is_volume else path.absolute().parent)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names of files: their natural order, their stem, and the format that suffix and content tell."""
+"""Sort file names in natural order, find their stems, and find their formats by suffix and content."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ TWO_DOTS = tuple(end for end in KNOWN_SUFFIXES if end.count(".") > 1)
 
 
 def natural_key(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
-    """Sort key in which `slice_2` comes before `slice_10`, folder by folder.
+    """Return a sort key that puts `slice_2` before `slice_10`, folder by folder.
 
     Examples
     --------
@@ -32,7 +32,7 @@ def natural_key(path: Path) -> tuple[tuple[tuple[int, str, int], ...], str]:
 
 
 def suffix(path: Path) -> str:
-    """Suffix in lower case; those of a format that have two dots count as one.
+    """Return the suffix in lower case; a known suffix with two dots, such as '.nii.gz', is one.
 
     Examples
     --------
@@ -46,7 +46,7 @@ def suffix(path: Path) -> str:
 
 
 def stem(path: Path) -> str:
-    """Name without a known suffix: a folder `scan.v2` keeps all of its name.
+    """Return the name without a known suffix; a folder `scan.v2` keeps its whole name.
 
     Examples
     --------
@@ -59,12 +59,12 @@ def stem(path: Path) -> str:
 
 
 def format_of(path: Path) -> str:
-    """Return the name of a file's format, by its suffix or name, else by its first bytes; '' where nothing tells it."""
+    """Return the name of a file's format by its suffix or name, else by its first bytes; empty if unknown."""
     end = suffix(path)
     name = BY_SUFFIX.get(end) or BY_FILE_NAME.get(path.name) or BY_FILE_NAME.get(path.name.upper())
     if name:
         return name
-    if text_beside(path) is not None:  # some scanners write DICOM under the suffix .img
+    if companion_text(path) is not None:  # some scanners write DICOM under the suffix .img
         return BY_VALUES[end]
     with path.open("rb") as file:
         head = file.read(HEAD)
@@ -79,7 +79,7 @@ def format_of(path: Path) -> str:
     return marked(head)
 
 
-def text_beside(path: Path) -> Path | None:
+def companion_text(path: Path) -> Path | None:
     """Return the text that describes a file of flat values, whatever the case of its name; None of other files."""
     names = {path.stem.lower() + end for end in suffixes_of_text(path)}
     files = sorted(path.parent.iterdir()) if names else []
@@ -113,7 +113,7 @@ def segmentation_sibling(path: str | os.PathLike[str]) -> Path | None:
 
 
 def segmentation_names(path: str | os.PathLike[str]) -> tuple[str, ...]:
-    """Return what the label file of a volume of LiTS may be called, the likelier name first; of no other any.
+    """Return the possible names of the label file of a LiTS volume, the likelier one first; none for other files.
 
     Examples
     --------

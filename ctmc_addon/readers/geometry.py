@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where a file's samples lie: the spacing that is asked for, mirrored axes, directions that a file does not say.
+"""Apply the requested spacing and mirrored axes to an affine, and complete directions that a file lacks.
 
 Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
 """
@@ -44,14 +44,14 @@ def respaced(
     An axis without length has the direction that the file says apart from it, else one at right angles to the others.
     """
     lengths, scaled = spacing_of(affine), affine.copy()
-    known = lengths > 0
+    has_length = lengths > 0
     notes: tuple[str, ...] = ()
-    if directions is None and not known.all():
-        directions = completed(affine[:3, :3], known)
-        axes = ", ".join(axis for axis, is_known in zip("xyz", known.tolist(), strict=True) if not is_known)
+    if directions is None and not has_length.all():
+        directions = completed(affine[:3, :3], has_length)
+        axes = ", ".join(axis for axis, is_given in zip("xyz", has_length.tolist(), strict=True) if not is_given)
         notes = (f"the file has no direction along {axes}: taken at right angles; flip x, y or z changes it",)
     if directions is not None:
-        scaled[:3, :3] = np.where(known, affine[:3, :3], directions)
+        scaled[:3, :3] = np.where(has_length, affine[:3, :3], directions)
     before = spacing_of(scaled)
     # An axis that has no length still is left alone: Volume refuses it as singular.
     scaled[:3, :3] *= np.divide(spacing, before, out=np.ones(3), where=before > 0)
@@ -98,14 +98,14 @@ def require_spacing(affine: NDArray[np.float64], name: str) -> None:
         )
 
 
-def completed(axes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np.float64]:
-    """Return directions (3, 3), a column for each axis: those that are not known at right angles to the others.
+def completed(axes: NDArray[np.float64], has_length: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Return directions (3, 3), a column for each axis; missing ones are at right angles to the rest.
 
     They run as those of axial slices, as far as right angles allow.
     """
-    directions = np.where(known, axes, 0.0)
-    directions /= np.sqrt((directions**2).sum(axis=0)) + ~known
-    missing = [axis for axis in range(3) if not known[axis]]
+    directions = np.where(has_length, axes, 0.0)
+    directions /= np.sqrt((directions**2).sum(axis=0)) + ~has_length
+    missing = [axis for axis in range(3) if not has_length[axis]]
     while len(missing) > 1:  # At most one direction is known: leave out its share of the axial ones.
         along = directions.sum(axis=1)[:, None]
         rest = AXIAL - along * (along * AXIAL).sum(axis=0)
@@ -119,11 +119,11 @@ def completed(axes: NDArray[np.float64], known: NDArray[np.bool_]) -> NDArray[np
     return directions
 
 
-def differ(lengths: NDArray[Any], others: NDArray[Any]) -> bool:
+def differ(lengths: NDArray[Any], other_lengths: NDArray[Any]) -> bool:
     """Return whether two spacings (3,) differ, by more than headers round them."""
-    return bool((np.abs(lengths - others) > ROUNDED * np.abs(others)).any())
+    return bool((np.abs(lengths - other_lengths) > ROUNDED * np.abs(other_lengths)).any())
 
 
 def lengths_text(lengths: Iterable[float]) -> str:
-    """Three lengths in words: '0.5 x 0.5 x 2'."""
+    """Return three lengths as text, such as '0.5 x 0.5 x 2'."""
     return " x ".join(f"{length:.4g}" for length in lengths)

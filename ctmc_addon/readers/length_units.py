@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Words for units of length, in millimeters: one table for all formats.
+"""Convert names of length units to millimeters: one table for all formats.
 
 Names after UDUNITS-2, which OME-Zarr takes, and symbols after OME-XML and ImageJ; letters' case does not matter.
 """
@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 
-PREFIXES = {"nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "": 1000.0}  # of a meter
+PREFIXES = {"nano": 1e-6, "micro": 1e-3, "milli": 1.0, "centi": 10.0, "deci": 100.0, "": 1000.0}  # Millimeters.
 TO_MM = {
     **{f"{prefix}{meter}": mm for prefix, mm in PREFIXES.items() for meter in ("meter", "meters", "metre", "metres")},
     **{"nm": 1e-6, "um": 1e-3, "\u03bcm": 1e-3, "mm": 1.0, "cm": 10.0, "dm": 100.0, "m": 1000.0},
     **{"micron": 1e-3, "microns": 1e-3, "angstrom": 1e-7, "angstroms": 1e-7, "\u00e5": 1e-7},
     **{"inch": 25.4, "inches": 25.4, "in": 25.4, '"': 25.4, "foot": 304.8, "feet": 304.8, "ft": 304.8},
 }
-OTHER_IN_CAPITALS = ("Mm",)  # a megameter
+OTHER_IN_CAPITALS = ("Mm",)  # Megameter.
 
 
 def mm_of(unit: str) -> float | None:
@@ -32,7 +32,7 @@ def mm_of(unit: str) -> float | None:
 
 
 def in_mm(units: Iterable[str]) -> tuple[list[float], tuple[str, ...]]:
-    """Return the millimeters of the unit of each axis, and what is to be said of them.
+    """Return the millimeters of the unit of each axis, and notes about them.
 
     Parameters
     ----------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The readers' libraries, imported when first needed and kept from talking to the user."""
+"""Import the readers' libraries when they are first needed, and silence their messages."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from ..core import NO_THREAD, ReadError, Step, Steps
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
-STEP_SECONDS = 0.03  # between two steps while a library is imported
+STEP_SECONDS = 0.03  # Seconds between two steps while a library is imported.
 
 # Where no application listens, `logging` prints a library's complaints; a handler of its own keeps it from that.
 for _name in ("PIL", "imageio", "pydicom", "tifffile"):
@@ -35,7 +35,7 @@ def needed(module: str, package: str, what: str, remedy: str = "install it") -> 
 
 
 def imported_steps(module: str, package: str, what: str, remedy: str = "install it") -> Steps[Any]:
-    """`needed` with steps: the first import of pydicom or nibabel takes up to half a second.
+    """Import a library as `needed` does, with steps: the first import of pydicom or nibabel takes up to half a second.
 
     It runs in a thread, the only one that lives across steps; closing the generator waits for its end.
     """
@@ -50,7 +50,7 @@ def imported_steps(module: str, package: str, what: str, remedy: str = "install 
 
 @contextmanager
 def quiet() -> Iterator[None]:
-    """Keep the libraries' warnings from the user; what matters is said in the notes.
+    """Silence the libraries' warnings; notes report what matters.
 
     The filters belong to the whole interpreter: entered in the main thread alone, and never held across a step.
     """
@@ -89,7 +89,7 @@ def quiet_batches_steps(
 
 
 def _mapped(work: Callable[[Item], Result], batch: Sequence[Item], threads: int) -> list[Result]:
-    """Results of a batch, by several threads, or by this one where there is no memory for another."""
+    """Return the results of a batch, from several threads, or from this one if memory allows no other."""
     if threads > 1:
         try:
             with futures.ThreadPoolExecutor(threads) as pool:

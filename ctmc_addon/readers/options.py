@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a path is read: what its files do not say, or what is asked for in their place.
+"""Describe how a path is read: facts that its files lack, and values that replace theirs.
 
 `read_volume`, the command line's flags, a manifest's columns, the sidebar's properties and the table `[reading]` of a
 settings file are made from these fields.
@@ -70,7 +70,7 @@ def _checked_series(series: str | int) -> str | None:
 
     Examples
     --------
-    >>> checked_series(2), checked_series(" ")
+    >>> _checked_series(2), _checked_series(" ")
     ('2', None)
     """
     return str(series).strip() or None
@@ -79,13 +79,13 @@ def _checked_series(series: str | int) -> str | None:
 def _checked_name(name: str) -> str:
     """Return a name that can be shown on one line, or a `SettingsError`: an empty one would show the file's own."""
     if not name.strip() or not name.isprintable():
-        raise SettingsError(f"name must be of letters that can be shown, not {name!r}")
+        raise SettingsError(f"name must be printable text, not {name!r}")
     return name.strip()
 
 
 @dataclass(frozen=True)
 class ReadingOptions(Described):
-    """How a path is read. Frozen, hashable and picklable.
+    """Options for reading a path. Frozen, hashable and picklable.
 
     Raises
     ------
@@ -110,13 +110,7 @@ class ReadingOptions(Described):
         without="as the files say, else 1 mm",
         check=checked_spacing,
     )
-    flip: str = setting(
-        "",
-        "Axes that run the other way than the files say, or than was assumed, such as z or xz",
-        label="Flip",
-        type=str,
-        check=checked_flip,
-    )
+    flip: str = setting("", "Axes to reverse, such as z or xz", label="Flip", type=str, check=checked_flip)
     series: str | None = setting(
         None,
         "UID or number of the DICOM series",
@@ -129,17 +123,17 @@ class ReadingOptions(Described):
     )
     time: int | None = setting(
         None,
-        "Which of several times of the CT to read, from 1 on: time points, phases or acquisitions",
+        "Time of the CT to read, from 1 on: a time point, phase or acquisition",
         label="Time",
         note="see info",
         type=int,
         low=1,
         start=2,
-        without="the first that is whole",
+        without="the first complete one",
     )
     level: int | None = setting(
         None,
-        "Which of several resolutions of an OME-Zarr to read, 0 the full one",
+        "Resolution level of an OME-Zarr to read; 0 is the full one",
         label="Level",
         note="see info",
         type=int,
@@ -159,28 +153,28 @@ class ReadingOptions(Described):
     )
     name: str | None = setting(
         None,
-        "What the volume, its surfaces and the report are called",
+        "Name of the volume, its surfaces and the report",
         label="Name",
         type=str,
         kept=False,
-        without="as the file or folder",
+        without="the name of the file or folder",
         check=_checked_name,
     )
     remove_table: bool = setting(
         False,
-        "Make air of what lies behind the patient and does not belong to the body, such as the table; for HU",
+        "Replace the table and other objects behind the patient by air; for HU",
         label="Remove Patient Table",
         type=bool,
     )
     anatomy_colors: bool = setting(
         False,
-        "Color labels with anatomical names by these, whatever colors their file gives them",
+        "Color labels by their anatomical names instead of the colors in the file",
         label="Anatomy Colors",
         type=bool,
     )
     file_colors: bool = setting(
         False,
-        "Keep the colors of the file also where a program chose them by number, as TotalSegmentator does",
+        "Keep the colors in the file even if a program chose them by number, as TotalSegmentator does",
         label="File Colors",
         type=bool,
     )

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The length of packed bytes before they are unpacked: the codecs of Zarr and TIFF unpack however much there is."""
+"""Find the unpacked length of packed bytes before unpacking: the codecs of Zarr and TIFF have no limit."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_RATIOS = {"zlib": 1032.0, "gzip": 1032.0}  # Deflate makes at most so many 
 
 
 def bytes_to_look_at(length: int, codec: str, most: int) -> int:
-    """Return how many of the first bytes `unpacks_beyond` needs of `length` bytes; 0 where there cannot be more."""
+    """Return how many first bytes of `length` bytes `unpacks_beyond` needs; 0 if they cannot unpack to more."""
     if codec in STREAMS:
         return length if length * MOST_RATIOS.get(codec, math.inf) > max(most, HARMLESS) else 0
     return LONGEST_HEAD
@@ -53,7 +53,7 @@ def unpacks_beyond(content: bytes, codec: str, most: int) -> bool:
 
 
 def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool:
-    """Whether one stream, or several one behind the other, unpack to more than `most` bytes; damage is left alone."""
+    """Return whether one or several consecutive streams unpack to more than `most` bytes; False for damaged ones."""
     done = 0
     while content and done <= most:
         stream = start()
@@ -66,11 +66,11 @@ def _streams_beyond(content: bytes, start: Callable[[], Any], most: int) -> bool
 
 
 def _zstandard_size(head: bytes) -> int:
-    """Return the length that the first frame of Zstandard tells of, RFC 8878 3.1.1.1; 0 where it tells none.
+    """Return the length in the header of the first Zstandard frame, RFC 8878 3.1.1.1; 0 without one.
 
     Examples
     --------
-    >>> zstandard_size(bytes.fromhex("28b52ffd a0 00000080 0000"))
+    >>> _zstandard_size(bytes.fromhex("28b52ffd a0 00000080 0000"))
     2147483648
     """
     if head[:4] != b"\x28\xb5\x2f\xfd" or len(head) < 5:

@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Every format that is read: its name, what tells it, and the module that opens it.
+"""List every format: its name, the marks that identify it, and the module that opens it.
 
 A new format is a line of `FORMATS` and a module of this package. The module has `open_steps(path)`, steps that return a
-`VolumeSource`; that of a format whose files may be slices also has `is_alone(path)`, whether this file is a volume by
-itself. Modules are imported when they are first needed, so that they may ask this table too.
+`VolumeSource`; if its files may be slices, also `is_whole_volume(path)`, which says whether a file is a volume by
+itself. Modules are imported when they are first needed, so that they may import this table too.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ VOLUME, FOLDER, SLICE, PAGES, SERIES = "volume", "folder", "slice", "pages", "se
 
 @dataclass(frozen=True)
 class Format:
-    """What tells a format from others.
+    """The suffixes and marks that identify a format.
 
     Parameters
     ----------
@@ -52,7 +52,7 @@ class Format:
 
 
 def _at_start(*marks: bytes) -> tuple[tuple[int, bytes], ...]:
-    """Marks that stand at the start of a file."""
+    """Return marks that stand at the start of a file."""
     return tuple((0, mark) for mark in marks)
 
 
@@ -85,7 +85,7 @@ def _suffixes_of(*holds: str) -> tuple[str, ...]:
 
     Examples
     --------
-    >>> suffixes_of("pages")
+    >>> _suffixes_of("pages")
     ('.tif', '.tiff')
     """
     return tuple(end for about in FORMATS.values() if not holds or about.holds in holds for end in about.suffixes)
@@ -100,7 +100,7 @@ MASK_SUFFIXES = tuple(end for about in FORMATS.values() if about.may_be_mask for
 BY_SUFFIX = {end: name for name, about in FORMATS.items() for end in about.suffixes}
 BY_FILE_NAME = {word: name for name, about in FORMATS.items() for word in about.names}
 BY_VALUES = {about.values: name for name, about in FORMATS.items() if about.values}
-HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # bytes that hold every mark
+HEAD = max(at + len(mark) for about in FORMATS.values() for at, mark in about.marks)  # Every mark ends here.
 
 
 def marked(head: bytes) -> str:
@@ -128,9 +128,9 @@ def open_steps(name: str, path: Path) -> Steps[Any]:
     return (yield from _module(name).open_steps(path))
 
 
-def is_alone(name: str, path: Path) -> bool:
+def is_whole_volume(name: str, path: Path) -> bool:
     """Return whether a file of the format `name` is a volume by itself, and not a slice of its folder."""
-    return FORMATS[name].holds in (VOLUME, FOLDER) or bool(_module(name).is_alone(path))
+    return FORMATS[name].holds in (VOLUME, FOLDER) or bool(_module(name).is_whole_volume(path))
 
 
 def _module(name: str) -> Any:

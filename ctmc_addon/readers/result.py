@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What every format hands to the package's face: a source whose headers are known, and the values read from it.
+"""Define what every format returns: a source whose headers were read, and the values read from it.
 
 Spacing given by the user, mirrored axes (geometry.py) and the meaning of the values are the same question in every
 format, so they are answered here. Affines map (x, y, z) = (column, row, slice) to RAS+ mm.
@@ -86,17 +86,17 @@ class Series:
 
     @property
     def shape(self) -> tuple[int, int, int]:
-        """(slices, rows, columns), as `Volume.values` will have it unless slices are left out or resampled."""
+        """Return (slices, rows, columns), as `Volume.values` has them unless slices are left out or resampled."""
         return (self.slices, self.size[1], self.size[0])
 
     @property
     def voxel_bytes(self) -> int:
-        """Bytes of a stored value; 4 where its type is not known."""
+        """Return the bytes of a stored value; 4 if its type is unknown."""
         return np.dtype(self.dtype or "f4").itemsize
 
     @property
     def text(self) -> str:
-        """For notes and errors, without words of the files: 'series 2: 30 slices of 512 x 512, CT'."""
+        """Return the series for notes and errors, without texts from files: 'series 2: 30 slices of 512 x 512, CT'."""
         end = f", {self.modality}" if self.modality else ""
         plural = "slice" if self.slices == 1 else "slices"
         times = f", {self.times} times" if self.times > 1 else ""
@@ -104,7 +104,7 @@ class Series:
 
     @property
     def screen_text(self) -> str:
-        """`text` and what the scanner's operator called the series; for the screen alone, as it may hold a name.
+        """Return `text` and the operator's description of the series; for the screen only, because it may hold a name.
 
         Examples
         --------
@@ -120,7 +120,7 @@ class Series:
 
 @dataclass(frozen=True, eq=False)
 class RawValues:
-    """Values as a format's reader finds them in the file.
+    """Values as they are stored in the file.
 
     Parameters
     ----------
@@ -163,7 +163,7 @@ class RawValues:
 
 @dataclass(frozen=True)
 class ReadRequest(ReadingOptions):
-    """What a format's reader is asked for: the reading options, and how the work is to be done.
+    """A request to a format's reader: the reading options, and the budget for the work.
 
     Parameters
     ----------
@@ -187,7 +187,7 @@ class ReadRequest(ReadingOptions):
 
 
 class VolumeSource(ABC):
-    """What a path holds, known from its headers; the values are still to be read. `open_volume` makes it.
+    """The volume at a path, described by its headers; its values are not read yet. `open_volume` returns it.
 
     Parameters
     ----------
@@ -280,7 +280,7 @@ class VolumeSource(ABC):
         return (yield from self._opened_steps(options_of(options, fields), checked_budget(budget), whole=False))
 
     def _named_errors_steps(self, steps: Steps[Result]) -> Steps[Result]:
-        """The same steps; a file that cannot be opened is a `ReadError`."""
+        """Run the same steps; turn the error of a file that cannot be opened into a `ReadError`."""
         try:
             return (yield from steps)
         except OSError as error:
@@ -289,7 +289,7 @@ class VolumeSource(ABC):
             raise out_of_memory(self.path) from error
 
     def _opened_steps(self, options: ReadingOptions, budget: Budget, whole: bool) -> Steps[Volume]:
-        """The volume, its values in memory if all are wanted at once."""
+        """Return the volume, with its values in memory if all are requested at once."""
         if options.series and not self.has_series:
             raise ReadError(f"{self.path.name} has no series to choose from; leave out the series '{options.series}'")
         level, notes = self.selected_level(options.level)
@@ -299,14 +299,14 @@ class VolumeSource(ABC):
         return (yield from self._named_errors_steps(self._slabs_steps(request, [*notes, *time_notes])))
 
     def selected_time(self, series: str | int | None, time: int | None) -> tuple[int, list[str]]:
-        """Return the time to read, from 1 on, and the note that says which where none was asked for."""
+        """Return the time to read, from 1 on, and a note about it if none was requested."""
         line = self.selected_series(series)
         if line is None:  # an error of the series, not of the time
             return 1, []
         times = line.times
         if time is not None and not 1 <= time <= times:
             holds = f"holds {times} times" if times > 1 else "holds a single time"
-            raise ReadError(f"there is no time {time}, as {self.path.name} {holds}; choose from 1 to {times}")
+            raise ReadError(f"there is no time {time}, because {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
         note = (
@@ -316,7 +316,7 @@ class VolumeSource(ABC):
         return line.default_time, [note]
 
     def selected_level(self, level: int | None) -> tuple[int, list[str]]:
-        """Return the resolution to read, 0 the full one, and the note that says which there are."""
+        """Return the resolution to read, 0 for the full one, and a note with all resolutions."""
         last = max(0, len(self.levels) - 1)
         if level is not None and not 0 <= level <= last:
             remedy = f"choose from 0 to {last}" if last else "it has one resolution, so leave the level out"
@@ -358,13 +358,13 @@ class VolumeSource(ABC):
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)
-            notes.append(f"mirrored along {', '.join(request.flip)} as asked, the volume staying in its place")
+            notes.append(f"mirrored along {', '.join(request.flip)} as asked, at the same position")
         kind = raw.kind
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
             looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
-            kind, reader, found = yield from stages.run("Looking at the values", looking)
-            notes += found
+            kind, reader, value_notes = yield from stages.run("Looking at the values", looking)
+            notes += value_notes
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
             names, colors, table_notes = table_for(self.path, self.name)
@@ -374,7 +374,7 @@ class VolumeSource(ABC):
             kept = {value: color for value, color in colors.items() if anatomy_of(names.get(value, "")) is None}
             if len(kept) < len(colors) and not request.anatomy_colors:
                 notes.append(
-                    "colors follow the anatomical names, since the file's repeat by number; file_colors keeps those"
+                    "colors follow the anatomical names, because the file's colors repeat; file_colors keeps them"
                 )
             colors = kept
         lines = tuple(one_line(note) for note in notes)

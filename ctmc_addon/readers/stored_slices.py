@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values that lie in a file row after row, plain or packed: only what is asked for is kept, and of plain ones read.
+"""Read slices of values stored row after row, plain or packed, and keep requested values only.
 
 No file is mapped into memory: a limit of a process's address space counts what is mapped.
 """
@@ -21,14 +21,14 @@ from ..core import ReadError, Step, Steps, finish
 from ..core.volume import SliceReader
 from .streams import check_end_steps, fill_steps, skip_steps
 
-WORTH_READING = 1 << 16  # bytes between two rows; passing over fewer takes longer than reading them
-BLOCK = 1 << 22  # bytes read at once
+WORTH_READING = 1 << 16  # Bytes between two rows; reading fewer is faster than skipping them.
+BLOCK = 1 << 22  # Bytes read at once.
 
 
 class RawSlices(SliceReader):
     """Plain values (slices, rows, columns) in C order, from byte `start` of a file on."""
 
-    thread_safe = True  # every call opens the file for itself
+    thread_safe = True  # Every call opens the file for itself.
 
     def __init__(self, path: Path, start: int, shape: tuple[int, int, int], stored: np.dtype[Any]) -> None:
         self.path, self.start, self.stored = path, start, stored
@@ -178,7 +178,7 @@ class PackedSlices(SliceReader):
 
 
 class JoinedSlices(SliceReader):
-    """Slices of several files, one behind the other."""
+    """Slices of several consecutive files."""
 
     def __init__(self, readers: Sequence[SliceReader]) -> None:
         self.readers = readers
@@ -216,7 +216,7 @@ class TimeSlices(SliceReader):
         self.stored.fill(out, moved, rows, columns)
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """Of all slices of a packed file also what lies before and behind is unpacked, up to the check sum."""
+        """Read values as steps; reading all slices also unpacks the bytes around them, up to the check sum."""
         checked = self.stored if isinstance(self.stored, PackedSlices) and slices == self.everything[0] else None
         if checked is not None:
             yield from checked.pass_to_steps(self.first)
@@ -227,7 +227,7 @@ class TimeSlices(SliceReader):
 
 
 class InterleavedSlices(SliceReader):
-    """One of `count` volumes whose values lie together voxel by voxel, along the columns of another reader."""
+    """One of `count` volumes whose values alternate voxel by voxel along the columns of another reader."""
 
     def __init__(self, stored: SliceReader, number: int, count: int) -> None:
         self.stored, self.number, self.count = stored, number, count

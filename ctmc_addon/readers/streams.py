@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Bytes of a file, plain or compressed, straight into an array, with steps for progress and cancel."""
+"""Read bytes of a plain or compressed file straight into an array, with steps for progress and cancel."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ from ..core import ReadError, Step, Steps
 from .optional_imports import reason
 from .zlib_stream import ZlibFile
 
-CHUNK = 2**20  # about 0.005 s of unpacking gzip
-MOST_PADDING = 2**24  # bytes behind the values that are unpacked to reach the check sum
+CHUNK = 2**20  # Gzip unpacks this many bytes in about 0.005 s.
+MOST_PADDING = 2**24  # At most this many bytes after the values are unpacked to reach the check sum.
 PACKED = (gzip.GzipFile, bz2.BZ2File, ZlibFile)
-STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # of a file, gzip and bz2
+STREAM_ERRORS = (OSError, EOFError, ValueError, zlib.error)  # Files, gzip and bz2 raise these.
 
 
 def is_packed(path: Path) -> bool:
@@ -39,7 +39,7 @@ def opened(path: Path) -> IO[bytes]:
 
 
 def unpacked(stream: IO[bytes], encoding: str) -> IO[bytes]:
-    """Return what follows in an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
+    """Return the rest of an open file, unpacked by `encoding` (gzip, gz, bzip2 or bz2)."""
     opener = gzip.open if encoding.startswith("gz") else bz2.open
     return cast(IO[bytes], opener(stream, "rb"))
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What all readers ask of gray values: do they fit, what is their scale, what do they mean."""
+"""Check that values fit their type, scale them, and find out what they mean, for all readers."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from ..core.volume import (
 )
 
 LABEL_WORDS = ("segmentation", "seg", "label", "labels", "labelmap", "mask", "masks")
-MASK_VALUES = (1, 255)  # inside, where outside is 0
+MASK_VALUES = (1, 255)  # Inside of a mask whose outside is 0.
 MOST_LABELS = 128  # TotalSegmentator has 117; 8 bit gray values nearly use up their 256
-AIR_HU = -100.0  # only air, lung and fat lie below it, and every CT has air
+AIR_HU = -100.0  # Only air, lung and fat lie below it, and every CT has air.
 
 
 def require_volume_memory(shape: Sequence[int], voxel_bytes: int, what: str, budget: Budget) -> None:
@@ -151,12 +151,12 @@ class _ScaledSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """Those of the stored values, which several threads may decode."""
+        """Return the limit of the stored values, which several threads may decode."""
         return self.stored.at_once
 
     @property
     def own_bytes(self) -> int:
-        """Bytes that reading all values adds; 0 where values in memory are scaled in place."""
+        """Return the bytes that reading all values adds; 0 if values in memory are scaled in place."""
         in_place = isinstance(self.stored, ValuesInMemory) and self.dtype.itemsize == self.stored.dtype.itemsize
         return 0 if in_place else super().own_bytes
 
@@ -174,7 +174,7 @@ class _ScaledSlices(SliceReader):
 
 
 def _smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None:
-    """int16 or int32, whichever first holds `low` to `high`; None where neither does."""
+    """Return int16 or int32, whichever first holds `low` to `high`; None if neither does."""
     for dtype in (np.int16, np.int32):
         limits = np.iinfo(dtype)
         if limits.min <= low and high <= limits.max:
@@ -183,7 +183,7 @@ def _smallest_integer(low: int, high: int) -> type[np.signedinteger[Any]] | None
 
 
 def _range_steps(reader: SliceReader) -> Steps[tuple[float, float]]:
-    """Lowest and highest value, NaN left out."""
+    """Return the lowest and the highest value without NaN."""
     seen = Seen(reader.dtype)
     yield from reader.runs_steps(seen.add)
     return seen.low, seen.high
@@ -215,7 +215,7 @@ def _is_label_name(name: str) -> bool:
 
     Examples
     --------
-    >>> [is_label_name(name) for name in ("segmentation-3", "case 7_seg", "volume-3", "segmented")]
+    >>> [_is_label_name(name) for name in ("segmentation-3", "case 7_seg", "volume-3", "segmented")]
     [True, True, False, False]
     """
     words = [word for word in re.split(r"[^a-z]+", name.lower()) if word]
@@ -223,7 +223,7 @@ def _is_label_name(name: str) -> bool:
 
 
 class Meaning(NamedTuple):
-    """What values mean; where they are, labels as whole numbers; and what a user must know of it."""
+    """The meaning of values, a reader that gives labels as whole numbers, and notes for the user."""
 
     kind: ValueKind
     reader: SliceReader
@@ -231,7 +231,7 @@ class Meaning(NamedTuple):
 
 
 def kind_steps(reader: SliceReader, name: str, is_label: bool, may_be_hu: bool) -> Steps[Meaning]:
-    """Return what the values mean, where the file does not say it, or says that they are labels and has floats.
+    """Find out what values mean if the file does not say it, or says that floats are labels.
 
     Labels: the file says so (`is_label`); or its name begins or ends like a label file's and all values are whole
     numbers; or it may hold HU but all are whole numbers from 0 to 255, few of them different. Floats that stand for
@@ -302,7 +302,7 @@ def two_values(values: NDArray[Any]) -> set[float]:
 
 
 def is_mask_steps(reader: SliceReader) -> Steps[int]:
-    """The value inside, where all values are 0 and 1 or 0 and 255 and both occur, else 0; few slices settle it."""
+    """Return the inner value of a mask of only 0 and 1, or 0 and 255, else 0; few slices settle it."""
     seen: set[float] = set()
     numbers = WholeNumbers(reader.value_step, "")
     slices, rows, columns = reader.everything

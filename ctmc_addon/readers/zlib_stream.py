@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A zlib stream as a file to read from, unpacked piece by piece: the standard library has none."""
+"""Read a zlib stream as a file, unpacked piece by piece, which the standard library cannot."""
 
 from __future__ import annotations
 
@@ -7,11 +7,11 @@ import io
 import zlib
 from typing import IO, Any
 
-PIECE = 1 << 16  # packed bytes
+PIECE = 1 << 16  # Packed bytes read at once.
 
 
 class ZlibFile(io.RawIOBase):
-    """What `stream` holds from its place on, unpacked; zlib's header or gzip's tells which of the two it is.
+    """A file of the unpacked content of `stream` from its position on; the header tells zlib from gzip.
 
     Raises
     ------

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Text that every front end writes."""
+"""Write the texts that all front ends share."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The line of text under a figure."""
+"""Write the line of text under a figure."""
 
 from __future__ import annotations
 
@@ -49,11 +49,11 @@ def figure_caption(
 
 
 def _shape_phrases(settings: ReconstructionSettings) -> list[str]:
-    """Return what else shaped a surface, in the order in which it is done; nothing for what is left as it is.
+    """Return phrases for the steps that shaped a surface, in their order, without steps left at their defaults.
 
     Examples
     --------
-    >>> shape_phrases(ReconstructionSettings(close_border=True, keep_parts=1, reduction=0.9))
+    >>> _shape_phrases(ReconstructionSettings(close_border=True, keep_parts=1, reduction=0.9))
     ['closed at the border', 'largest component', 'simplified by 90 %']
     """
     phrases = []
@@ -93,7 +93,7 @@ def stride_phrase(stride: Sequence[int], spacing_mm: Sequence[float] = ()) -> st
 
 
 def smoothing_phrase(settings: ReconstructionSettings) -> str:
-    """Return how a surface was smoothed, for a caption; empty for gray values as they are.
+    """Return the smoothing of a surface for a caption; empty for unsmoothed gray values.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings as flags of `ctmc`, to print or copy a command."""
+"""Write settings as flags of `ctmc`, to print or copy a command."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers and sentences as a person reads them, in panels and reports."""
+"""Format numbers and sentences for panels and reports."""
 
 from __future__ import annotations
 
@@ -104,5 +104,5 @@ def in_lines(text: str, width: float, measure: Callable[[str], float] | None = N
 
 
 def letters(text: str) -> int:
-    """Return how many Latin letters take the room of a text."""
+    """Return the width of a text in Latin letters."""
     return sum(2 if east_asian_width(letter) in "FW" else 1 for letter in text)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Lists of numbers as a person types them: separated by blanks, commas or semicolons."""
+"""Read lists of numbers as people type them: separated by blanks, commas or semicolons."""
 
 from __future__ import annotations
 

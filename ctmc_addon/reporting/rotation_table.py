@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of a rotation test, laid out as table 2 of Su and Ma: rounds, average, saving in per cent."""
+"""Lay out the table of a rotation test as table 2 of Su and Ma: rounds, average, saving in per cent."""
 
 from __future__ import annotations
 
@@ -29,12 +29,12 @@ class RotationTable:
 
     @property
     def averages(self) -> tuple[float, ...]:
-        """Mean of the rounds of each level, seconds."""
+        """Return the mean of the rounds of each level, seconds."""
         return tuple(sum(times) / len(times) for times in self.rounds)
 
     @property
     def savings(self) -> tuple[float, ...]:
-        """Time saved against the first level, per cent."""
+        """Return the time saved against the first level, per cent."""
         first = self.averages[0] or 1.0
         return tuple(100.0 * (1.0 - mean / first) for mean in self.averages)
 

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Settings as a TOML text that explains itself, and back.
+"""Write settings as a TOML text that explains itself, and read them back.
 
-The comments are the settings' own texts, so the file is its own manual. What is not set stands as a comment.
+The comments are the settings' own texts, so the file is its own manual. Unset settings are comments.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ def to_toml(
     tables: Tables | None = None,
     given: Mapping[str, Mapping[str, Any]] | None = None,
 ) -> str:
-    """Return every setting with its text, unit, limits and value, and the tables that may stand below.
+    """Return every setting with its text, unit, limits and value, and the tables below.
 
     Parameters
     ----------
@@ -53,7 +53,7 @@ def to_toml(
     >>> from_toml(to_toml(ReconstructionSettings(label=2)))["label"]
     2
     """
-    lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags given beside it win."]
+    lines = [f"# Settings of ctmc {VERSION}, read back with --settings FILE.toml. Flags take precedence."]
     for name, about in SETTINGS.items():
         value = _labels_value(labels) if name == "label" and labels else getattr(settings, name)
         lines += ["", *_comment_of(about), _value_line(name, value, about.start)]
@@ -95,7 +95,7 @@ def _comment_of(about: Setting) -> list[str]:
 
 
 def _value_line(name: str, value: Any, example: Any) -> str:
-    """Return `name = value`; where there is no value, an example as a comment."""
+    """Return `name = value`; without a value, an example as a comment."""
     if value is None:
         return f"# {name} = {_toml_value(example)}"
     return f"{name} = {_toml_value(value)}"
@@ -106,7 +106,7 @@ def _toml_value(value: Any) -> str:
 
     Examples
     --------
-    >>> toml_value((2, 2, 1)), toml_value(True), toml_value("mesh"), toml_value(1e-7)
+    >>> _toml_value((2, 2, 1)), _toml_value(True), _toml_value("mesh"), _toml_value(1e-7)
     ('[2, 2, 1]', 'true', '"mesh"', '1e-07')
     """
     if isinstance(value, (tuple, list)):
@@ -137,7 +137,7 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
     except tomllib.TOMLDecodeError as error:
         raise SettingsError(f"{name} is not TOML: {error}; `ctmc settings` writes one to start from") from error
     try:
-        found = {table: table_of(table, values.pop(table), kinds) for table, kinds in _in_both(tables, values)}
+        table_values = {table: table_of(table, values.pop(table), kinds) for table, kinds in _in_both(tables, values)}
         values = with_present_names(values)
         for key, value in values.items():
             if key == "label":
@@ -147,7 +147,7 @@ def from_toml(text: str, name: str = "the settings file", tables: Tables | None 
         ReconstructionSettings.from_dict(values | ({"label": 1} if "label" in values else {}))
     except SettingsError as error:
         raise SettingsError(f"{name}: {error}") from error
-    return values | found
+    return values | table_values
 
 
 def _in_both(tables: Tables | None, values: Mapping[str, Any]) -> list[tuple[str, Sequence[type]]]:

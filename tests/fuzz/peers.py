@@ -43,7 +43,7 @@ EXPLAINING = (
     "were converted to mm",  # lengths; a peer gives them in the file's unit
     "has no name",
     "the later one keeps",
-    "numbered anew",
+    "renumbered",
     "times (time points",
     "acquisitions",
     "channels: the first was read",

@@ -22,12 +22,12 @@ from ctmc_addon.readers import ReadingOptions, open_volume, read_volume, read_vo
         ({"time": 0}, "time must be 1 or more, not 0"),
         ({"time": 1.5}, "time must be a whole number, not 1.5"),
         ({"strict": "no"}, "strict is on or off, True or False, not 'no'"),
-        ({"name": " "}, "name must be of letters that can be shown, not ' '"),
+        ({"name": " "}, "name must be printable text, not ' '"),
         (
             {"anatomy_colors": True, "file_colors": True},
             "anatomy_colors and file_colors exclude each other; choose one",
         ),
-        ({"name": "a\nb"}, "name must be of letters that can be shown, not 'a\\nb'"),
+        ({"name": "a\nb"}, "name must be printable text, not 'a\\nb'"),
     ],
 )
 def test_an_option_that_cannot_be_is_refused_with_its_value(fields, words):

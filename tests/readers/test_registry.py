@@ -25,9 +25,9 @@ def test_every_format_is_opened_by_one_convention(name):
     module = module_of(name)
     assert list(inspect.signature(module.open_steps).parameters) == ["path"]
     if FORMATS[name].holds in (registry.VOLUME, registry.FOLDER):
-        assert not hasattr(module, "is_alone")
+        assert not hasattr(module, "is_whole_volume")
     else:
-        assert list(inspect.signature(module.is_alone).parameters) == ["path"]
+        assert list(inspect.signature(module.is_whole_volume).parameters) == ["path"]
 
 
 def test_a_suffix_a_name_and_a_mark_tell_one_format_each():

@@ -16,11 +16,11 @@ def tool(load_tool):
 @pytest.fixture
 def found(tool):
     """Numbers of no machine, for every case and experiment."""
-    made_on = {"machine": "a processor", "versions": "some versions"}
+    machine_facts = {"machine": "a processor", "versions": "some versions"}
     voxels = [
         {"sides_px": [x, y, 1], "sides_mm": [0.5 * x, 0.5 * y, 1.0], "seconds": 0.8 / (x * y), "faces": 1000 // (x * y),
          "improved_percent": 100 * (1 - 1 / (x * y)), "voxels": 9000 // (x * y), "volume_error_percent": None,
-         "mean_mm": 0.1, "max_mm": 1.0, "prepare_seconds": 0.01, **made_on}
+         "mean_mm": 0.1, "max_mm": 1.0, "prepare_seconds": 0.01, **machine_facts}
         for x, y in ((1, 1), (2, 1), (2, 2), (3, 3))
     ]  # fmt: skip
     rotation = [

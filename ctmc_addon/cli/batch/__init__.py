@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc batch`: a surface for each of many cases, several cases in a process."""
+"""Run `ctmc batch`: a surface for each of many cases, several cases in a process."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Make one case of a batch: read its volume once, and put every output in its place with a JSON, errors too."""
+"""Make one case of a batch: read its volume once, and write every output with a JSON, also for errors."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def do_case(task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -
 
 @dataclass(frozen=True)
 class _AnnouncedBudget(Budget):
-    """A budget of a case that says what a work will need, and waits until the batch has room for it.
+    """The budget of a case, which announces the memory of a task and waits until the batch has room for it.
 
     Parameters
     ----------
@@ -154,7 +154,7 @@ class CaseWork:
         self.source: Path | None = None
         self.volume: Volume | None = None
         self.input_key: dict[str, str] = {}
-        self.made: dict[int | None, MadeSurface | CtmcError] = {}
+        self.outcomes: dict[int | None, MadeSurface | CtmcError] = {}
         self.ct: Volume | None = None
 
     def make(self, output: Mapping[str, Any], start: float) -> None:
@@ -204,7 +204,7 @@ class CaseWork:
         self.put(name, files, thumbnail, record)
 
     def put(self, name: str, files: Sequence[Path], thumbnail: Path | None, record: Mapping[str, Any]) -> None:
-        """Put complete files in their places, unless the batch is over: they may be those of another one then."""
+        """Move complete files to the batch's folder, unless the batch is over and another one may own the folder."""
         with CHANGING_FOLDERS:
             if not batch_is_over(self.task):
                 put_output(Path(self.task["folder"]), name, self.unfinished, files, thumbnail, record)
@@ -213,30 +213,30 @@ class CaseWork:
         self,
         volume: Volume,
         settings: ReconstructionSettings,
-        beside: Sequence[int],
+        shared_labels: Sequence[int],
         writer: SurfaceWriter | None,
         written_bytes: int,
     ) -> Surfaces:
-        """Return the surface of an output; those of labels `beside` it are made with the first, and kept for theirs."""
+        """Return the surface of an output; the first call makes those of all `shared_labels` and keeps them."""
         label = settings.label
-        if label not in self.made:
-            every = [replace(settings, label=other) for other in beside] or [settings]
+        if label not in self.outcomes:
+            every = [replace(settings, label=other) for other in shared_labels] or [settings]
             own = HOLD if writer is None else writer.sink_of(label)
             sinks = [own if each.label == label else HOLD for each in every]
             requests = [
                 SurfaceRequest(each, sink, written_bytes=written_bytes) for each, sink in zip(every, sinks, strict=True)
             ]
             outcomes = finish(make_surfaces_steps(volume, requests, self.budget))
-            self.made = dict(zip((each.label for each in every), outcomes, strict=True))
+            self.outcomes = dict(zip((each.label for each in every), outcomes, strict=True))
         else:
             writer = None  # it was held
-        outcome = self.made.pop(label)
+        outcome = self.outcomes.pop(label)
         if isinstance(outcome, CtmcError):
             raise outcome
         return surface_of(volume, outcome, writer)
 
     def hu_inside(self, surfaces: Surfaces, labels: Volume) -> list[dict[str, float]] | None:
-        """Return mean and deviation inside the label of each surface, of the CT beside it; None without such a CT."""
+        """Return mean and deviation of the CT inside the label of each surface; None without a CT beside the labels."""
         path = Path(self.task["input"])
         if self.source == path:
             return None
@@ -258,12 +258,12 @@ class CaseWork:
         return finish(inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
 
     def put_absent(self, output: Mapping[str, Any], sentence: str, seconds: float) -> None:
-        """Record that the case does not have the label of an output; what an older run made of it goes."""
+        """Record that the case lacks the label of an output, and remove the files of an older run."""
         record = failed_record(self.task, output, sentence, seconds, ABSENT) | self.input_key
         self.put(output["name"], [], None, record)
 
     def output_fields(self, output: Mapping[str, Any]) -> dict[str, Any]:
-        """Where surfaces are written until they are complete: several in a folder, where no file can hold them."""
+        """Return the paths of surfaces until they are complete; several go to a folder if one file cannot hold them."""
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
             require_batch(self.task)  # or its hidden folder would come again

@@ -32,15 +32,20 @@ class Output:
 
     name: str
     settings: ReconstructionSettings
-    labels: tuple[int | str, ...] = ()  # by number or name, or `all`; empty for the label of the settings
-    beside: tuple[int, ...] = ()  # all labels whose surfaces are made with that of the settings, it among them
+    labels: tuple[int | str, ...] = ()  # Numbers, names or `all`; empty for the label of the settings.
+    shared_labels: tuple[int, ...] = ()  # Labels whose surfaces are made at once, with that of the settings.
 
     def plain(self) -> dict[str, Any]:
         """Return the case as plain data, for JSON."""
         settings = self.settings.to_dict()
         if self.labels:
             settings.pop("label", None)
-        return {"name": self.name, "settings": settings, "labels": list(self.labels), "beside": list(self.beside)}
+        return {
+            "name": self.name,
+            "settings": settings,
+            "labels": list(self.labels),
+            "beside": list(self.shared_labels),
+        }
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +91,6 @@ def collect(
 
 
 def _inputs_of(word: str, aside: Path | None) -> list[CaseInput]:
-    """Return the volumes that one input stands for."""
     input_path = Path(word)
     if suffix(input_path) == ".csv" and input_path.is_file():
         return manifest_inputs(input_path)
@@ -120,7 +124,7 @@ def _inputs_at(input_path: Path, aside: Path | None) -> list[CaseInput]:
 
 
 def _volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Path, str]]:
-    """Volumes and their names: a folder's volume files, else itself if it holds slices, else those of its folders.
+    """Return volumes and names: a folder's volume files, else itself if it holds slices, else those of its folders.
 
     A folder with one volume names it; of several, each also keeps its own name. One with none stays in the list: that
     nothing is in it should be said, not passed over.
@@ -141,7 +145,7 @@ def _volumes_in(folder: Path, aside: Path | None, deepest: int) -> list[tuple[Pa
 
 
 def _volume_files(folder: Path) -> list[Path]:
-    """Files and folders that are a volume each, in natural order, without labels that belong to one of them."""
+    """Return files and folders that are volumes, in natural order, without labels that belong to one of them."""
     entries = sorted((entry for entry in folder.iterdir() if not entry.name.startswith(".")), key=natural_key)
     files = [entry for entry in entries if entry.is_file()]
     volumes = [
@@ -168,8 +172,10 @@ def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpt
         else:
             names = [f"{source.name}-label-{label}" for label in numbers] if len(numbers) > 1 else [source.name]
             every = [ReconstructionSettings(**values | {"label": label}) for label in numbers or (None,)]
-            beside = tuple(numbers) if share_walls(every) else ()
-            outputs = tuple(Output(name, settings, beside=beside) for name, settings in zip(names, every, strict=True))
+            shared_labels = tuple(numbers) if share_walls(every) else ()
+            outputs = tuple(
+                Output(name, settings, shared_labels=shared_labels) for name, settings in zip(names, every, strict=True)
+            )
     except SettingsError as error:
         if not source.where:
             raise UsageError(str(error)) from error
@@ -194,7 +200,7 @@ def _require_different_files(cases: Sequence[Case]) -> None:
 
 
 def _require_file_name(name: str, where: str) -> None:
-    """Refuse a name with which no file can be written everywhere; `where` in a manifest it stands, if in one."""
+    """Refuse a name that is not a valid file name on every system; `where` is its place in a manifest, if any."""
     remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
     line = f"{where}: " if where else ""
     if name.casefold() in TAKEN:
@@ -205,7 +211,7 @@ def _require_file_name(name: str, where: str) -> None:
             f"{line}the case's name '{name[:20]}...' has {size} bytes and may have {LONGEST_BYTES}; {remedy}"
         )
     if problem := name_problem(name):
-        raise OutputError(f"{line}{name!r} cannot be a file's name everywhere: {problem}; {remedy}")
+        raise OutputError(f"{line}{name!r} is not a valid file name on every system: {problem}; {remedy}")
 
 
 def _short(case: Case) -> str:
@@ -214,7 +220,7 @@ def _short(case: Case) -> str:
 
 
 def values_of(path: Path, allow_outside: bool) -> tuple[int, int]:
-    """Return the voxels in the file that will be read, and the bytes of one, or the most that any has.
+    """Return the number of voxels to read and the bytes of one, or the most bytes of any type.
 
     There are none where that is unknown, as of broken headers, which fail at once.
     """

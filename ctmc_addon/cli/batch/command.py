@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc batch INPUTS... -o DIR`: a surface for each of many cases, several side by side, with a table of them all."""
+"""Run `ctmc batch INPUTS... -o DIR`: a surface for each of many cases, several at once, with a table of them all."""
 
 from __future__ import annotations
 
@@ -223,7 +223,7 @@ def _batch_steps(
 
 
 def _write_now(folder: Path, rows: Mapping[str, SummaryRow], over: bool) -> float:
-    """Write the summary, and return when it may be written again: of thousands of rows it takes a while."""
+    """Write the summary, and return the time of the next write: thousands of rows take a while."""
     start = time.monotonic()
     write_summary(folder, list(rows.values()), over)
     return start + max(SUMMARY_SECONDS, (time.monotonic() - start) / SUMMARY_SHARE)
@@ -252,7 +252,7 @@ def _task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> di
 def _remaining_steps(
     tasks: Sequence[dict[str, Any]], folder: Path, rows: Mapping[str, SummaryRow]
 ) -> Steps[list[dict[str, Any]]]:
-    """Return the tasks with the outputs that are still missing; the rows of the others are filled."""
+    """Return the tasks with missing outputs; fill the rows of complete ones."""
     left = []
     for at, task in enumerate(tasks):
         yield Step(at / len(tasks), f"Checking {task['case']}")
@@ -302,7 +302,7 @@ def _started(
 
 
 def _labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
-    """Return facts about cases with labels beside them that ask for neither these nor a threshold."""
+    """Return facts about cases whose settings use neither the labels beside them nor a threshold."""
     without = [case for case in cases if not case.outputs[0].labels and is_otsu(case.outputs[0].settings)]
     unused = [labels for case in without if (labels := readers.segmentation_sibling(case.path)) is not None]
     if not unused:
@@ -312,9 +312,9 @@ def _labels_not_used(cases: Sequence[Case]) -> list[tuple[str, str]]:
 
 
 def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
-    """Return the memory that a case begins with, bytes, and let it ask for more where it can tell."""
+    """Return the bytes of memory that a case starts with; a case that knows its needs asks for more."""
     first = case.outputs[0]
-    several = bool(first.labels or first.beside)
+    several = bool(first.labels or first.shared_labels)
     task["asks"] = asks_for_memory(first.settings, several)
     source = source_of(case.path, first.settings.label)
     voxels, value_bytes = values_of(source, case.reading.allow_outside)
@@ -335,7 +335,6 @@ def _print_ended(event: Event, rows: Mapping[str, SummaryRow]) -> None:
 
 
 def _update_rows(event: Event, rows: Mapping[str, SummaryRow], folder: Path) -> None:
-    """Bring the rows of a task up to date."""
     for output in event.task["outputs"]:
         name = output["name"]
         if event.status != ENDED:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The files of a batch: the outputs of a case, and how a later run sees that a case is done.
+"""Manage the files of a batch: the outputs of a case, and the records by which a later run skips it.
 
 A case's JSON is written last. It carries a key of the input, the settings and the version, so whoever finds it knows
 whether the surface beside it is still the one that is asked for. What is being written lies in a hidden folder of the
@@ -46,7 +46,7 @@ def thumbnail_path(folder: Path, name: str) -> Path:
 
 
 def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
-    """Return where a case keeps what is not complete: on the same disk as its output.
+    """Return the folder for a case's incomplete files, on the disk of its output.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def own_unfinished_folder(task: Mapping[str, Any]) -> Path:
 
 
 def batch_is_over(task: Mapping[str, Any]) -> bool:
-    """Return whether the batch of a task has ended: its hidden folder is gone, or its process, if that ran here.
+    """Return whether the batch of a task has ended: its hidden folder is removed, or its local process has ended.
 
     Another batch may be at work in the folder then, and what this one had not finished is of no use to it.
     """
@@ -74,7 +74,7 @@ def batch_is_over(task: Mapping[str, Any]) -> bool:
 def require_batch(task: Mapping[str, Any]) -> None:
     """Raise a `CtmcError` if the batch of a task has ended."""
     if batch_is_over(task):
-        raise CtmcError(f"the batch has ended, or its folder {task['unfinished']} is not seen on this machine")
+        raise CtmcError(f"the batch has ended, or its folder {task['unfinished']} is not visible from this machine")
 
 
 def put_output(
@@ -85,7 +85,7 @@ def put_output(
     thumbnail: Path | None,
     record: Mapping[str, Any],
 ) -> None:
-    """Put complete files in the place of older ones, the JSON last: none is there while the files do not fit it.
+    """Replace older files by complete ones, the JSON last: while files change there is no JSON.
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ def remove_unfinished(folder: Path) -> None:
 
 @contextmanager
 def unfinished_folder(folder: Path) -> Iterator[str]:
-    """The name of a new hidden folder in `folder` for what a run has not completed; it goes at the end.
+    """Return the name of a new hidden folder in `folder` for incomplete files; it is removed at the end.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
 
 
 def _remove_in_use(folder: Path) -> None:
-    """Remove a folder in which others may still write for a moment."""
+    """Remove a folder in which ending processes may still write for a moment."""
     end = time.monotonic() + PATIENCE
     shutil.rmtree(folder, ignore_errors=True)
     while folder.exists() and time.monotonic() < end:  # a file came while the others were removed
@@ -187,7 +187,7 @@ def _remove_in_use(folder: Path) -> None:
 
 
 def remove_own_unfinished(unfinished: Path) -> None:
-    """Remove what a case has not finished, and the hidden folder of its batch with the last case of one that is gone.
+    """Remove a case's incomplete files, and the hidden folder of an ended batch with its last case.
 
     The folder of a batch that lives stays: by it the other cases know that the batch lives.
     """
@@ -198,7 +198,7 @@ def remove_own_unfinished(unfinished: Path) -> None:
 
 
 def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the part of a JSON that must fit for it to stand for this output, besides the key of the input."""
+    """Return the part of a JSON that must match this output, in addition to the key of the input."""
     reading = options_of(task)
     return {
         "version": VERSION,
@@ -244,7 +244,7 @@ def is_refused_now(record: Mapping[str, Any], task: Mapping[str, Any], source: P
 
 @lru_cache(maxsize=1)  # the outputs of a case mostly have one source
 def _is_refused(source: Path, options: ReadingOptions) -> bool:
-    """Whether an input cannot be read; it is read as far as the type of its values must be known."""
+    """Return whether an input cannot be read; it is read until the type of its values is known."""
     try:
         finish(finish(open_volume_steps(source, options.allow_outside)).slabs_steps(options))
     except (CtmcError, OSError):
@@ -274,14 +274,14 @@ def settings_of(output: Mapping[str, Any]) -> ReconstructionSettings:
 
 
 def options_of(task: Mapping[str, Any]) -> ReadingOptions:
-    """Return how a task's input is read."""
+    """Return the reading options of a task's input."""
     return ReadingOptions.from_dict(task["reading"])
 
 
 def failed_record(
     task: Mapping[str, Any], output: Mapping[str, Any], error: str, seconds: float | None, status: str = FAILED
 ) -> dict[str, Any]:
-    """Return the JSON of an output that did not come about."""
+    """Return the JSON of a failed or absent output."""
     return {
         "case": output["name"],
         "status": status,

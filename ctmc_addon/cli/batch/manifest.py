@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A CSV manifest: a line for each case, with its input, its name and settings of its own.
+"""Read a CSV manifest: a line for each case, with its input, its name and its own settings.
 
 Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, and how
 the input is read. An empty cell means what holds for all cases.
@@ -35,7 +35,7 @@ class CaseInput:
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, Any] = field(default_factory=dict)
-    where: str = ""  # such as 'cases.csv, line 3'; empty for what no manifest names
+    where: str = ""  # Such as 'cases.csv, line 3'; empty without a manifest.
 
 
 def manifest_inputs(path: Path) -> list[CaseInput]:
@@ -73,7 +73,7 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
 
 
 def _not_utf8(content: bytes, at: int, name: str) -> str:
-    """Return which byte of a manifest is not UTF-8, and where it stands."""
+    """Return the byte of a manifest that is not UTF-8, and its position."""
     lines = content[:at].decode("utf-8", "replace").split("\n")
     behind = f" behind {lines[-1][-LONGEST_PLACE:]!r}" if lines[-1] else ""
     return f"{name}, line {len(lines)}: the byte 0x{content[at]:02x}{behind} is not UTF-8"
@@ -129,16 +129,15 @@ def _underscored(title: str) -> str:
 
 
 def _require_columns(names: list[str], where: str) -> None:
-    """Refuse a manifest without inputs, or one that says a thing twice."""
+    """Refuse a manifest without inputs or with a column twice."""
     if "input" not in names:
         raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
     for name in names:
         if names.count(name) > 1:
-            raise ReadError(f"{where}: column '{_word_of(name)}' is there twice; keep one")
+            raise ReadError(f"{where}: column '{_word_of(name)}' appears twice; keep one")
 
 
 def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    """Read one line of the manifest."""
     values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:

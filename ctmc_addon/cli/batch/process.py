@@ -85,7 +85,7 @@ class CaseProcess:
         threading.Thread(target=self.listen, daemon=True).start()
 
     def listen(self) -> None:
-        """Queue the words of the process until it ends."""
+        """Queue the process's messages until it ends."""
         assert self.process.stdout is not None
         try:
             with self.process.stdout as stream:
@@ -147,7 +147,7 @@ class CaseProcess:
 
 
 def command() -> list[str]:
-    """Return how a process for cases is started: Blender's own binary inside Blender, else this Python."""
+    """Return the command that starts a process for cases: Blender's own binary inside Blender, else this Python."""
     bpy = sys.modules.get("bpy")
     binary = bpy.app.binary_path if bpy is not None else ""
     if binary:
@@ -306,14 +306,14 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
 
 
 def fits(running: Sequence[CaseProcess], need: int, limit: int | None) -> bool:
-    """Return whether `need` bytes fit beside those reserved for others; anything fits where nothing runs."""
+    """Return whether `need` bytes fit beside those that running cases reserve; True if none runs."""
     return not running or limit is None or sum(process.reserved_bytes for process in running) + need <= limit
 
 
 def first_to_grant(running: Sequence[CaseProcess], limit: int | None) -> CaseProcess | None:
     """Return the first case whose memory there is room for now, of those that ask."""
     for process in running:
-        others = [other for other in running if other is not process]
-        if process.asked_bytes and fits(others, process.asked_bytes, limit):
+        other_processes = [other for other in running if other is not process]
+        if process.asked_bytes and fits(other_processes, process.asked_bytes, limit):
             return process
     return None

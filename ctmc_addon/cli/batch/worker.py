@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A process that makes the cases of a batch, one after the other: `ctmc batch` starts it and hands it tasks.
+"""Run a process that makes cases of a batch one after the other: `ctmc batch` starts it and hands it tasks.
 
 A task is a line of JSON on standard input; when its case is over, a line on standard output says so. Standard input
 stays open while the batch lives. Its end means that there is nothing more to do, or that the batch is gone, killed
@@ -123,7 +123,7 @@ class _BatchPipe:
             os._exit(1)
 
     def end_task(self, word: str) -> None:
-        """Say that the case is over, and whether this process takes another."""
+        """Report that the case has ended, and whether this process takes another."""
         self.unfinished = None
         self.say(word)
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The commands that need one file: info, reconstruct, settings."""
+"""Run the commands that need one file, such as info, reconstruct and settings."""

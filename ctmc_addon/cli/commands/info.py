@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc info PATH`: what a CT or label volume is, and what had to be assumed to read it."""
+"""Run `ctmc info PATH`: describe a CT or label volume, and the assumptions made while reading it."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ def run(args: argparse.Namespace) -> None:
 def facts_of(
     volume: Volume, source: readers.VolumeSource, values: ValueFacts, labels: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    """Return what is known of a volume, as plain data; lowest and highest value are None where they are not numbers."""
+    """Return the facts of a volume as plain data; lowest and highest value are None if they are not numbers."""
     finite = values.low <= values.high
     sibling = readers.segmentation_sibling(source.path)
     return {

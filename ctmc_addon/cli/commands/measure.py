@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc measure INPUT --label all -o table.csv`: surfaces measured, and no surface written."""
+"""Run `ctmc measure INPUT --label all -o table.csv`: measure surfaces without writing them."""
 
 from __future__ import annotations
 

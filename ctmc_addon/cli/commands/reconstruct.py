@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc reconstruct INPUT -o OUTPUT`: a volume in, a surface file out."""
+"""Run `ctmc reconstruct INPUT -o OUTPUT`: read a volume and write a surface file."""
 
 from __future__ import annotations
 
@@ -53,7 +53,7 @@ from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
 
 FORMATS = tuple(suffix.lstrip(".") for suffix in mesh_files.SURFACE_SUFFIXES)
-MOST_FILES = 8  # named in the summary
+MOST_FILES = 8  # The summary names at most this many.
 STAGES = {"Reading": 3, "Reconstructing": 6, "Writing": 1}
 
 
@@ -107,7 +107,7 @@ def run(args: argparse.Namespace) -> None:
             args.output,
             f".{args.format}",
             may_be_several(choices) or asks_all_times(args),
-            count_known=len(choices) > 1 or asks_all_times(args),
+            is_counted=len(choices) > 1 or asks_all_times(args),
         ),
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
@@ -147,7 +147,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def measured_steps(making: Steps[Surfaces], outputs: Outputs) -> Steps[Surfaces]:
-    """Surfaces whose measures are known and whose files find memory, before anything is written."""
+    """Measure surfaces and reserve memory for their files before anything is written."""
     surfaces = yield from making
     for result in surfaces.results:
         yield Step(1.0, "Measuring the surface")
@@ -290,7 +290,7 @@ def source_of(path: Path, label: int | None) -> Path:
 
 
 def _small_components_lines(result: Reconstruction) -> list[str]:
-    """Return how many components are small and which flag removes them; empty where they are few or were removed."""
+    """Return the number of small components and the flag that removes them; empty if they are few or were removed."""
     measures = result.measures
     if not measures.has_many_small_components or result.settings.min_part_mm3 >= measures.small:
         return []

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc segment CT -o labels.seg.nrrd --seed NAME X Y Z`: structures from points, as labels in a file."""
+"""Run `ctmc segment CT -o labels.seg.nrrd --seed NAME X Y Z`: segment structures from points into a label file."""
 
 from __future__ import annotations
 
@@ -222,7 +222,7 @@ def _request_of(args: argparse.Namespace) -> Request:
 
 
 def _numbers_of(flag: str, words: list[str]) -> tuple[float, ...]:
-    """Return the numbers of a flag; a `UsageError` where one is no finite number."""
+    """Return the numbers of a flag; raise `UsageError` for one that is not a finite number."""
     try:
         numbers = tuple(float(word) for word in words)
     except ValueError:

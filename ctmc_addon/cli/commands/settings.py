@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc settings > case.toml`: the settings with their texts, to be edited and read back with --settings."""
+"""Run `ctmc settings > case.toml`: print the settings with their texts, to edit and to read back with --settings."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One volume on many machines: the workers of a dask.distributed cluster extract slabs of a file that all of them see.
+"""Extract one volume on many machines: the workers of a dask.distributed cluster extract slabs of a shared file.
 
 Each task opens the file by its path and reads its slices alone. The scheduler gives the slabs of a worker that was
 lost to another one, so a lost worker costs its slab and not the run.
@@ -20,10 +20,10 @@ from ... import readers
 from ...core import CtmcError, ReadError, SlabResult, SlabTask, finish, slab_result_steps
 from ..scheduler import PATIENCE, Scheduler
 
-TICK = 0.05  # seconds between two looks at the futures
-AHEAD = 3  # tasks for each worker are with the scheduler: results wait in the workers' memory
+TICK = 0.05  # Seconds between two checks of the futures.
+AHEAD = 3  # Tasks per worker at the scheduler; their results wait in the workers' memory.
 LOST = "the scheduler {} lost a slab; run this again once it is up"
-LONGEST_ALONE = 60.0  # seconds without any worker
+LONGEST_WITHOUT_WORKERS = 60.0  # Seconds.
 RETRIES = 2  # Retries of a task that failed for another reason than the content of the file.
 
 
@@ -46,7 +46,7 @@ class _ClusterWorkers:
 
     @property
     def count(self) -> int:
-        """Workers that the scheduler knows now."""
+        """Return the current number of workers."""
         return self.cluster.workers
 
     def results(self, tasks: Sequence[SlabTask]) -> Generator[SlabResult | None, None, None]:
@@ -88,10 +88,10 @@ class _ClusterWorkers:
             if time.monotonic() - looked > 1.0:
                 looked = time.monotonic()
                 seen = looked if self.count else seen
-                if looked - seen > LONGEST_ALONE:
+                if looked - seen > LONGEST_WITHOUT_WORKERS:
                     raise CtmcError(
                         f"the scheduler {self.cluster.address} has had no worker for "
-                        f"{LONGEST_ALONE:.0f} s; check why the workers ended, start one with `dask "
+                        f"{LONGEST_WITHOUT_WORKERS:.0f} s; check why the workers ended, start one with `dask "
                         f"worker {self.cluster.address}`, and run this again"
                     )
 
@@ -113,7 +113,7 @@ class _ClusterWorkers:
 
 @contextmanager
 def workers_of(address: str | None, path: Path, reading: readers.ReadingOptions) -> Iterator[_ClusterWorkers | None]:
-    """The workers of the scheduler at an address, if one is given, who read `path`."""
+    """Yield the workers of the scheduler at an address, if any, which read `path`."""
     if not address:
         yield None
         return

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A surface of every time of a volume, one time after the other: no more than one is in memory."""
+"""Make a surface of every time of a volume, one time after the other, with only one in memory."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from ..surfaces import Surfaces, may_be_several, surfaces_steps
 
 Reader = Callable[[int], Steps[Volume]]
 STAGES = {"Reading": 3, "Reconstructing": 6}
-IN_TURN = (".blend",)  # files that show one surface after the other
+IN_TURN = (".blend",)  # These files show one surface after the other.
 
 
 def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, scheduler: bool) -> None:
@@ -63,7 +63,7 @@ def require_one_each(choices: Sequence[int | str], suffix: str, figure: bool, sc
 
 
 def number_of_times(source: VolumeSource, series: str | None) -> int:
-    """Return how many times a series has, or a `ReadError` for a single one."""
+    """Return the number of times of a series; raise `ReadError` for a single one."""
     line = source.selected_series(series)
     if line is not None and line.times == 1:
         raise ReadError(f"{source.path.name} holds a single time; leave --time all out")

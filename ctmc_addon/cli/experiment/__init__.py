@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment`: the experiments of Su and Ma on any CT."""
+"""Run `ctmc experiment`: the experiments of Su and Ma on any CT."""

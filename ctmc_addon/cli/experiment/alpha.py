@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment alpha`: the smoothness and distortion coefficient in numbers (Su and Ma, figure 8)."""
+"""Run `ctmc experiment alpha`: the smoothness and distortion coefficient in numbers (Su and Ma, figure 8)."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment voxels|rotation|alpha|simplify`: the experiments of Su and Ma on any CT."""
+"""Run `ctmc experiment voxels|rotation|alpha|simplify`: the experiments of Su and Ma on any CT."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Shared parts of the experiments: flags, reading and reconstructing, measures, and facts for their tables."""
+"""Share code of the experiments: flags, reading and reconstructing, measures, and facts for their tables."""
 
 from __future__ import annotations
 
@@ -44,7 +44,7 @@ class Work:
         self.budget = Budget(args.threads)
 
     def run(self, name: str, steps: Steps[T]) -> T:
-        """Drain the steps of a stage."""
+        """Run the steps of a stage to their end."""
         return self.progress.finish(self.stages.run(name, steps))
 
     def read(self, settings: ReconstructionSettings) -> Volume:

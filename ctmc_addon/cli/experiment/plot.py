@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Small bar charts side by side as PNG, with the value on every bar."""
+"""Draw small bar charts side by side as PNG, with the value on every bar."""
 
 from __future__ import annotations
 

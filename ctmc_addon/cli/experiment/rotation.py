@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment rotation`: how much faster a simplified surface turns (Su and Ma, table 2)."""
+"""Run `ctmc experiment rotation`: measure how much faster a simplified surface turns (Su and Ma, table 2)."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
 
 
 def _turn_text(frames: int, step_degrees: float) -> str:
-    """Return how far the frames turn the surface.
+    """Return the angle of the turn as text.
 
     Examples
     --------
@@ -103,7 +103,7 @@ def _require_turning(args: argparse.Namespace) -> None:
 
 
 def engine_of(name: str | None) -> tuple[str, str]:
-    """Blender's name of the engine, and why it is not the usual one."""
+    """Return Blender's name of the engine, and the reason if it is not the usual one."""
     from ...blender.rotation import can_draw
 
     if can_draw():
@@ -158,7 +158,7 @@ def _rows_of(levels: Sequence[Any], engine: str, size: Sequence[int], frames: in
 
 
 def _columns(rounds: int) -> list[Column]:
-    """Return the paper's table 2, triangles and drawing alone beside it."""
+    """Return the columns of the paper's table 2, with triangles and drawing time."""
 
     def round_column(at: int) -> Column:
         return Column(f"{TIMES[at] if at < len(TIMES) else at + 1}, s", lambda row: f"{row['rounds'][at]:.4f}")

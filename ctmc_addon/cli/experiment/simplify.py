@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment simplify`: the built-in simplifier beside Blender's Decimate at the same number of triangles."""
+"""Run `ctmc experiment simplify`: compare the built-in simplifier with Blender's Decimate at equal triangle counts."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of an experiment: printed, and as CSV, JSON and Markdown in a folder."""
+"""Print the table of an experiment, and write it as CSV, JSON and Markdown into a folder."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ class ExperimentTable:
     rows: Sequence[Row]
     plot: Plot
     pictures: Sequence[tuple[str, str]] = ()
-    made_on: tuple[tuple[str, str], ...] = field(
+    machine_facts: tuple[tuple[str, str], ...] = field(
         default_factory=lambda: (("machine", machine()), ("versions", versions()))
     )
 
@@ -72,7 +72,7 @@ class ExperimentTable:
 
     def printed(self) -> str:
         """Return machine, table and facts for a terminal."""
-        return f"{self.title}\n{listing(self.made_on)}\n\n{table(self.cells)}\n\n{listing(self.facts)}"
+        return f"{self.title}\n{listing(self.machine_facts)}\n\n{table(self.cells)}\n\n{listing(self.facts)}"
 
     def markdown(self) -> str:
         """Return title, machine, table, facts and pictures as Markdown."""
@@ -84,12 +84,12 @@ class ExperimentTable:
         rule = " | ".join(["---", *["---:"] * (len(self.columns) - 1)])
         body = [f"| {row} |" for row in (rows[0], rule, *rows[1:])]
         pictures = [f"![{caption}]({name})" for name, caption in ((PLOT, self.plot.caption), *self.pictures)]
-        head = [f"## {self.title}", "", _escaped("; ".join(fact for _, fact in self.made_on)), ""]
+        head = [f"## {self.title}", "", _escaped("; ".join(fact for _, fact in self.machine_facts)), ""]
         return "\n".join([*head, *body, "", *lines, "", *pictures, ""])
 
     def write(self, folder: Path) -> None:
         """Write the files of the table."""
-        rows = [{**row, **dict(self.made_on)} for row in self.rows]
+        rows = [{**row, **dict(self.machine_facts)} for row in self.rows]
         self.plot.write(folder / PLOT)
         write_json(folder / AS_JSON, rows)
         write_text(folder / AS_CSV, as_csv(rows))
@@ -122,7 +122,7 @@ def _escaped(text: str) -> str:
 
 
 def runs_text(repeats: int) -> str:
-    """Return how often each was timed, for a person.
+    """Return the number of timed runs as text.
 
     Examples
     --------

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc experiment voxels`: time and error of larger voxels (Su and Ma, table 1 and figures 4 to 7)."""
+"""Run `ctmc experiment voxels`: measure time and error of larger voxels (Su and Ma, table 1 and figures 4 to 7)."""
 
 from __future__ import annotations
 

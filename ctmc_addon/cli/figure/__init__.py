@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure`: figures, sheets and turntables from one command."""
+"""Run `ctmc figure`: figures, sheets and turntables from one command."""

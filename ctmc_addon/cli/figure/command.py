@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure INPUT -o FILE.png`: one command to a figure for print, and `figure sheet`, `figure turntable`."""
+"""Run `ctmc figure INPUT -o FILE.png`: make a figure for print; `figure sheet` and `figure turntable` are below it."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def add_parser(commands: Any) -> None:
     common.add_surfaces(parser)
     common.add_map(parser)
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run))
+    parser.set_defaults(run=common.with_output_folders(run))
     sheet.add_flags(parser.add_command("sheet", sheet.DESCRIPTION))
     turntable.add_flags(parser.add_command("turntable", turntable.DESCRIPTION))
 

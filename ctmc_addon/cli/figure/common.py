@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Code that the figure commands share: flags of page and look, reading, surfaces in a separate scene."""
+"""Share code of the figure commands: flags of page and style, reading, surfaces in a separate scene."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ from ..terminal import dimensions, listing, titled
 
 
 def add_common(parser: argparse.ArgumentParser, output: str, kind: str) -> None:
-    """INPUT, the output, the settings, and how a figure of a kind, a name in `PAGES`, looks."""
+    """Add INPUT, the output, the settings, and the style flags of a figure kind, a name in `PAGES`."""
     add_input(parser)
     parser.add_argument("-o", "--output", required=True, metavar="OUTPUT", help=output)
     add_settings(parser, many=("label",))
@@ -69,7 +69,7 @@ def page_of(args: argparse.Namespace) -> Page:
 
 
 def style_of(args: argparse.Namespace) -> FigureStyle:
-    """Return how the flags have surfaces look."""
+    """Return the style of the flags."""
     with flags_checked():
         return FigureStyle(**values_of(args, FigureStyle))
 
@@ -91,8 +91,8 @@ def only_one(args: argparse.Namespace, what: str) -> ReconstructionSettings:
     return settings
 
 
-def in_made_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
-    """`run` with the folders of its outputs made, and removed again if nothing is written to them.
+def with_output_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[argparse.Namespace], None]:
+    """Wrap `run`: make the folders of its outputs first, and remove those that stay empty.
 
     An output that is a file of the input is refused as soon as the input is opened.
     """
@@ -167,7 +167,7 @@ def require_names(args: argparse.Namespace, count: int) -> None:
 
 
 def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> None:
-    """Raise `UsageError` for names of labels that are known to be others."""
+    """Raise `UsageError` if the number of names is not that of the surfaces."""
     if all(isinstance(choice, int) for choice in choices):
         require_names(args, max(1, len(choices)))
 
@@ -176,7 +176,7 @@ def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> 
 def shown_of(
     args: argparse.Namespace, style: FigureStyle, surfaces: Surfaces
 ) -> Iterator[tuple[Any, tuple[ShownSurface, ...], list[Reconstruction]]]:
-    """A scene of its own with an object for every surface, how each is shown, and the surfaces as they are shown.
+    """Yield a separate scene with an object for every surface, how each is shown, and the shown surfaces.
 
     Several have a name and their label's color; what hides a tumor is translucent.
     """
@@ -210,6 +210,6 @@ def size_of(page: Page, size: tuple[int, int]) -> str:
 
 
 def summary(facts: Sequence[tuple[str, str]], notes: Sequence[str], files: Sequence[Path | None]) -> str:
-    """Return what came out, for a person: facts, notes, and the files that were written."""
+    """Return the result as text: facts, notes, and the files that were written."""
     written = ", ".join(file.name for file in files if file is not None)
     return listing([*facts, *titled("note", [with_flags(note) for note in dict.fromkeys(notes)]), ("written", written)])

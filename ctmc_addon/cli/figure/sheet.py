@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure sheet`: the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
+"""Run `ctmc figure sheet`: show the same surface at several settings, side by side (Su and Ma, figures 6 to 8)."""
 
 from __future__ import annotations
 
@@ -25,13 +25,13 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """The flags of `ctmc figure sheet`."""
+    """Add the flags of `ctmc figure sheet`."""
     common.add_common(parser, "FILE.png; its folder is created if needed", "sheet")
     group = parser.add_argument_group("settings to compare")
     add_described(group, Comparison, readers={"strides": sides_of})
     common.add_map(parser)
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run))
+    parser.set_defaults(run=common.with_output_folders(run))
 
 
 def run(args: argparse.Namespace) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc figure turntable`: a surface turning about its vertical axis, as a video or as pictures."""
+"""Run `ctmc figure turntable`: turn a surface about its vertical axis, as a video or as pictures."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ DESCRIPTION = (
 
 
 def add_flags(parser: argparse.ArgumentParser) -> None:
-    """The flags of `ctmc figure turntable`."""
+    """Add the flags of `ctmc figure turntable`."""
     common.add_common(parser, "a video, such as FILE.mp4, or a folder for PNG frames", "turntable")
     common.add_surfaces(parser)
     group = parser.add_argument_group("turntable")
@@ -34,7 +34,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     again.add_argument("--resume", action="store_true", help="continue this turntable if it was interrupted")
     again.add_argument("--overwrite", action="store_true", help="replace an existing turntable")
     common.add_blend(parser)
-    parser.set_defaults(run=common.in_made_folders(run))
+    parser.set_defaults(run=common.with_output_folders(run))
 
 
 def run(args: argparse.Namespace) -> None:

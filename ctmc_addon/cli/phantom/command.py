@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc phantom DIR`: a CT with known truth as files of the usual formats."""
+"""Run `ctmc phantom DIR`: write a CT with known truth as files of the usual formats."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ def write_phantom_steps(phantom: Phantom, folder: Path, formats: list[str]) -> S
 
 
 def truth_of(phantom: Phantom) -> dict[str, Any]:
-    """Return what is known of the phantom, as plain data."""
+    """Return the ground truth of the phantom as plain data."""
     return {
         "seed": phantom.seed,
         "slices": phantom.volume.size[2],

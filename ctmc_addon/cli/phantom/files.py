@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The phantom as a PNG series, as a DICOM series and as a LiTS pair of NIfTI files.
+"""Write the phantom as a PNG series, as a DICOM series and as a LiTS pair of NIfTI files.
 
-A slice a file, every file whole or not there at all. Nothing in them names a person, a time or a machine.
+Each slice is a file, and each file is complete or missing. Nothing in them names a person, a time or a machine.
 """
 
 from __future__ import annotations
@@ -26,12 +26,12 @@ CT_IMAGE_STORAGE = "1.2.840.10008.5.1.4.1.1.2"
 
 
 def _png_name(number: int) -> str:
-    """Names without leading zeros, as many tools write them: readers must sort by number."""
+    """Return a name without leading zeros, as many tools write them: readers must sort by number."""
     return f"slice_{number}.png"
 
 
 def dicom_name(number: int) -> str:
-    """File of the slice with this number, from 1."""
+    """Return the file of the slice with this number, from 1."""
     return f"slice_{number:04d}.dcm"
 
 
@@ -55,15 +55,15 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
         if name not in formats or not (folder / name).is_dir():
             continue
         ours = {namer(number) for number in range(1, slices + 1)}
-        others = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
-        if others:
+        foreign_files = sorted(path.name for path in (folder / name).iterdir() if path.name not in ours)
+        if foreign_files:
             raise OutputError(
-                f"{folder / name} holds {others[0]}, which is not a slice of this phantom; choose another folder"
+                f"{folder / name} holds {foreign_files[0]}, which is not a slice of this phantom; choose another folder"
             )
 
 
 def _write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
-    """8 bit gray slices from the feet to the head, HU -160 to 240."""
+    """Write 8 bit gray slices from the feet to the head, HU -160 to 240."""
     image = library("PIL.Image", "Pillow")
     png_folder = made_folder(folder / "png")
     low, high = WINDOW
@@ -77,7 +77,7 @@ def _write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 
 
 def write_nifti_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
-    """`volume-SEED.nii.gz` and `segmentation-SEED.nii.gz`, as in LiTS."""
+    """Write `volume-SEED.nii.gz` and `segmentation-SEED.nii.gz`, as in LiTS."""
     nibabel = library("nibabel", "nibabel")
     names = []
     for at, volume in enumerate((phantom.volume, phantom.labels)):
@@ -94,7 +94,7 @@ def write_nifti_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 
 
 def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
-    """CT Image Storage (PS3.3 A.3), explicit VR little endian, its identifiers worked out from the content."""
+    """Write CT Image Storage (PS3.3 A.3), explicit VR little endian, with identifiers derived from the content."""
     pydicom = library("pydicom", "pydicom")
     dicom_folder = made_folder(folder / "dicom")
     # Phantoms of one seed but another grid are other series.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""`ctmc foam OUTPUT`: a foam of any size as one file, to try volumes that do not fit in memory."""
+"""Run `ctmc foam OUTPUT`: write a foam of any size as one file, to try volumes that do not fit in memory."""
 
 from __future__ import annotations
 
@@ -60,7 +60,6 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _npy_steps(volume: Volume, path: Path) -> Steps[None]:
-    """Write a .npy file."""
     with path.open("wb") as stream:
         npy: Any = np.lib.format
         npy.write_array_header_2_0(stream, {"descr": "|u1", "fortran_order": False, "shape": volume.shape})

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that decodes, as this side sees it: started, asked for one picture after the other, ended.
+"""Start the decoding process, ask it for one picture after the other, and end it.
 
 Decoders of compressed pixels are written in C; a file made for it makes them crash, hang or use up the memory. In a
 process of their own that ends nothing but itself. It is this Python with the same modules, it is asked in lines of
@@ -25,18 +25,18 @@ from numpy.typing import NDArray
 from ...core import BOOT, ReadError, Step, Steps, ending, first_request, interpreter
 
 WORKER = Path(__file__).with_name("worker.py")
-TICK = 0.02  # seconds between two looks whether there is an answer
+TICK = 0.02  # Seconds between two checks for an answer.
 START_SECONDS = 60.0
-PICTURE_SECONDS = 8.0  # that a picture may take; a larger one for each MEGAPIXEL
+PICTURE_SECONDS = 8.0  # A picture may take this long; a larger one, for each MEGAPIXEL.
 MEGAPIXEL = 1 << 20
-MEMORY = 2 << 30  # bytes that the process may address, and for each pixel
+MEMORY = 2 << 30  # Bytes that the process may address, beside those for each pixel.
 MEMORY_OF_A_PIXEL = 64
 LONGEST_LINE = 1 << 16
 PIECE = 1 << 20
 
 
 class DecoderEnded(Exception):
-    """The process is gone, or has been ended for taking too long; says why."""
+    """The process crashed, or was ended because it took too long; the text has the reason."""
 
 
 class DecodingProcess:
@@ -136,7 +136,7 @@ class DecodingProcess:
                     raise DecoderEnded("it stopped in the middle of an answer")
 
     def _available(self) -> bytes:
-        """What the process has written, after at most `TICK` seconds; `DecoderEnded` where its output has ended."""
+        """Wait up to `TICK` seconds and return the bytes written so far; `DecoderEnded` if the output has ended."""
         assert self.process.stdout is not None
         handle = self.process.stdout.fileno()
         try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The process that decodes, from inside: a request in a line of JSON, a picture as plain bytes, until the input ends.
+"""Run the decoding process: read requests as lines of JSON and write pictures as plain bytes until the input ends.
 
 A request names a DICOM file and one of its frames.
 """
@@ -68,7 +68,7 @@ def answer(request: dict[str, Any]) -> bytes:
     except OSError as error:
         return line({"sentence": f"{path.name} cannot be read ({error.strerror or error}); check the file"})
     except MemoryError:
-        return line({"sentence": f"{path.name} needs more memory to be decoded than its size tells of; copy it again"})
+        return line({"sentence": f"{path.name} needs more memory to decode than its size allows; copy it again"})
     except Exception:  # noqa: BLE001  (raised again on the other side)
         return line({"defect": traceback.format_exc()[-8000:]})
     return line({"shape": picture.shape, "dtype": picture.dtype.str}) + picture.tobytes()
@@ -86,7 +86,7 @@ def header_of(path: Path) -> ImageFile:
         return finish(header_steps(path)).image
     header = read_header(path)
     if not isinstance(header, ImageFile):
-        raise ReadError(f"{path.name} is no longer the DICOM image that it was; read it again")
+        raise ReadError(f"{path.name} has changed since it was opened; read it again")
     return header
 
 

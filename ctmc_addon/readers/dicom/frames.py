@@ -21,18 +21,18 @@ class WrongGroups(ValueError):
 class _Moment(NamedTuple):
     """The times and numbers that tell a frame from others at its position; empty or None if missing."""
 
-    temporal: str = ""  # number of the time point
-    acquisition: str = ""  # number of the acquisition
-    trigger: float | None = None  # ms after the heart's trigger
-    acquired: tuple[str, str] | None = None  # times of the day
+    temporal: str = ""  # Number of the time point.
+    acquisition: str = ""  # Number of the acquisition.
+    trigger: float | None = None  # Milliseconds after the heart's trigger.
+    acquired: tuple[str, str] | None = None  # Times of day.
 
 
 class FrameGeometry(NamedTuple):
     """The position, moment and scale of one frame; None if missing."""
 
     position: tuple[float, ...] | None  # (x, y, z) of the first pixel's center
-    orientation: tuple[float, ...] | None  # direction of a row, then of a column
-    spacing: tuple[float, ...] | None  # between rows, between columns, mm
+    orientation: tuple[float, ...] | None  # Direction of a row, then of a column.
+    spacing: tuple[float, ...] | None  # Millimeters between rows, then between columns.
     slope: float
     intercept: float
     unit: str  # RescaleType, empty where there is none

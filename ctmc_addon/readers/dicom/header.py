@@ -65,11 +65,11 @@ class ImageFile:
     uid: str  # SOPInstanceUID
     frame_of_reference: str  # UID of the coordinates, which other series may share
     instance: int
-    called: Called  # for the screen alone
+    called: Called  # For the screen only.
     scout: bool
     gray: bool
     hounsfield: bool
-    lookup: bool  # a modality look-up table instead of slope and intercept
+    lookup: bool  # True for a modality look-up table instead of slope and intercept.
     pixels: Pixels
     frames: tuple[FrameGeometry, ...]
 
@@ -96,10 +96,10 @@ class Broken(NamedTuple):
     """A DICOM image that ends too early or cannot be understood."""
 
     path: Path
-    series: str  # empty where it is not known
-    damage: str = ""  # what is wrong, where that is known
+    series: str  # Empty if unknown.
+    damage: str = ""  # The defect, if known.
     remedy: str = "copy it again"
-    stray: bool = False  # nothing in it says that it is DICOM
+    stray: bool = False  # True if nothing in the file shows that it is DICOM.
 
 
 def may_be_dicom(path: Path) -> bool:
@@ -114,7 +114,7 @@ def may_be_dicom(path: Path) -> bool:
 
 
 def has_other_suffix(path: Path) -> bool:
-    """Return whether the name says that a file is not a DICOM image."""
+    """Return whether the suffix belongs to files other than DICOM images."""
     return path.name.upper() in BY_FILE_NAME or BY_SUFFIX.get(suffix(path), "DICOM") != "DICOM"
 
 
@@ -173,7 +173,7 @@ def read_dataset(file: IO[bytes], **options: Any) -> Any:
 
 
 def read_header(path: Path) -> ImageFile | Broken | None:
-    """Return the header of a DICOM image; None for another DICOM object, or a name that says picture or volume."""
+    """Return the header of a DICOM image; None for other DICOM objects and for suffixes of other formats."""
     if has_other_suffix(path):
         return None
     with path.open("rb") as file:
@@ -199,7 +199,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
         if unpacks_without_end(file):
-            return Broken(path, "", "it unpacks to far more than its size tells of")
+            return Broken(path, "", "it unpacks to far more bytes than its size allows")
         dataset = read_dataset(file, defer_size=LONGEST_VALUE, force=not preamble)
         syntax = _syntax_of(dataset)
         if syntax == DEFLATED:  # skipped values cannot be found again in the file
@@ -266,7 +266,6 @@ def sop_class(elements: _DatasetValues) -> str:
 
 
 def _image_file(path: Path, elements: _DatasetValues, series: str, pixels: Pixels) -> ImageFile:
-    """Return the description of the image in a dataset."""
     image_type = elements.get("ImageType", None) or ()
     words = [str(word).strip().upper() for word in ([image_type] if isinstance(image_type, str) else image_type)]
     modality = str(elements.get("Modality", None) or "")

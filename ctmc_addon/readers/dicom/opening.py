@@ -23,6 +23,6 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
     return (yield from series.open_steps(path))
 
 
-def is_alone(path: Path) -> bool:
+def is_whole_volume(path: Path) -> bool:
     """Return whether a file is a volume by itself, and not a slice of its folder."""
     return bool(label_class(path)) or is_multi_frame(path)

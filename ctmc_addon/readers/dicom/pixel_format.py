@@ -29,13 +29,13 @@ FARTHEST = 16  # Connected pixels up to this many away overshot too.
 class Pixels(NamedTuple):
     """The storage of a file's pixels."""
 
-    syntax: str  # transfer syntax UID
+    syntax: str  # Transfer syntax UID.
     compressed: bool
     floating: bool
-    padding: tuple[int, int] | None  # lowest and highest stored value that means 'no pixel'
-    start: int  # byte of the file where they begin
-    options: Mapping[str, Any]  # rows, columns, bits and the like, as pydicom's decoders take them
-    high_bit: Any = None  # of the header; None if it has none
+    padding: tuple[int, int] | None  # Stored values from the first to the second mean 'no pixel'.
+    start: int  # Byte of the file at which the pixels begin.
+    options: Mapping[str, Any]  # Rows, columns, bits and so on for pydicom's decoders.
+    high_bit: Any = None  # As in the header; None if it has none.
 
 
 def unusable_number(options: Mapping[str, Any]) -> str:

@@ -33,7 +33,7 @@ class DoesNotFit(Exception):
 class SliceRead(NamedTuple):
     """The range and the padding of one slice that was filled."""
 
-    lowest: float  # of the pixels that are not padding; infinity where there are none
+    lowest: float  # Lowest pixel that is not padding; infinity without one.
     padded: int
 
 
@@ -121,7 +121,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
 
 
 def plain_type(image: ImageFile) -> np.dtype[Any] | None:
-    """Return the type of gray pixels that lie in the file as in memory; None of others, which pydicom decodes."""
+    """Return the type of pixels that can be read as stored; None if pydicom has to decode them."""
     pixels, options = image.pixels, image.pixels.options
     as_in_memory = pixels.syntax in (IMPLICIT_LITTLE, EXPLICIT_LITTLE) and image.gray and not pixels.floating
     return LITTLE_ENDIAN.get((options["pixel_representation"], options["bits_allocated"])) if as_in_memory else None

@@ -113,7 +113,7 @@ class DicomSource(VolumeSource):
         )
 
     def _selected(self, requested_series: str) -> tuple[str, list[str]]:
-        """Return the UID of the series to read, and the note that counts the others."""
+        """Return the UID of the series to read, and a note with the number of series."""
         if not self.series:
             if self.content.broken:
                 raise truncated(self.content.broken[0])
@@ -188,10 +188,10 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
         raise truncated(own)
     if len(own.frames) > 1:
         return DicomSource(path, _sorted_out([own]))
-    others = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural_key)
-    at = next(number for number, file in enumerate(others) if file.name == path.name)
-    before = yield from stages.run("Reading headers", headers_steps(others[:at]))
-    after = yield from stages.run("Reading headers", headers_steps(others[at + 1 :]))
+    files = sorted((file for file in path.parent.iterdir() if file.is_file()), key=natural_key)
+    at = next(number for number, file in enumerate(files) if file.name == path.name)
+    before = yield from stages.run("Reading headers", headers_steps(files[:at]))
+    after = yield from stages.run("Reading headers", headers_steps(files[at + 1 :]))
     headers = [*before, own, *after]
     return DicomSource(
         path, _sorted_out([header for header in headers if header.series == own.series or isinstance(header, Broken)])
@@ -255,7 +255,7 @@ def _name_pattern(path: Path) -> str:
 
     Examples
     --------
-    >>> name_pattern(Path("IM-0001-0017.dcm")), name_pattern(Path("1.2.840.17")), name_pattern(Path("0f1e22ab-77aa"))
+    >>> _name_pattern(Path("IM-0001-0017.dcm")), _name_pattern(Path("1.2.840.17")), _name_pattern(Path("0f1e22ab-77aa"))
     ('im-#-#.dcm', '#.#.#.#', '#-#')
     """
     words = re.sub(r"(?<![0-9a-z])[0-9a-f]{4,}(?![0-9a-z])", "#", path.name.casefold())
@@ -282,7 +282,7 @@ def truncated(broken: Broken) -> ReadError:
 
 
 def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list[str]]:
-    """Return the largest group of slices of one size, orientation and spacing, and notes about the others.
+    """Return the largest group of slices of one size, orientation and spacing, and notes about other slices.
 
     Parameters
     ----------
@@ -319,12 +319,12 @@ def one_geometry(slices: Sequence[Slice], path: Path) -> tuple[list[Slice], list
     notes = []
     if len(placed) < len(slices):
         notes.append(f"{len(slices) - len(placed)} images without a position were left out")
-    others = len(placed) - scouts - len(best)
+    odd_slices = len(placed) - scouts - len(best)
     if scouts:
         notes.append(f"{scouts} scout{'s' * (scouts > 1)} left out")
-    if others:
-        plural = "slices" if others > 1 else "slice"
-        notes.append(f"{others} {plural} of another size, orientation or spacing left out")
+    if odd_slices:
+        plural = "slices" if odd_slices > 1 else "slice"
+        notes.append(f"{odd_slices} {plural} of another size, orientation or spacing left out")
     if any(ct_slice.image.lookup for ct_slice in best):
         raise ReadError("the series scales its values by a look-up table, not by a slope; export it with RescaleSlope")
     for slope, intercept in {(ct_slice.geometry.slope, ct_slice.geometry.intercept) for ct_slice in best}:

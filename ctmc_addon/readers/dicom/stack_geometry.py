@@ -92,7 +92,7 @@ def stack_up(
     along = dot(positions_lps, normal)  # (n,) mm
     order, notes = _without_duplicates(along, np.argsort(along, kind="stable"))
     if len(order) < 2:
-        reason = f"there is one slice only ({names[order[0]]})"
+        reason = f"there is only one slice ({names[order[0]]})"
         if len(along) > 1:
             reason = f"all {len(along)} slices (such as {names[order[0]]}) are at one position to within {SAME_MM:g} mm"
         raise ReadError(
@@ -176,7 +176,7 @@ def _aligned(
     pixel_spacing: Sequence[float],
     strict: bool,
 ) -> list[str]:
-    """Check that the positions lie on one line, which alone an affine can carry."""
+    """Check that the positions lie on one line, because an affine can describe nothing else."""
     share = (along - along[0]) / (along[-1] - along[0])
     off = points - (points[0] + share[:, None] * (points[-1] - points[0]))  # (n, 3)
     distance = np.sqrt((off * off).sum(axis=1))

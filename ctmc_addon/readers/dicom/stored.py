@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Give the stored pixels of slices in turn; compressed ones come from a process, which damaged files may end."""
+"""Return the stored pixels of slices in turn; a process decodes compressed ones, because damaged files crash it."""
 
 from __future__ import annotations
 
@@ -76,7 +76,6 @@ class StoredPixels:
         self.asked = number
 
     def _picture_steps(self, process: DecodingProcess, step: Step) -> Steps[NDArray[Any]]:
-        """Return the requested pixels."""
         assert self.asked is not None, "the caller asks"
         ct_slice, self.asked = self.slices[self.asked], None
         try:

@@ -140,7 +140,7 @@ def _tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
 
 
 def _check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
-    """Refuse slices of which most stand where a different one stands; copies of one image are alike."""
+    """Refuse a series if most positions have several different images."""
     images: dict[int, set[tuple[str, int]]] = {}
     for ct_slice, height in zip(slices, along, strict=True):
         images.setdefault(round(height / SAME_MM), set()).add((ct_slice.image.uid, ct_slice.frame))
@@ -148,6 +148,6 @@ def _check_doubled(slices: Sequence[Slice], along: NDArray[np.float64]) -> None:
     if len(images) > 1 and 2 * doubled > len(images):
         raise ReadError(
             f"{doubled} of {len(images)} slices have more than one image, and neither AcquisitionNumber nor "
-            "TemporalPositionIdentifier nor an order of times tells which belong together; export each scan as a "
+            "TemporalPositionIdentifier nor an order of times tells which images form one scan; export each scan as a "
             "series of its own"
         )

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Image slices: PNG, JPEG, BMP and TIFF."""
+"""Read image slices: PNG, JPEG, BMP and TIFF."""

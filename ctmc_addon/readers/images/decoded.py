@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Slices that are decoded one by one: only those that are asked for, several at a time."""
+"""Decode requested slices only, several at a time."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from ..optional_imports import quiet_batches_steps
 
 
 class DecodedSlices(SliceReader):
-    """What `decode` makes of a slice's number, (rows, columns) of the type; called by several threads if told so."""
+    """Slices that `decode` returns by their number, (rows, columns); several threads may call it."""
 
     def __init__(
         self, decode: Callable[[int], NDArray[Any]], shape: tuple[int, int, int], dtype: np.dtype[Any], threads: int = 1
@@ -24,7 +24,7 @@ class DecodedSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """Two for each thread, so that none waits long for another."""
+        """Return two slices for each thread, so that no thread waits long for another."""
         return 2 * self.threads
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of image slices, one image each; it has neither spacing nor orientation."""
+"""Read a folder of image slices, one image each; it has neither spacing nor orientation."""
 
 from __future__ import annotations
 
@@ -74,11 +74,11 @@ class _ImageFolder(VolumeSource):
 
 
 def _common_metadata(headers: Sequence[Picture]) -> TiffMetadata:
-    """Return what the files of all slices say; where they differ in spacing, a note instead of it."""
+    """Return the metadata that all slices share; if their spacings differ, a note instead of a spacing."""
     first = headers[0].metadata
     if all(header.metadata.spacing == first.spacing for header in headers):
         return first
-    return first._replace(spacing=None, notes=("the slices say different spacings, of which none is taken",))
+    return first._replace(spacing=None, notes=("the slices have different spacings, so none is used",))
 
 
 def images_in(folder: Path) -> list[Path]:
@@ -93,18 +93,18 @@ def header_of(path: Path) -> Picture:
 
 
 def open_steps(path: Path) -> Steps[VolumeSource]:
-    """The pages of a file of several, else the stack that a slice is one of: those of its format in its folder."""
-    stack = opened_stack(path) if is_alone(path) else None
+    """Open the pages of a multi-page file; for a single slice, open the slices of its format in its folder."""
+    stack = opened_stack(path) if is_whole_volume(path) else None
     return stack or (yield from open_folder_steps(path.parent, path))
 
 
-def is_alone(path: Path) -> bool:
+def is_whole_volume(path: Path) -> bool:
     """Return whether a file is a volume by itself, and not a slice of its folder or one of the files of an OME-TIFF."""
     return format_of(path) == "TIFF" and page_count(path) > 1 and ome_files_of(path) is None
 
 
 def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[VolumeSource]:
-    """The slices of a folder, of the commonest format or of the slice `own_slice`; or its one multi-page TIFF."""
+    """Open the slices of the format of `own_slice`, else of the commonest; or a folder's only multi-page TIFF."""
     if own_slice is not None and suffix(own_slice) not in IMAGE_SUFFIXES:
         raise ReadError(
             f"{own_slice.name} holds a picture; give it and its neighbors the suffix "
@@ -133,7 +133,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
     if len(headers) == 1:
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
         if stack is None:
-            raise ReadError(f"{name} has one slice only ({images[0].name}); a surface needs at least 2 slices")
+            raise ReadError(f"{name} has only one slice ({images[0].name}); a surface needs at least 2 slices")
         stack.name = stem(folder)
         return stack
     _check_alike(headers)
@@ -144,7 +144,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
 
 
 def listed(own_slice: Path, images: Sequence[Path]) -> Path:
-    """Return a picture as its folder lists it, where the path may be spelled in another way; hidden ones are not."""
+    """Return the path of a picture as its folder lists it, however the path is spelled; refuse hidden files."""
     same = next((path for path in images if path.name == own_slice.name), None)
     same = same or next((path for path in images if path.samefile(own_slice)), None)
     if same is None:
@@ -158,14 +158,14 @@ def _format_by_name(path: Path) -> str:
 
 
 def _one_format(images: Sequence[Path], own_slice: Path | None) -> tuple[list[Path], list[str]]:
-    """The images of the commonest format, or of that of `own_slice`; and the note that says what was left out."""
+    """Return the images of the format of `own_slice`, else of the commonest, and a note on those left out."""
     counts = Counter(map(_format_by_name, images))
     best = max(counts, key=lambda name: (counts[name], -list(FORMATS).index(name)))
     best = _format_by_name(own_slice) if own_slice is not None else best
     selected = [path for path in images if _format_by_name(path) == best]
-    others = [f"{count} {name}" for name, count in sorted(counts.items()) if name != best]
-    note = f"{' and '.join(others)} beside the {len(selected)} {best} slices left out"
-    return selected, [note] if others else []
+    other_formats = [f"{count} {name}" for name, count in sorted(counts.items()) if name != best]
+    note = f"{' and '.join(other_formats)} beside the {len(selected)} {best} slices left out"
+    return selected, [note] if other_formats else []
 
 
 def _check_alike(headers: Sequence[Picture]) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How ImageJ turns stored numbers into gray values: the calibration function cf and its coefficients c0, c1.
+"""Turn stored numbers into gray values as ImageJ does: by the calibration function cf and its coefficients c0, c1.
 
 ImageJ has no signed 16 bits: it stores HU without a sign and writes the straight line back to them into the file.
 Codes and rules are those of ij.measure.Calibration, ij.io.FileSaver and ij.io.FileOpener.
@@ -15,7 +15,7 @@ import numpy as np
 
 from .tiff_page import BLACK_IS_ZERO, PageLayout
 
-STRAIGHT_LINE, NONE = 0, 20  # values of cf
+STRAIGHT_LINE, NONE = 0, 20  # Values of cf.
 FUNCTIONS = {
     1: "polynomial of degree 2",
     2: "polynomial of degree 3",
@@ -45,7 +45,7 @@ class Calibration(NamedTuple):
 
     @property
     def text(self) -> str:
-        """Words about the line, for a comparison in a sentence."""
+        """Return the straight line as text, for a sentence that compares calibrations."""
         if (self.slope, self.intercept) == (1.0, 0.0):
             return "without ImageJ's calibration"
         return f"calibrated as {_line(self.slope, self.intercept)}"

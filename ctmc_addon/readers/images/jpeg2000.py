@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a JPEG 2000 slice says of its values, which Pillow spreads over 8 or 16 bits: ITU T.800, annex A."""
+"""Read the depth and sign of a JPEG 2000 slice, whose values Pillow spreads over 8 or 16 bits: ITU T.800, annex A."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from ...core import ReadError
 
 CODESTREAM = b"\xff\x4f\xff\x51"  # SOC and SIZ
 END = b"\xff\xd9"
-COMPONENT = 42  # byte of the codestream that says depth and sign of the first component
-HARMLESS = 1 << 20  # pixels that are decoded in no time
-MOST_PIXELS_OF_A_BYTE = 1000  # strong compression of a CT slice has 200
-MOST_HEADER = 1 << 16  # bytes before the codestream
-MOST_BEHIND = 1 << 16  # bytes behind it
+COMPONENT = 42  # This byte of the codestream has depth and sign of the first component.
+HARMLESS = 1 << 20  # This many pixels are decoded in no time.
+MOST_PIXELS_OF_A_BYTE = 1000  # Strong compression of a CT slice has 200.
+MOST_HEADER = 1 << 16  # Bytes before the codestream.
+MOST_BEHIND = 1 << 16  # Bytes after it.
 
 
 class Depth(NamedTuple):
-    """How the values of a JPEG 2000 picture are stored."""
+    """The depth and sign of the stored values of a JPEG 2000 picture."""
 
     bits: int
     signed: bool
@@ -32,7 +32,7 @@ class Depth(NamedTuple):
         return np.dtype(f"{'i' if self.signed else 'u'}{1 if self.bits <= 8 else 2}")
 
     def as_stored(self, pixels: NDArray[Any]) -> NDArray[Any]:
-        """Values as they stand in the file, of Pillow's, which begin at 0 and fill their type."""
+        """Convert Pillow's values, which begin at 0 and fill their type, to those stored in the file."""
         spread = 8 * pixels.dtype.itemsize - self.bits
         values = pixels.astype(np.int32) >> spread
         return (values - (1 << (self.bits - 1)) if self.signed else values).astype(self.dtype)
@@ -58,7 +58,7 @@ def check_pixels(path: Path, pixels: int) -> None:
 
 
 def depth_of(path: Path) -> Depth:
-    """Depth and sign, and a `ReadError` for a slice that is cut off: decoders make a picture of half of one too."""
+    """Return depth and sign; raise `ReadError` for a truncated slice, of which decoders would make a picture too."""
     with path.open("rb") as file:
         head = file.read(MOST_HEADER)
         file.seek(max(0, file.seek(0, 2) - MOST_BEHIND))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The number that tells a slice from its neighbors in the names of pictures.
+"""Find the number that tells a slice from its neighbors in the names of pictures.
 
 It is whole or has decimals ('0.25', '0,25'), stands in parts ('0_9' before '1_0'), or is a time of day ('12.01.20').
 """
@@ -15,7 +15,7 @@ from pathlib import Path
 WHOLE = r"[0-9]+"
 # One decimal mark alone: '12.01.20' and '1.2.840' are several whole numbers.
 NUMBER = r"(?<![0-9])(?<![0-9][.,])[0-9]+[.,][0-9]+(?![0-9])(?![.,][0-9])|[0-9]+"
-MARKS = (".", ",", "_", "-", " ")  # between the parts of one number
+MARKS = (".", ",", "_", "-", " ")  # These stand between the parts of one number.
 CLOCK = (24, 60, 60)  # Hours, minutes and seconds stay below these.
 
 
@@ -65,7 +65,7 @@ def single_number(paths: Sequence[Path], pattern: str) -> list[Fraction] | None:
 
 
 def number_in_parts(paths: Sequence[Path]) -> list[Fraction] | None:
-    """Return the number that stands in parts or is a time of day, and rises in even steps; else None."""
+    """Return the numbers that names have in parts or as times of day if they rise in even steps; else None."""
     texts = {text_around(path, WHOLE) for path in paths}
     columns = columns_of(paths, WHOLE) if len(texts) == 1 else []
     at = varying(columns)
@@ -122,8 +122,8 @@ def _joined(columns: list[list[str]], text: tuple[str, ...], at: list[int]) -> l
     """
     parts = columns[at[0] : at[-1] + 1]
     fixed = all(len(set(map(len, part))) == 1 for part in parts[1:])
-    together = all(between in MARKS for between in text[at[0] + 1 : at[-1] + 1])
-    if not fixed or not together or text[at[0]][-1:].isalpha() or min(map(_value, parts[0])) > 0:
+    joined_by_marks = all(between in MARKS for between in text[at[0] + 1 : at[-1] + 1])
+    if not fixed or not joined_by_marks or text[at[0]][-1:].isalpha() or min(map(_value, parts[0])) > 0:
         return None
     return [_value("".join(row)) for row in zip(*parts, strict=True)]
 

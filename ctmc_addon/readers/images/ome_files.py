@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""An OME-TIFF of several files in one folder, such as one for each slice: their order is that of the OME-XML.
+"""Read an OME-TIFF of several files in one folder, such as one for each slice, in the order of its OME-XML.
 
 Names of files come from the XML, so that only files of the same folder are opened, by names without a path.
 """
@@ -106,20 +106,20 @@ def ome_files_among(images: Sequence[Path], folder: str) -> _OmeFiles | None:
     ReadError
         If there are two of like size.
     """
-    found: list[_OmeFiles] = []
+    ome_files: list[_OmeFiles] = []
     runs: list[list[Path]] = []
     rest = list(images)
     for run in runs_by_name(images):
         ome = ome_files_of(run[0]) if run[0] in rest else None
         if ome is not None:
             names = set(ome.image.files)
-            found.append(ome)
+            ome_files.append(ome)
             runs.append([path for path in rest if path.name in names])
             rest = [path for path in rest if path.name not in names]
-    if not found:
+    if not ome_files:
         return None
     sizes = [len(run) for run in runs]
-    largest = found[sizes.index(max(sizes))]
+    largest = ome_files[sizes.index(max(sizes))]
     runs = sorted([*runs, *runs_by_name(rest)], key=len, reverse=True)
     require_one_stack(runs, folder)
     return largest if max(sizes) == len(runs[0]) else None
@@ -167,7 +167,7 @@ def slices_of_ome_steps(ome: _OmeFiles, images: Sequence[Path]) -> Steps[tuple[l
 
 
 def _companion_root(path: Path, name: str) -> ElementTree.Element | None:
-    """Return the OME-XML of a MetadataFile beside a TIFF; None where it is not there, or is not OME-XML."""
+    """Return the OME-XML of a MetadataFile beside a TIFF; None if it is missing or not OME-XML."""
     file = path.parent / name
     if Path(name).name != name or not file.is_file():
         return None

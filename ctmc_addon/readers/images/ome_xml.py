@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OME-XML of a TIFF: which file and page holds each plane, and the spacing.
+"""Read the OME-XML of a TIFF: the file and page that hold each plane, and the spacing.
 
 OME model 2016-06: `TiffData` places PlaneCount pages from IFD on, in DimensionOrder from FirstZ, FirstC and FirstT on;
 its `UUID` names the file. `BinaryOnly` leaves all of it to a MetadataFile.

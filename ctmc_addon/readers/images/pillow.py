@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One PNG, JPEG, JPEG 2000 or BMP slice to gray values as they stand in the file, by imageio and its plugin of Pillow.
+"""Read gray values of one PNG, JPEG, JPEG 2000 or BMP slice as stored, by imageio and its Pillow plugin.
 
-Color is taken where it is gray, and only then.
+Color pictures are read only if all their channels are equal.
 """
 
 from __future__ import annotations
@@ -34,9 +34,9 @@ PILLOW_ERRORS = (
 )  # imageio and Pillow raise these, beside Pillow's bomb error.
 # The type of the values by that of the pixels; older Pillow widens 16 bits to int32.
 DTYPES = {"bool": "uint8", "uint8": "uint8", "uint16": "uint16", "int32": "uint16"}
-PNG_DEPTH, PNG_COLOR = 24, 25  # bytes of a PNG that say the bits of a sample and the kind of a pixel
+PNG_DEPTH, PNG_COLOR = 24, 25  # Bytes of a PNG with the bits of a sample and the kind of a pixel.
 PNG_GRAY, PNG_PALETTE = 0, 3
-SPREAD = {2: 85, 4: 17}  # Pillow multiplies gray values of so many bits by this.
+SPREAD = {2: 85, 4: 17}  # Pillow multiplies gray values of this many bits by this.
 JPEG_NOISE = 2  # JPEG's rounding separates the channels of a gray picture by so much, of 255.
 
 
@@ -48,15 +48,15 @@ class Picture(NamedTuple):
     columns: int
     dtype: np.dtype[Any]
     pages: int
-    kind: str  # its format; empty for TIFF
+    kind: str  # Name of the format; empty for TIFF.
     decode_as: str | None = None  # Pillow's name of the type to decode to, if it is another
-    spread: int = 1  # by which Pillow multiplies the values, so that 2 or 4 bits fill 8
+    spread: int = 1  # Pillow multiplies values by it, so that 2 or 4 bits fill 8.
     metadata: TiffMetadata = TiffMetadata()
-    page: int = 0  # of a TIFF
+    page: int = 0  # Number of the page of a TIFF.
 
 
 def picture(path: Path) -> Picture:
-    """Read the header alone."""
+    """Read the header of a picture."""
     iio = needed("imageio.v3", "imageio", DECODED)
     pillow = needed("PIL.Image", "Pillow", DECODED)
     try:
@@ -88,14 +88,14 @@ def picture(path: Path) -> Picture:
 
 
 def _image_reason(error: BaseException) -> str:
-    """Pillow's complaint, without the object or path that it may name; imageio's own says nothing."""
+    """Return Pillow's error text without the object or path that it may name; imageio's own says nothing."""
     cause = error.__cause__ or error
     is_unknown = "cannot identify" in str(cause) or type(cause).__name__ == "InitializationError"
     return "unknown content" if is_unknown else reason(cause)
 
 
 def gray_slice(header: Picture) -> NDArray[Any]:
-    """Gray values (rows, columns) of a picture of one page."""
+    """Return the gray values (rows, columns) of a picture of one page."""
     iio = needed("imageio.v3", "imageio", DECODED)
     pillow = needed("PIL.Image", "Pillow", DECODED)
     try:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The pixel size in the log that Bruker's SkyScan and NRecon write beside their slices.
+"""Read the pixel size from the log that Bruker's SkyScan and NRecon write beside their slices.
 
 NAME_rec.log (of the reconstruction) or NAME.log (of the scan) lies beside NAME_rec00000000.bmp. It has sections with
 lines of `key=value`; lengths are in micrometers, and voxels have the same size along each axis.
@@ -31,7 +31,7 @@ KEYS = (
 
 
 def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, ...]]:
-    """Return the spacing of slices in mm by the log beside them, and the note that says so.
+    """Return the spacing of slices in mm from the log beside them, and a note about it.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
         add_inputs((log,))
         size = _positive(text)
         if size is None:
-            return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was not taken",)
+            return None, (f"the pixel size '{text[:20]}' in {log.name} is not a length and was ignored",)
         step, why = _pixels_apart(_positive(values.get((RECONSTRUCTION, STEP), "")) or 1.0, step_of(slices) or 1.0)
         mm = size * MM_PER_UM
         apart = "" if step == 1.0 else f", and slices are {step:g} pixels apart ({why})"
@@ -56,7 +56,7 @@ def skyscan_spacing(slices: Sequence[Path]) -> tuple[Spacing | None, tuple[str, 
 
 
 def _pixels_apart(section_step: float, file_step: float) -> tuple[float, str]:
-    """Return how many pixels apart slices are, by the log's step and that of the numbers of the files, and why.
+    """Return the distance between slices in pixels, from the steps of the log and of the file numbers, and the reason.
 
     Files may be numbered by section, and then have the log's step or a multiple of it where some were taken out; or
     one after the other.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Which pictures of a folder are the slices of one stack, by their names alone.
+"""Find the slices of one stack among the pictures of a folder, by file names only.
 
 Slices of a stack are named alike but for a number. A preview, a copy or a mask beside them is named in another way. A
 second stack has another pattern, or its number starts again. Several pictures that may lie between slices are refused.
@@ -34,7 +34,7 @@ Item = TypeVar("Item")
 LIKE_SIZE = 0.75  # A second run with at least this share of the largest one's pictures may be meant as well.
 FEWEST_OF_PATTERN = 0.25  # Names follow a pattern if the longest run has at least this share of the pictures.
 MOST_BETWEEN = 0.05  # Up to this share of the slices, or one, other pictures between them are left out.
-MOST_NAMES = 3  # in a sentence
+MOST_NAMES = 3  # A sentence names at most this many files.
 LETTERS = ((16, "0-9a-f"), (36, "0-9a-z"))  # Bases of counters with letters, and their digits.
 
 
@@ -117,8 +117,8 @@ def _require_none_between(images: Sequence[Path], runs: Sequence[Sequence[Path]]
     form = _form(slices)
     if form is None:
         return
-    others = {path for run in runs[1:] if len(run) < LIKE_SIZE * len(slices) for path in run}
-    between = [path for path in images if path in others and form.has_between(path)]
+    other_paths = {path for run in runs[1:] if len(run) < LIKE_SIZE * len(slices) for path in run}
+    between = [path for path in images if path in other_paths and form.has_between(path)]
     if len(between) > max(1, MOST_BETWEEN * len(slices)):
         raise ReadError(
             f"{len(between)} pictures in the folder {folder} are named unlike the slices {_ends(slices)} and may lie "
@@ -135,11 +135,11 @@ def _notes_on_parts(stack: Sequence[Path]) -> list[str]:
 
 
 def left_out(images: Sequence[Path], slices: Iterable[Path], why: str) -> list[str]:
-    """Return the note that names the pictures that are no slices, or none."""
+    """Return a note that names the pictures that are not slices, or no note."""
     kept = set(slices)
-    others = [path.name for path in images if path not in kept]
-    pictures = f"{len(others)} picture{'s' * (len(others) > 1)}"
-    return [f"{pictures} left out, {why}: {limited_names(others)}"] if others else []
+    dropped_names = [path.name for path in images if path not in kept]
+    pictures = f"{len(dropped_names)} picture{'s' * (len(dropped_names) > 1)}"
+    return [f"{pictures} left out, {why}: {limited_names(dropped_names)}"] if dropped_names else []
 
 
 def runs_by_name(images: Sequence[Path]) -> list[list[Path]]:
@@ -205,7 +205,7 @@ def limited_names(names: Sequence[str]) -> str:
 
 @dataclass(frozen=True)
 class _Form:
-    """Names of slices in which one whole number varies: the text before and behind it, and the numbers."""
+    """A pattern of slice names in which one whole number varies: the text before and after it, and the numbers."""
 
     before: str
     behind: str
@@ -215,16 +215,16 @@ class _Form:
     def counter(self, path: Path, digits: str) -> str | None:
         """Return the counter of a name of this form that is written in `digits`, or None."""
         name = re.escape(self.before) + f"([{digits}]+)" + re.escape(self.behind)
-        found = re.fullmatch(name, path.stem.casefold())
-        return found[1] if found else None
+        match = re.fullmatch(name, path.stem.casefold())
+        return match[1] if match else None
 
     def has_between(self, path: Path) -> bool:
         """Return whether a name has letters in a counter as wide, or a number that is missing among the slices'."""
         least, most = self.widths
         if least <= len(self.counter(path, "0-9a-z") or "") <= most:
             return True
-        found = re.search(re.escape(self.before) + f"({WHOLE})", path.stem.casefold())
-        number = int(found[1]) if found else -1
+        match = re.search(re.escape(self.before) + f"({WHOLE})", path.stem.casefold())
+        number = int(match[1]) if match else -1
         return min(self.numbers) < number < max(self.numbers) and number not in self.numbers
 
 
@@ -244,7 +244,7 @@ def _form(run: Sequence[Path]) -> _Form | None:
 
 
 def _counted_with_letters(images: Sequence[Path], run: Sequence[Path]) -> list[Path]:
-    """Return the slices that count in even steps in hexadecimal or with all letters; `run` are those with digits alone.
+    """Return the slices that count in even steps in hexadecimal or letters; `run` has those with digits only.
 
     Examples
     --------
@@ -255,17 +255,17 @@ def _counted_with_letters(images: Sequence[Path], run: Sequence[Path]) -> list[P
     form = _form(run)
     if form is None:
         return []
-    found: list[list[Path]] = []
+    stacks: list[list[Path]] = []
     for base, digits in LETTERS:
         values = {path: int(word, base) for path in images if (word := form.counter(path, digits))}
         slices = sorted(values, key=lambda path: values[path])
         if len(slices) > len(run) and is_even([Fraction(values[path]) for path in slices]):
-            found.append(slices)
-    return max(found, key=len, default=[])
+            stacks.append(slices)
+    return max(stacks, key=len, default=[])
 
 
 def _runs_of(group: list[Path]) -> list[list[Path]]:
-    """Part names that are alike around their numbers: one run where they are one number that rises."""
+    """Split names with the same text around their numbers into runs; one run if a single number rises."""
     alike = _grouped(group, lambda path: text_around(path, WHOLE))
     numbers = single_number(group, NUMBER)
     if numbers is not None:
@@ -277,7 +277,7 @@ def _runs_of(group: list[Path]) -> list[list[Path]]:
 
 
 def _counted_apart(run: list[Path]) -> list[list[Path]]:
-    """Part names with two numbers in which one counts from the same start for each value of the others.
+    """Split names with two numbers in which one counts from the same start for each value of the other.
 
     'scan1_01', 'scan1_02', 'scan2_01', 'scan2_02' are two stacks. Dates, times and positions beside a number of the
     slice are another for each slice, or do not start again.

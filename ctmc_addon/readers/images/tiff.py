@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""TIFF: tifffile finds its pages and what ImageJ and OME say of them; tiff_page reads a page."""
+"""Read TIFF stacks: tifffile finds pages and the metadata of ImageJ and OME; tiff_page.py reads a page."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ from .tiff_page import (
 )
 
 OF_SEVERAL_FILES = ("mmstack", "ndtiff")
-MOST_SAMPLES = 4  # of a pixel: red, green, blue and opacity
+MOST_SAMPLES = 4  # A pixel has at most red, green, blue and opacity.
 COLORS = (WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK)  # These photometric interpretations are read.
 BYTE_CODECS = (UNCOMPRESSED, 5, 8, 32773, 32946, 34925, 50000)  # Their bytes are samples, never YCbCr made RGB.
 
@@ -50,11 +50,11 @@ class _PageStack(NamedTuple):
     """The pages of a TIFF that make one volume."""
 
     shape: tuple[int, int, int]  # (slices, rows, columns)
-    dtype: np.dtype[Any]  # of the gray values, in the file's byte order
-    depth: str  # of every page, as the first says
-    pages: list[Any]  # tifffile's, one for each slice; empty where the values lie in one piece
-    start: int | None  # first byte of values that lie in one piece, all times and channels
-    total: int  # pages of it
+    dtype: np.dtype[Any]  # Type of the gray values, in the file's byte order.
+    depth: str  # Depth of every page, from the first one.
+    pages: list[Any]  # tifffile's pages, one for each slice; empty if the values are contiguous.
+    start: int | None  # First byte of contiguous values of all times and channels.
+    total: int  # Number of pages.
     layout: Pages
     notes: tuple[str, ...]
     metadata: TiffMetadata
@@ -136,18 +136,18 @@ def opened_stack(path: Path) -> _TiffStack | None:
 
 
 def page_count(path: Path) -> int:
-    """Number of pages of a TIFF."""
+    """Return the number of pages of a TIFF."""
     with _open_tiff(path) as tiff:
         return _pages_of(tiff)
 
 
 def _pages_of(tiff: Any) -> int:
-    """Number of pages; ImageJ writes one page header for a large stack."""
+    """Return the number of pages; ImageJ writes one page header for a large stack."""
     return max(len(tiff.pages), _stack_sides(tiff.series[0]))
 
 
 def ome_text(path: Path) -> str:
-    """Return the OME-XML of a TIFF, '' where it has none or is damaged: reading its pages tells."""
+    """Return the OME-XML of a TIFF; empty if it has none or is damaged, which reading its pages reports."""
     tifffile = needed("tifffile", "tifffile", "TIFF")
     try:
         with quiet(), tifffile.TiffFile(path, **_without_companions(tifffile)) as tiff:
@@ -157,7 +157,7 @@ def ome_text(path: Path) -> str:
 
 
 def plain_page_count(path: Path) -> int:
-    """Return the number of pages in a file, whatever its OME-XML says of those in others."""
+    """Return the number of pages in this file; its OME-XML may count pages of other files."""
     with _open_tiff(path, as_ome=False) as tiff:
         return len(tiff.pages)
 
@@ -187,7 +187,7 @@ def _open_tiff(path: Path, as_ome: bool = True) -> Any:
 
 
 def _without_companions(tifffile: Any) -> dict[str, bool]:
-    """Options that keep tifffile from opening the other files that a TIFF names, wherever they lie."""
+    """Return options that keep tifffile from opening other files that a TIFF names, wherever they lie."""
     kinds = (f"is_{kind}" for kind in OF_SEVERAL_FILES if kind in tifffile.TIFF.FILE_FLAGS)
     # In versions of 2023 some are properties, which cannot be set.
     settable = (kind for kind in kinds if not isinstance(getattr(tifffile.TiffFile, kind, None), property))
@@ -195,7 +195,7 @@ def _without_companions(tifffile: Any) -> dict[str, bool]:
 
 
 def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
-    """Return what the header says of the first page, and how many pages there are."""
+    """Return the header of the first page with the number of pages."""
     with _open_tiff(path, as_ome) as tiff:
         layout = page_layout(tiff.pages[0], path)
         pages = _pages_of(tiff)
@@ -204,7 +204,7 @@ def tiff_picture(path: Path, as_ome: bool = True) -> Picture:
 
 
 def tiff_slice(header: Picture) -> NDArray[Any]:
-    """Gray values (rows, columns) of a page of a TIFF; the pages of an OME-TIFF of several files are its own."""
+    """Return the gray values (rows, columns) of a page of one TIFF file."""
     path = header.path
     with _open_tiff(path, as_ome=False) as tiff:
         with reading(path):
@@ -218,7 +218,7 @@ def _gray_dtype(layout: PageLayout) -> np.dtype[Any]:
 
 
 def _stack_sides(series: Any) -> int:
-    """Number of pages of a series."""
+    """Return the number of pages of a series."""
     return math.prod(int(side) for axis, side in zip(series.axes, series.shape, strict=True) if axis not in "SYX")
 
 
@@ -254,7 +254,7 @@ def _page_stack(tiff: Any, path: Path) -> _PageStack:
 
 
 def _pages_in(series: Any, path: Path) -> list[Any]:
-    """The pages of a series or a file, which tifffile reads when asked for them; None for one that is missing."""
+    """Return the pages of a series or file, which tifffile reads on access; None for a missing page."""
     with reading(path):
         return list(series.pages)
 
@@ -270,7 +270,7 @@ def _check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
             same_size = series.shape[-2:] == every[0].shape[-2:]
             if same_size and isinstance(page.index, int) and own and min(own) < page.index < max(own):
                 raise ReadError(
-                    f"page {page.index + 1} of {path.name} is stored in another way than those around it; save it again"
+                    f"page {page.index + 1} of {path.name} is stored differently from its neighbors; save it again"
                 )
     if len(tiff.pages) > sum(len(series.pages) for series in every):  # some are in no series, such as those of no rows
         listed = {page.offset for series in every for page in filter(None, _pages_in(series, path))}
@@ -282,7 +282,7 @@ def _check_left_out(tiff: Any, every: list[Any], path: Path) -> None:
 def _page_slice(
     tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]
 ) -> NDArray[Any]:
-    """Gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
+    """Return the gray values (rows, columns) of a page of an open TIFF; the lock is held while the file is read."""
     if layout.samples > MOST_SAMPLES:
         raise ReadError(
             f"{path.name} has {layout.samples} samples for each pixel, and a slice has one; save it as gray"

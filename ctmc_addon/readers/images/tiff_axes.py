@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What ImageJ and OME write into a TIFF: which page is which slice, time and channel, spacing and calibration.
+"""Read what ImageJ and OME write into a TIFF: the slice, time and channel of each page, spacing and calibration.
 
 Axes are tifffile's letters: Z slices, T times, C channels, S samples of a pixel.
 """
@@ -19,11 +19,11 @@ from .tiff_page import PageLayout
 
 PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
 MOST_CHANNELS = 4  # ImageJ calls the slices of a plain stack channels; up to so many may be real ones
-LONGEST_TEXT = 1 << 20  # letters of a description that are looked through
+LONGEST_TEXT = 1 << 20  # Only this many letters of a description are searched.
 
 
 class Pages(NamedTuple):
-    """Which pages of a series are the slices: `first`, and every `step`-th after it, `slices` at each of `times`."""
+    """The pages of a series that are slices: `first` and every `step`-th after it, `slices` at each of `times`."""
 
     slices: int
     times: int
@@ -32,7 +32,7 @@ class Pages(NamedTuple):
     notes: tuple[str, ...] = ()
 
     def first(self, time: int) -> int:
-        """Number of the first slice's page at a time, from 1 on."""
+        """Return the page number of the first slice at a time, which counts from 1."""
         return (time - 1) * self.time_step
 
 
@@ -62,7 +62,7 @@ def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
     letters = [axis for axis, _ in sides]
     several = " x ".join(f"{axis} {side}" for axis, side in zip(axes, shape, strict=True))
     if not sides:
-        raise ReadError(f"{path.name} holds one slice only; a surface needs at least 2 slices")
+        raise ReadError(f"{path.name} has only one slice; a surface needs at least 2 slices")
     depth = "Z" if "Z" in letters else letters[0]
     unknown = set(letters) - {depth, "T", "C"} or len(set(letters)) < len(letters)
     only_channels = depth == "C" and sides[0][1] <= MOST_CHANNELS
@@ -76,7 +76,7 @@ def pages_of_axes(axes: str, shape: tuple[int, ...], path: Path) -> Pages:
 
 
 class TiffMetadata(NamedTuple):
-    """What ImageJ or OME says of the pixels of a TIFF.
+    """The metadata of ImageJ or OME about the pixels of a TIFF.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class TiffMetadata(NamedTuple):
 
 
 def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetadata:
-    """Return what ImageJ or OME wrote into a TIFF.
+    """Return the metadata of ImageJ or OME in a TIFF.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetada
 
 
 def _metadata_of_ome(text: str) -> TiffMetadata:
-    """Return what OME-XML says of its first `Pixels`; a note where it lies in another file."""
+    """Return the metadata of the first `Pixels` in the OME-XML; a note if it is in another file."""
     elsewhere = re.search(r"<(?:\w+:)?BinaryOnly\s[^<>]*MetadataFile\s*=\s*[\"']([^\"']*)", text)
     if elsewhere:
         return TiffMetadata(notes=(f"spacing and order of the TIFF are in {elsewhere[1]}, which was not read",))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One page of a TIFF: tifffile reads its tags and pixels, and all that it raises or logs meanwhile is a refusal.
+"""Read one page of a TIFF with tifffile; whatever tifffile raises or logs meanwhile becomes a `ReadError`.
 
 Pillow's libtiff reads whole pages that tifffile leaves to imagecodecs: LZW, samples of 2, 4 and 12 bits and Predictor 3
 where that package is missing, and JPEG and CCITT Group 4 always, so that no value depends on it.
@@ -35,7 +35,7 @@ DAMAGE = (
 )
 PILLOW_ERRORS = (*DAMAGE, SyntaxError)  # Pillow raises these, beside its bomb error.
 REQUIRED = {256: "ImageWidth", 257: "ImageLength", 259: "Compression", 262: "PhotometricInterpretation"}
-ORIENTATION, COLOR_MAP = 274, 320  # tags
+ORIENTATION, COLOR_MAP = 274, 320  # Codes of tags.
 SINGLE_TAGS = {*REQUIRED, 266, 277, 278, 284, 317, 322, 323, 32997}  # Each of them has one value.
 LAYOUT_TAGS = {*SINGLE_TAGS, 258, 273, 279, 324, 325, 339}
 # What is wrong with any other tag does not matter: TIFF 6.0 has readers pass over fields they do not know.
@@ -47,31 +47,32 @@ MOST_SHADE = (1 << 16) - 1  # A color of a palette has 16 bits.
 WHITE_IS_ZERO, BLACK_IS_ZERO, RGB, PALETTE, MASK, YCBCR = 0, 1, 2, 3, 4, 6  # PhotometricInterpretation
 KINDS = {1: "u", 2: "i", 3: "f", 4: "u"}  # Values of SampleFormat; 4 is "undefined", as libtiff has it.
 SIZES = {"u": (8, 16, 32, 64), "i": (8, 16, 32, 64), "f": (32, 64)}
-UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # values of Compression
+UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # Values of Compression.
 WITHOUT_END = (2, 3)  # Nobody could tell where pixels of CCITT run lengths and of Group 3 end.
 STREAMS = {8: "zlib", 32946: "zlib", 50013: "zlib", 34925: "lzma", 50000: "zstd"}
+COUNTED = (8, 32773, 32946, 34925)  # Deflate, PackBits and LZMA; other codecs stop at the end of the page.
 BY_PILLOW = (GROUP_4, JPEG)  # imagecodecs may round JPEG in another way.
 EXACT_MODES = {  # Pillow's types whose values are those stored, by the bits of a sample.
     1: ("1", "P"), 2: ("L", "P"), 4: ("L", "P"), 8: ("L", "P", "LA", "RGB", "RGBA"), 12: ("I;16",),
     16: ("I;16", "I;16B", "I"), 32: ("I", "F"),
 }  # fmt: skip
 NATIVE = "<" if sys.byteorder == "little" else ">"
-NO_PREDICTOR, DIFFERENCES, OF_FLOATS = 1, 2, 3  # values of Predictor
+NO_PREDICTOR, DIFFERENCES, OF_FLOATS = 1, 2, 3  # Values of Predictor.
 END_OF_GROUP_4, END_OF_JPEG = "000000000001" * 2, b"\xff\xd9"
 
 
 class PageLayout(NamedTuple):
-    """How the pixels of a page are stored."""
+    """The layout of the stored pixels of a page."""
 
     shape: tuple[int, int]  # (rows, columns)
-    samples: int  # of a pixel
-    separate: bool  # whether each sample has a plane of its own
-    bits: int  # of a sample
-    dtype: np.dtype[Any]  # of the values, in the machine's byte order
+    samples: int  # Number of samples of a pixel.
+    separate: bool  # True if each sample has its own plane.
+    bits: int  # Bits of a sample.
+    dtype: np.dtype[Any]  # Type of the values, in the machine's byte order.
     compression: int
     predictor: int
     photometric: int
-    colors: NDArray[np.uint8] | None  # (3, 2 ** bits), of a palette
+    colors: NDArray[np.uint8] | None  # (3, 2 ** bits), the palette's.
 
     @property
     def kind(self) -> str:
@@ -88,7 +89,7 @@ class PageLayout(NamedTuple):
 
 
 class _Complaints(logging.Handler):
-    """Collects what tifffile logs in this thread."""
+    """A collection of what tifffile logs in this thread."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)
@@ -119,7 +120,7 @@ def reading(path: Path) -> Iterator[None]:
 
 
 def damaged(path: Path, what: str) -> ReadError:
-    """Return the error for a file that cannot be what it says."""
+    """Return the error for a file that contradicts itself."""
     return ReadError(f"{path.name} is truncated or damaged ({what}); copy it again")
 
 
@@ -169,7 +170,7 @@ def page_layout(page: Any, path: Path) -> PageLayout:
     dtype = _dtype(path, bits, sample_format)
     colors = _colors(path, palette, bits) if photometric == PALETTE else None
     if tile[0] % TILE_STEP or tile[1] % TILE_STEP:
-        raise damaged(path, f"tiles of {tile[0]} x {tile[1]} pixels, which are no multiples of {TILE_STEP}")
+        raise damaged(path, f"tiles of {tile[0]} x {tile[1]} pixels, which are not multiples of {TILE_STEP}")
     if is_short:
         raise ReadError(f"{path.name} is truncated: it has fewer bytes than {columns} x {rows} pixels; copy it again")
     _check_segments(places, segments, page.parent.filehandle.size, path)
@@ -185,7 +186,7 @@ def _is_small_number(tag: Any) -> bool:
 def page_pixels(
     tiff: Any, page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]
 ) -> NDArray[Any]:
-    """Samples of a page as they are stored, unpacked.
+    """Return the stored samples of a page, unpacked.
 
     Parameters
     ----------
@@ -210,7 +211,7 @@ def page_pixels(
     name = getattr(page.keyframe.compression, "name", str(layout.compression))
     if layout.compression in WITHOUT_END:
         raise ReadError(
-            f"{path.name} is compressed as {name}, which is not read, for nobody could tell where its pixels end; "
+            f"{path.name} is compressed as {name}, which is not read, because its pixels have no end mark; "
             "save it uncompressed or with Deflate"
         )
     how = "" if layout.compression == UNCOMPRESSED else f" compressed as {name}"
@@ -221,6 +222,8 @@ def page_pixels(
             "save it without a predictor"
         )
     _check_ends(page, layout, path, lock)
+    if layout.compression in COUNTED and page.keyframe.fillorder == 1:
+        _check_length(page, layout, path, lock)
     pixels = None
     if layout.compression not in BY_PILLOW:
         try:
@@ -245,7 +248,7 @@ def page_pixels(
 
 
 def _dtype(path: Path, bits: int, sample_format: int) -> np.dtype[Any]:
-    """The type that holds a sample; whole numbers without a sign may have any number of bits up to 16."""
+    """Return the type that holds a sample; unsigned whole numbers may have any number of bits up to 16."""
     kind = KINDS.get(sample_format, "")
     if kind == "u" and bits <= 16:
         return np.dtype("uint8" if bits <= 8 else "uint16")
@@ -257,7 +260,7 @@ def _dtype(path: Path, bits: int, sample_format: int) -> np.dtype[Any]:
 
 
 def _colors(path: Path, palette: Any, bits: int) -> NDArray[np.uint8]:
-    """The colors of a palette, as 8 bits; some writers store 8 bits instead of 16."""
+    """Return the colors of a palette as 8 bits; some writers store 8 bits instead of 16."""
     values = np.ravel(palette)
     if bits > 16 or len(values) != 3 << bits or values.dtype.kind not in "iu":
         raise damaged(path, f"its palette has {len(values)} numbers, and {bits} bits need {3 << min(bits, 64)}")
@@ -291,12 +294,30 @@ def _check_ends(page: Any, layout: PageLayout, path: Path, lock: AbstractContext
             file.seek(start)
             content = bytes(file.read(count))
         if codec and unpacks_beyond(content, codec, most):
-            raise ReadError(f"{path.name} unpacks to far more than its size tells of; export it again")
+            raise ReadError(f"{path.name} unpacks to far more bytes than its size allows; export it again")
         bits = "".join(f"{byte:08b}" for byte in content[-8:]).rstrip("0")
         if (layout.compression == GROUP_4 and not bits.endswith(END_OF_GROUP_4)) or (
             layout.compression == JPEG and not content.rstrip(b"\0").endswith(END_OF_JPEG)
         ):
             raise damaged(path, "the end of a compressed strip is missing")
+
+
+def _check_length(page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]) -> None:
+    """Refuse a first strip or tile that unpacks to more than its pixels; tifffile would cut it silently."""
+    tifffile, key, file = needed("tifffile", "tifffile", "TIFF"), page.keyframe, page.parent.filehandle
+    rows, columns = min(key.rowsperstrip, layout.shape[0]), layout.shape[1]
+    if key.is_tiled:
+        rows, columns = key.tilelength, key.tilewidth
+    most = rows * -(-columns * (1 if layout.separate else layout.samples) * layout.bits // 8)
+    with lock:
+        file.seek(page.dataoffsets[0])
+        content = file.read(page.databytecounts[0])
+    try:
+        length = len(tifffile.TIFF.DECOMPRESSORS[layout.compression](content))
+    except (*DAMAGE, ImportError):
+        return  # Reading the page reports it.
+    if length > most:
+        raise damaged(path, f"a strip or tile unpacks to {length} bytes, and its pixels have {most}")
 
 
 class _FromPage(io.RawIOBase):
@@ -329,7 +350,7 @@ class _FromPage(io.RawIOBase):
 
 
 def _by_pillow(tiff: Any, page: Any, layout: PageLayout, path: Path) -> NDArray[Any] | None:
-    """Samples of a page as they are stored, by Pillow; None where it cannot or would change them."""
+    """Read the stored samples of a page with Pillow; None if it cannot or would change them."""
     extra = [int(sample) for sample in page.keyframe.extrasamples or ()]
     turned = page.keyframe.tags.valueof(ORIENTATION, 1) != 1
     if page.offset <= 0 or turned or 1 in extra or (layout.samples > 1 and layout.bits != 8):

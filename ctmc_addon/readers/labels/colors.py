@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Colors of labels as sRGB, 0 to 255, from the ways in which files write them.
+"""Convert label colors from the forms that files have to sRGB, 0 to 255.
 
 DICOM PS3.3 C.10.7.1.1 stores CIELab as three numbers of 16 bits. The white point is D65, as in PixelMed, dcmqi and
 highdicom; sRGB is that of IEC 61966-2-1.
@@ -88,7 +88,7 @@ def rgb_of_bytes(words: Sequence[str]) -> RGB | None:
 
 
 def _three_numbers(words: Sequence[str]) -> list[float] | None:
-    """Three finite numbers in words, or None."""
+    """Return the three finite numbers in a text, or None."""
     try:
         numbers = [float(word) for word in words]
     except ValueError:
@@ -120,11 +120,11 @@ def rgb_of_cielab(stored: Sequence[int]) -> RGB:
 
 
 def _of_root(root: float) -> float:
-    """The inverse of CIELab's cube root with its straight part near black."""
+    """Invert CIELab's cube root with its straight part near black."""
     cube = root**3
     return cube if cube > 0.008856 else (root - 16.0 / 116.0) / 7.787
 
 
 def _companded(linear: float) -> float:
-    """The sRGB value of a linear one."""
+    """Return the sRGB value of a linear one."""
     return float(1.055 * linear ** (1 / 2.4) - 0.055) if linear > 0.0031308 else 12.92 * linear

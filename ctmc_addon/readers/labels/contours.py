@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed contours to pixels: even-odd rule, pixel centers, a scanline for all edges at once.
+"""Fill closed contours on pixels: even-odd rule, pixel centers, one scanline pass for all edges.
 
 Positions are (column, row) in pixels, the center of the first pixel at (0, 0). A pixel whose center lies on a contour
 is inside, so that a contour drawn through the outermost pixels of a mask gives that mask again.
@@ -15,35 +15,35 @@ from numpy.typing import NDArray
 
 from ...core import Step, Steps
 
-ON_CONTOUR = 1e-3  # pixels: positions are written to about 0.001 mm
-CROSSINGS = 1 << 20  # of edges with rows, worked on at once; about 0.1 s
-FAR = 1e7  # pixels; nothing that lies farther away is drawn exactly
+ON_CONTOUR = 1e-3  # Pixels; files have positions to about 0.001 mm.
+CROSSINGS = 1 << 20  # This many crossings of edges with rows are done at once, in about 0.1 s.
+FAR = 1e7  # Pixels; nothing farther away is drawn exactly.
 
 
 class Filled(NamedTuple):
     """The pixels inside, within the box around them."""
 
-    top: int  # first row
-    left: int  # first column
+    top: int  # First row.
+    left: int  # First column.
     mask: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
 
 
 class _Traced(NamedTuple):
     """The pixels inside an odd number of contours, and those on one, within the box around them."""
 
-    top: int  # first row
-    left: int  # first column
+    top: int  # First row.
+    left: int  # First column.
     odd: NDArray[np.bool_]  # (rows, columns); empty where nothing lies in the picture
     on: NDArray[np.bool_]  # (rows, columns)
 
     @property
     def filled(self) -> Filled:
-        """Return both together."""
+        """Return the pixels inside and on the contours."""
         return Filled(self.top, self.left, self.odd | self.on)
 
 
 class Edges(NamedTuple):
-    """Edges of contours, and the rows of the picture that they touch: none where `last` is less than `first`."""
+    """The edges of contours and the picture rows that they touch; no rows where `last` is less than `first`."""
 
     start: NDArray[np.float64]  # (n, 2)
     end: NDArray[np.float64]  # (n, 2)
@@ -56,7 +56,7 @@ class Edges(NamedTuple):
 
     @property
     def crossings(self) -> NDArray[np.int64]:
-        """Return how many rows each edge touches: what the work is measured by."""
+        """Return the number of rows that each edge touches, a measure of the work."""
         return np.maximum(0, self.last - self.first + 1)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Masks as labels of a volume, in as few layers as keep every mask whole; what overlaps and what is empty is said.
+"""Combine masks into labels, in as few layers as keep every mask whole; report overlaps and empty masks.
 
 A layer has one number a voxel, so labels that overlap lie in different ones, as in 3D Slicer's segmentations. Where
 none overlap there is one layer. The layers do not depend on the order in which masks are painted.
@@ -20,7 +20,7 @@ from .colors import RGB
 
 MOST_LABELS = 65535
 LONGEST_NAME = 200  # characters
-MOST_NAMED = 8  # in one note
+MOST_NAMED = 8  # A note names at most this many labels.
 
 
 class LabelMap:
@@ -52,7 +52,7 @@ class LabelMap:
     ) -> None:
         most = max(highest, *names) if names else max(highest, 1)
         if most > MOST_LABELS:
-            raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; number them anew")
+            raise ReadError(f"{what} has the label {most}, and labels up to {MOST_LABELS} are read; renumber them")
         self.shape, self.what, self.budget = shape, what, budget or Budget()
         self.dtype: Any = np.uint8 if most < 256 else np.uint16
         self.names = {label: name for label, name in names.items() if label}
@@ -80,11 +80,11 @@ class LabelMap:
         free = None
         for layer in self._layers:
             before = layer[window][mask]
-            others = before[(before != 0) & (before != label)]
-            if not others.size:
+            covered = before[(before != 0) & (before != label)]
+            if not covered.size:
                 free = layer if free is None else free
                 continue
-            for other, count in enumerate(np.bincount(others).tolist()):
+            for other, count in enumerate(np.bincount(covered).tolist()):
                 if count:
                     pair = (min(label, other), max(label, other))
                     self.overlaps[pair] = self.overlaps.get(pair, 0) + count
@@ -149,9 +149,7 @@ class LabelMap:
         ]
         if not undescribed:
             return []
-        return [
-            f"pixels have numbers of no segment that is described, and are labels all the same: {limited(undescribed)}"
-        ]
+        return [f"labels without a described segment were kept: {limited(undescribed)}"]
 
     def name(self, label: int) -> str:
         """Return a label's name, or its number."""

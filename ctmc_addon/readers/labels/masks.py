@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A folder of masks, a file or a folder of slices for each structure, as one label volume.
+"""Read a folder of masks, a file or a folder of slices for each structure, as one label volume.
 
 TotalSegmentator writes a NIfTI for each organ, 3D-IRCADb has a folder of DICOM slices for each. A mask has one value
 besides the one around it; the labels are numbered by the natural order of the names.
@@ -33,13 +33,13 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import NotAMask, two_values
 from .label_map import MOST_LABELS, LabelMap, limited
 
-FEWEST = 2  # masks that make a folder of them
-MOST_OTHERS = 2  # files among masks that are named; with more it is not a folder of masks
-SAME_GRID = 0.1  # shares of the smallest spacing that corners may be apart
+FEWEST = 2  # A folder of masks has at least this many.
+MOST_NON_MASKS = 2  # With more files of other kinds it is not a folder of masks.
+SAME_GRID = 0.1  # Corners may differ by this share of the smallest spacing.
 
 
 class _MaskFolder(VolumeSource):
-    """Masks on one grid, each read in its turn.
+    """A folder of masks on one grid, read one after the other.
 
     Parameters
     ----------
@@ -127,7 +127,7 @@ def painted_steps(label_map: LabelMap, reader: SliceReader, label: int) -> Steps
 
 
 def _whole_if_nearly(values: NDArray[Any], numbers: WholeNumbers) -> NDArray[Any]:
-    """Return values of a mask as the whole numbers they stand for; themselves where one stands for none."""
+    """Return values of a mask as whole numbers if all are nearly whole; else unchanged."""
     try:
         return numbers.of(values)
     except NotWholeError:
@@ -145,7 +145,6 @@ def _same_place(
 
 
 def _other_grid(folder: Path, first: str, name: str) -> ReadError:
-    """Return the error for masks whose grids differ."""
     return ReadError(
         f"the masks '{first}' and '{name}' in the folder {folder.name} lie on different grids; choose one of them, or "
         "resample them to one grid"
@@ -167,7 +166,7 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
     if len(files) < FEWEST or any(map(segmentation_sibling, files)):
         return None
     masks: dict[str, VolumeSource] = {}
-    others: dict[str, str] = {}
+    non_masks: dict[str, str] = {}
     for number, file in enumerate(files):
         yield Step(number / len(files), "Reading headers")
         try:
@@ -178,23 +177,23 @@ def in_files_steps(folder: Path, open_steps: Callable[[Path], Steps[VolumeSource
         except CtmcError:
             return None
         if reason:
-            others[file.name] = reason
+            non_masks[file.name] = reason
         else:
             masks[stem(file) if stem(file) not in masks else file.name] = source
-        if len(others) > MOST_OTHERS:
+        if len(non_masks) > MOST_NON_MASKS:
             return None
-    if others and len(masks) > len(others):
-        names = " and ".join(f"'{name}' holds {reason}" for name, reason in others.items())
-        so, them = ("it is not a mask", "it") if len(others) == 1 else ("they are not masks", "them")
+    if non_masks and len(masks) > len(non_masks):
+        names = " and ".join(f"'{name}' holds {reason}" for name, reason in non_masks.items())
+        so, them = ("it is not a mask", "it") if len(non_masks) == 1 else ("they are not masks", "them")
         raise ReadError(
             f"the folder {folder.name} has {len(masks)} masks, and {names}, so {so}; move {them} out of the folder to "
             "read the masks, or choose one file"
         )
-    return None if others else checked(folder, masks)
+    return None if non_masks else checked(folder, masks)
 
 
 def _no_mask_steps(source: VolumeSource) -> Steps[str]:
-    """Return what a file holds instead of a mask, '' where it may be one: bytes by type, other numbers by all."""
+    """Return the content of a file that is not a mask, in words; empty if it may be one. Bytes are masks by type."""
     line = source.series[0]
     if line.times > 1:
         return f"{line.times} times"
@@ -222,7 +221,7 @@ def _no_mask_steps(source: VolumeSource) -> Steps[str]:
 
 
 def in_folders_steps(source: DicomSource) -> Steps[_MaskFolder | None]:
-    """The masks that lie as DICOM slices in folders of a folder, one in each; None where they are something else."""
+    """Open masks that are DICOM slices, one folder for each mask; None if the folders hold something else."""
     folders: dict[Path, FolderContent] = {}
     for uid, slices in source.content.series.items():
         for ct_slice in slices:
@@ -260,8 +259,8 @@ def _middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
 
 def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> _MaskFolder:
     """Return the folder of masks, or a `ReadError` where they are of different sizes."""
-    first, *others = masks.items()
-    for name, source in others:
+    first, *other_masks = masks.items()
+    for name, source in other_masks:
         if source.series[0].shape != first[1].series[0].shape:
             raise _other_grid(folder, first[0], name)
     return _MaskFolder(folder, masks)

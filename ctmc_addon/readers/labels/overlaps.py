@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Closed contours of one structure in one plane to pixels: those that overlap in part are united, others are holes.
+"""Fill the closed contours of one structure in one plane; those that partly overlap are united, inner ones are holes.
 
 A contour within another is a hole in it (even-odd rule). Two that overlap in part are two strokes of one body: the
 even-odd rule would leave out the overlap. Contours that are united count as one from there on.
@@ -23,7 +23,7 @@ LEAST_COMPARED = 1 << 8  # Pixels that a pair counts as: comparing it takes this
 
 
 class United(NamedTuple):
-    """The pixels of a plane, and whether a union has others than the even-odd rule."""
+    """The pixels of a plane, and whether their union differs from the even-odd rule."""
 
     filled: Filled
     changed: bool
@@ -81,7 +81,7 @@ def united_steps(contours: Sequence[NDArray[np.float64]], rows: int, columns: in
 def _groups_steps(
     contours: Sequence[NDArray[np.float64]], rows: int, columns: int, name: str
 ) -> Steps[list[list[int]]]:
-    """Return the numbers of contours; those that are connected by overlaps in part stand in one list."""
+    """Return the numbers of contours, a list for each group that partial overlaps connect."""
     groups = Groups(len(contours))
     filled: dict[int, Filled] = {}
     for pair in _pairs_with_overlapping_boxes(contours, rows, columns, name):
@@ -107,8 +107,8 @@ def _pairs_with_overlapping_boxes(
             compared += max(LEAST_COMPARED, float(sides[other, 0] * sides[other, 1]))
             if compared > MOST_COMPARED:
                 raise ReadError(
-                    f"contours of {name} overlap each other in one plane on more than {MOST_COMPARED} pixels, which "
-                    "no drawing does; export it again"
+                    f"contours of {name} overlap each other in one plane on more than {MOST_COMPARED} pixels, too "
+                    "many for drawn contours; export it again"
                 )
             yield number, number + 1 + other
 
@@ -119,6 +119,6 @@ def _partly_overlap(first: Filled, second: Filled) -> bool:
     windows = [one.mask[top - one.top :, left - one.left :] for one in (first, second)]
     rows, columns = (min(window.shape[axis] for window in windows) for axis in (0, 1))
     shared = np.count_nonzero(windows[0][:rows, :columns] & windows[1][:rows, :columns])
-    own, others = sorted(np.count_nonzero(one.mask) - shared for one in (first, second))
+    smaller, larger = sorted(np.count_nonzero(one.mask) - shared for one in (first, second))
     # The ring that a hole leaves may be thin: what sticks out of it is compared with the ring, too.
-    return shared > 0 and own > SLIVER * min(shared + own, others)
+    return shared > 0 and smaller > SLIVER * min(shared + smaller, larger)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
+"""Read Analyze 7.5 as SPM wrote it, a `.hdr` and a `.img` of one name; and NIfTI in such a pair.
 
 Header and affine of Analyze by nibabel, which reads them as SPM2 does.
 """
@@ -24,7 +24,7 @@ from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header
 HEADER = 348  # bytes
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
 MODULE = "nibabel.spm2analyze"
-MOST_OFFSET = 1 << 24  # bytes before the values
+MOST_OFFSET = 1 << 24  # Bytes before the values.
 DATA_SUFFIXES = (".img", ".img.gz", ".IMG")
 
 
@@ -71,7 +71,9 @@ def open_steps(path: Path) -> Steps[VolumeSource]:
     data_path = next((file for file in map(header_path.with_suffix, DATA_SUFFIXES) if file.is_file()), None)
     for missing, exists in ((".hdr", header_path.is_file()), (".img", data_path is not None)):
         if not exists:
-            raise ReadError(f"{path.name} is one half of a pair, and its {missing} is missing; keep the two together")
+            raise ReadError(
+                f"{path.name} belongs to a pair of files, and its {missing} is missing; put both into one folder"
+            )
     assert data_path is not None
     with header_path.open("rb") as stream:
         magic = stream.read(HEADER)[-4:]

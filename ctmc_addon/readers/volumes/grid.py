@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Values one behind the other in one file, plain, gzip or bzip2, of one time or several."""
+"""Read consecutive values in one file, plain, gzip or bzip2, of one time or several."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from ..streams import is_packed, opened
 
 
 def check_bytes(path: Path, needed: int) -> None:
-    """Refuse a file that is too short for all times, whichever is read: it is not as its header says.
+    """Refuse a file that is too short for all of its times, whichever is read.
 
     Parameters
     ----------

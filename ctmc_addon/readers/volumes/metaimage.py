@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""MetaImage: `.mha` with its values behind the header, `.mhd` with the files that it names.
+"""Read MetaImage: `.mha` with its values after the header, `.mhd` with the files that it names.
 
 Positions are in LPS+ mm; the n-th three numbers of TransformMatrix are the direction of axis n. As ITK reads it;
 itk.org/Wiki/ITK/MetaIO/Documentation is the format's description.
@@ -114,7 +114,7 @@ def open_steps(path: Path) -> Steps[_MetaImageFile]:
 
 
 def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]]:
-    """Fields by name in small letters, and the data files, none where they are behind the header.
+    """Return the fields by lower-case name, and the data files; none if the values follow the header.
 
     `stream` is left at the first byte of values behind it.
     """
@@ -136,11 +136,11 @@ def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]
 
 
 def _told_twice(fields: Mapping[str, str], keys: Sequence[str]) -> list[str]:
-    """Return a note for each of `keys` that says something else than the first one, which is taken."""
-    first, *others = [key for key in keys if key.lower() in fields] or [""]
+    """Return a note for each of `keys` that differs from the first one, which is used."""
+    first, *other_keys = [key for key in keys if key.lower() in fields] or [""]
     return [
         f"the file has {first} {fields[first.lower()][:60]} and {key} {fields[key.lower()][:60]}: {first} is taken"
-        for key in others
+        for key in other_keys
         if words_of(fields[key.lower()]) != words_of(fields[first.lower()])
     ]
 
@@ -190,7 +190,7 @@ def checked_size(fields: Mapping[str, str], name: str) -> tuple[tuple[int, int, 
         raise ReadError(f"{name} has {len(sides)} dimensions {tuple(sides)}, and a volume has 3; save one volume")
     columns, rows, slices, times = (*sides, 1, 1)[:4]
     if slices < 2:
-        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
     channels = whole(fields.get("elementnumberofchannels", "1"), "ElementNumberOfChannels", name)
     if channels != 1:
         raise ReadError(f"{name} has {channels} numbers a voxel; convert it to gray values or labels (one number)")
@@ -210,7 +210,7 @@ def checked_dtype(fields: Mapping[str, str], name: str) -> np.dtype[Any]:
 def placed(
     fields: Mapping[str, str], name: str
 ) -> tuple[NDArray[np.float64] | None, NDArray[np.float64] | None, tuple[str, ...]]:
-    """Affine to RAS+ mm, directions and what was assumed; no affine where the file has no spacing and direction."""
+    """Return the affine to RAS+ mm, directions and assumptions; no affine if the file has no spacing and direction."""
     count = len(fields["dimsize"].split())
     matrix = numbers(fields, MATRIX, count * count, name)
     spacing = numbers(fields, SPACING, count, name)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
+"""Read FreeSurfer's `.mgh` and `.mgz`; header by nibabel, values from byte 284 on.
 
 surfer.nmr.mgh.harvard.edu/fswiki/FsTutorial/MghFormat is the format's description.
 """
@@ -18,12 +18,12 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 
-HEADER = 284  # bytes, of which most are unused
-FIELDS = 90  # bytes that hold something
-RAS_FLAG = 28  # the byte where it stands; nibabel sets it, with directions that are not FreeSurfer's
+HEADER = 284  # Bytes; most are unused.
+FIELDS = 90  # Bytes in use.
+RAS_FLAG = 28  # Byte of the flag; nibabel sets it, with directions that are not FreeSurfer's.
 CORONAL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 MODULE = "nibabel.freesurfer.mghformat"
-HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # beside nibabel's own
+HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # nibabel raises these, beside its own.
 
 
 class _MghFile(VolumeSource):
@@ -40,7 +40,7 @@ class _MghFile(VolumeSource):
             raise ReadError(f"{path.name} has the sizes {tuple(sides)}, which is not a volume; export it again")
         columns, rows, slices, times = sides
         if slices < 2:
-            raise ReadError(f"{path.name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+            raise ReadError(f"{path.name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
         series = Series(1, "", slices, (columns, rows), "", self.dtype.newbyteorder("=").name, times)
         super().__init__(path, (series,), [path])
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""NIfTI-1 and NIfTI-2 in one file, plain or gzip, or in a pair; its values a few planes at a time.
+"""Read NIfTI-1 and NIfTI-2 in one file, plain or gzip, or in a pair; its values a few planes at a time.
 
 nibabel reads and mends the header, whose affine maps (i, j, k) to RAS+. i is the fastest index in the file, so the
 values are (k, j, i) in C order.
@@ -124,7 +124,7 @@ def mended(kind: Any, content: bytes) -> tuple[Any, NDArray[np.float64]]:
 
 
 def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
-    """Contents of the extensions behind a header of `at` bytes, whatever each says it is.
+    """Return the contents of the extensions after a header of `at` bytes, whatever their codes.
 
     nibabel's own reader of extensions takes minutes for a file that is full of empty ones.
 
@@ -135,7 +135,7 @@ def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
     order : {"<", ">"}
         Of the bytes of a number.
     """
-    found: list[bytes] = []
+    contents: list[bytes] = []
     more, at = head[at : at + 1] > b"\0", at + 4
     while more and at + 8 <= len(head):
         (size,) = struct.unpack_from(f"{order}i", head, at)
@@ -143,9 +143,9 @@ def extensions(head: bytes, at: int, order: str, name: str) -> list[bytes]:
             raise ReadError(
                 f"{name} has a header extension of {size} bytes, and {len(head) - at} bytes are there; export it again"
             )
-        found.append(head[at + 8 : at + size])
+        contents.append(head[at + 8 : at + size])
         at += size
-    return found
+    return contents
 
 
 def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int], int]:
@@ -173,7 +173,7 @@ def checked_size(sides: Sequence[int], name: str) -> tuple[tuple[int, int, int],
         )
     columns, rows, slices, times = (*shape, 1, 1)[:4]
     if slices < 2:
-        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
     return (columns, rows, slices), times
 
 
@@ -187,7 +187,7 @@ def checked_dtype(dtype: np.dtype[Any], name: str) -> np.dtype[Any]:
 
 
 def scaling(header: Any, name: str) -> tuple[float, float]:
-    """Slope and intercept of the values; 1 and 0 where the header has none."""
+    """Return slope and intercept of the values; 1 and 0 if the header has none."""
     try:
         slope, intercept = header.get_slope_inter()
     except header_errors() as error:
@@ -203,7 +203,7 @@ def checked_scale(slope: float, intercept: float, name: str) -> tuple[float, flo
 
 
 def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Affine in mm, and what had to be assumed; `pixdim` is as it is written."""
+    """Return the affine in mm and the assumptions; `pixdim` is as stored."""
     try:
         affine = np.array(header.get_best_affine(), np.float64)
     except header_errors() as error:
@@ -230,7 +230,7 @@ def unit_of(header: Any) -> str:
 
 
 def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tuple[str, ...]:
-    """Return what the file says of its place in two ways that differ, or in none that can be.
+    """Return notes on positions that the file states twice and differently, or wrongly.
 
     Parameters
     ----------
@@ -244,8 +244,8 @@ def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tupl
     if not header["sform_code"]:
         return mended_notes(pixdim * mm, np.array(header["pixdim"][1:4], np.float64) * mm)
     affine = np.array(header.get_sform(), np.float64)
-    lengths, others = spacing_of(affine) * mm, np.abs(pixdim) * mm
-    parts = [f"spacing {lengths_text(lengths)} and {lengths_text(others)} mm"] * differ(others, lengths)
+    lengths, pixdim_lengths = spacing_of(affine) * mm, np.abs(pixdim) * mm
+    parts = [f"spacing {lengths_text(lengths)} and {lengths_text(pixdim_lengths)} mm"] * differ(pixdim_lengths, lengths)
     if not header["qform_code"]:
         return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
     try:
@@ -275,7 +275,7 @@ def mended_notes(written_mm: NDArray[np.float64], taken_mm: NDArray[np.float64])
 
 
 def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:
-    """Names and colors of labels from a `LabelTable` in one of the header's extensions, as TotalSegmentator writes it.
+    """Return label names and colors from a `LabelTable` in an extension of the header, as TotalSegmentator writes it.
 
     Colors are shares of 1, as GIFTI and Caret have them.
     """

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One NumPy file of (slices, rows, columns), in the order it was saved; it has neither spacing nor orientation."""
+"""Read one NumPy file of (slices, rows, columns), in the order it was saved; it has neither spacing nor orientation."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def open_steps(path: Path) -> Steps[NpyFile]:
 
 
 def read_header(stream: Any, name: str) -> tuple[tuple[int, int, int], bool, np.dtype[Any]]:
-    """Shape without axes of 1 beyond the third, memory order and type; `stream` is left at the values."""
+    """Return the shape without axes of 1 beyond the third, memory order and type; leave `stream` at the values."""
     npy: Any = np.lib.format
     try:
         read = npy.read_array_header_1_0 if npy.read_magic(stream) == (1, 0) else npy.read_array_header_2_0

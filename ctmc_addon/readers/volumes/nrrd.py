@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""NRRD with its data inside, in one other file or in many; its header by pynrrd.
+"""Read NRRD with its data inside, in one other file or in many; its header by pynrrd.
 
 The first axis is the fastest, so the values are (third, second, first) in C order.
 teem.sourceforge.net/nrrd/format.html is the format's description.
@@ -32,8 +32,8 @@ from .nrrd_place import placed
 Result = TypeVar("Result")
 
 MOST_HEADER = 2**24  # bytes
-MOST_SKIP = 1 << 62  # bytes; no file is that long
-HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # beside pynrrd's own
+MOST_SKIP = 1 << 62  # Bytes; no file is that long.
+HEADER_ERRORS = (ValueError, KeyError, IndexError, TypeError, StopIteration)  # pynrrd raises these, beside its own.
 TYPES = {
     "i1": ("signed char", "int8", "int8_t"),
     "u1": ("uchar", "unsigned char", "uint8", "uint8_t"),
@@ -48,8 +48,8 @@ TYPES = {
 }
 _outside: ContextVar[bool] = ContextVar("outside", default=False)
 TEXT_ENCODINGS = ("ascii", "text", "txt")
-LONGEST_WORD = 400  # letters of a number: a double written without exponent has 309
-WORDS_CHUNK = 2**17  # bytes of numbers in words, about 0.005 s
+LONGEST_WORD = 400  # Letters of a number; a double without exponent has 309.
+WORDS_CHUNK = 2**17  # Bytes of numbers as text, read in about 0.005 s.
 
 
 class _NrrdFile(VolumeSource):
@@ -81,16 +81,16 @@ class _NrrdFile(VolumeSource):
             layers = []
             for layer in range(self.times):
                 layers.append((yield from self._time_steps(layer)))
-            made = yield from layered_steps(layers, self.segments, self.path.name)
-            first, *further = made.layers
-            said = (*notes, *made.notes)
+            label_layers = yield from layered_steps(layers, self.segments, self.path.name)
+            first, *further = label_layers.layers
+            said = (*notes, *label_layers.notes)
             return RawValues(
                 first,
                 affine,
                 said,
                 ValueKind.LABEL,
-                made.names,
-                made.colors,
+                label_layers.names,
+                label_layers.colors,
                 directions=directions,
                 layers=tuple(further),
             )
@@ -131,7 +131,7 @@ def open_steps(path: Path) -> Steps[_NrrdFile]:
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
-    """Header by pynrrd; `stream` is left at the first byte of attached data."""
+    """Return pynrrd's header; leave `stream` at the first byte of attached data."""
     nrrd = needed("nrrd", "pynrrd", "NRRD")
     lines, names = _header_lines(stream, name)
     try:
@@ -152,7 +152,7 @@ def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:
 
 
 def _header_lines(stream: IO[bytes], name: str) -> tuple[list[str], list[str]]:
-    """Lines up to the empty one, and the names that follow `data file: LIST`, which pynrrd does not know.
+    """Return the lines up to the empty one, and the names after `data file: LIST`, which pynrrd cannot read.
 
     They are decoded here: of bytes pynrrd drops every letter that is not ASCII.
     """
@@ -217,7 +217,7 @@ def checked_size(header: Mapping[str, Any], name: str) -> tuple[tuple[int, int, 
     times, interleaved = (sizes[apart], apart == kept[0]) if apart >= 0 else (1, False)
     kept = [axis for axis in kept if axis != apart]
     if len(kept) < 3 or sizes[kept[2]] < 2:
-        raise ReadError(f"{name} holds one slice only, sizes {tuple(sizes)}; a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice, sizes {tuple(sizes)}; a surface needs at least 2 slices")
     return (sizes[kept[0]], sizes[kept[1]], sizes[kept[2]]), kept, times, interleaved
 
 
@@ -290,7 +290,9 @@ def inner_path(name: str, header_name: str) -> PurePath:
 def open_data_file(file: Path, header: Path) -> IO[bytes]:
     """Return a data file for reading, or a `ReadError` if there is no such file."""
     if not file.is_file():
-        raise ReadError(f"{header.name} names the data file {file.name[:80]}, which is missing; keep the two together")
+        raise ReadError(
+            f"{header.name} names the data file {file.name[:80]}, which is missing; put both files into one folder"
+        )
     return file.open("rb")
 
 
@@ -302,7 +304,7 @@ def _stored_steps(
     shape: tuple[int, int, int],
     dtype: np.dtype[Any],
 ) -> Steps[SliceReader]:
-    """Return what reads the values of one data file, which begin behind byte `start` and what the header skips.
+    """Return a reader of the values of one data file, after byte `start` and the bytes that the header skips.
 
     Not by pynrrd, which unpacks a whole file at once, however long it gets, and holds it beside the values.
     """
@@ -374,7 +376,7 @@ def words_steps(values: NDArray[Any], stream: IO[bytes], name: str) -> Steps[Non
             raise ReadError(f"{name} holds more than the {len(values)} values of its sizes; repair the header")
         odd = next((word for word in (*words, unfinished_word) if len(word) > LONGEST_WORD or b"_" in word), b"")
         if odd:  # NumPy makes room for the longest at each, and takes 1_0 for 10
-            raise ReadError(f"{name} has '{odd[:20].decode('ascii', 'replace')}', which is no number; export it again")
+            raise ReadError(f"{name} has '{odd[:20].decode('ascii', 'replace')}', not a number; export it again")
         numbers = np.array(words, dtype="S")
         try:
             values[done:end] = numbers.astype(values.dtype)

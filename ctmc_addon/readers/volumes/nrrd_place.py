@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the samples of an NRRD lie in the patient, by its header.
+"""Find the position of an NRRD's samples in the patient, from its header.
 
 The named spaces are turned to RAS+ mm. teem.sourceforge.net/nrrd/format.html is the format's description.
 """
@@ -45,7 +45,7 @@ def placed(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float
 
 
 def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64], tuple[str, ...]]:
-    """Affine of an NRRD that has a space, and what was assumed."""
+    """Return the affine of an NRRD that has a space, and the assumptions."""
     space = str(header.get("space", "")).strip().lower()
     directions = np.asarray(header["space directions"], np.float64)
     origin = np.asarray(header.get("space origin", (0.0, 0.0, 0.0)), np.float64)
@@ -105,14 +105,14 @@ def _converted_along(affine: NDArray[np.float64], lengths_mm: list[float]) -> ND
     return converted
 
 
-def _other_units(taken: str, words: list[str], other: str, others: list[str]) -> tuple[str, ...]:
+def _other_units(taken: str, words: list[str], other: str, other_words: list[str]) -> tuple[str, ...]:
     """Return the note on units under two names of a field that differ; the first are taken."""
     lengths, other_lengths = (
-        {mm_of(word) or word.strip() for word in each if word.strip()} for each in (words, others)
+        {mm_of(word) or word.strip() for word in each if word.strip()} for each in (words, other_words)
     )
-    if not others or not words or lengths == other_lengths:
+    if not other_words or not words or lengths == other_lengths:
         return ()
-    return (f"the file has {taken} {_quoted(words)} and {other} {_quoted(others)}: the {taken} are taken",)
+    return (f"the file has {taken} {_quoted(words)} and {other} {_quoted(other_words)}: the {taken} are taken",)
 
 
 def _quoted(units: list[str]) -> str:
@@ -121,7 +121,7 @@ def _quoted(units: list[str]) -> str:
 
 
 def _by_spacings(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[np.float64] | None, tuple[str, ...]]:
-    """Affine of an NRRD without directions, taken as axial, and what was assumed; None without spacing."""
+    """Return the affine of an NRRD without directions, taken as axial, and the assumptions; None without spacing."""
     low, high = _per_axis(header, "axis mins", kept), _per_axis(header, "axis maxs", kept)
     words = [str(word).lower() for word in _field(header, "centerings")]
     centerings = [words[axis] if axis < len(words) else "" for axis in kept]
@@ -164,7 +164,7 @@ def _per_axis(header: Mapping[str, Any], name: str, kept: list[int]) -> NDArray[
 
 
 def _units_of_space(header: Mapping[str, Any]) -> list[str]:
-    """Return the unit along each axis of the patient, none where the file has none; one is all's, a fourth time's."""
+    """Return the unit along each axis of the patient, if any; one unit is for all axes, a fourth is that of time."""
     words = [str(word) for word in _field(header, "space units")]
     own = words[:3] if len(words) > 2 else words[:1] * 3
     return own if any(word.strip() for word in own) else []

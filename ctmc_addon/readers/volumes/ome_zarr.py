@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""OME-Zarr 0.4 and 0.5, a folder: an image or its labels in several resolutions, each an array of Zarr.
+"""Read OME-Zarr 0.4 and 0.5, a folder: an image or its labels in several resolutions, each a Zarr array.
 
 ngff.openmicroscopy.org/0.5 is the format's description. It has spacing and position, and no orientation of a patient:
 taken as axial, as slices and npy are. Of several channels one is read, chosen as a series; labels are in `labels/`.
@@ -30,8 +30,8 @@ from .zarr_array import ArrayHeader, ZarrSlices, array_header, listed, missing_n
 REMEDY = "install it by `pip install ctmc-addon[zarr]`"
 VERSIONS = ("0.4", "0.5")
 MOST_LEVELS, MOST_CHANNELS = 64, 1000
-MOST_NAMED = 5  # in one message
-NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # of a label's properties, which may have any
+MOST_NAMED = 5  # A message names at most this many.
+NAME_KEYS = ("name", "label-name", "label_name", "class", "label")  # A label's properties may have any of these.
 
 
 class _Multiscale(NamedTuple):
@@ -39,12 +39,12 @@ class _Multiscale(NamedTuple):
 
     axes: list[dict[str, Any]]
     levels: list[ArrayHeader]
-    transforms: list[list[Any]]  # of each level: its own, then those of all
+    transforms: list[list[Any]]  # Transforms of each level: its own, then those of all levels.
     labels: dict[str, Any] | None  # `image-label`; None where it is an image
     notes: tuple[str, ...]
 
     def axis(self, kind: str, name: str) -> int | None:
-        """The number of the axis of that type, or of that name where it has no type; None where there is none."""
+        """Return the number of the axis of that type, or of that name if it has no type; None without such an axis."""
         for number, axis in enumerate(self.axes):
             if axis.get("type", "") == kind or (not axis.get("type") and axis.get("name") == name):
                 return number
@@ -84,8 +84,8 @@ class _OmeZarr(VolumeSource):
     @property
     def files(self) -> tuple[Path, ...]:
         """Return all metadata and chunks, which are looked for when they are asked for."""
-        found = (Path(folder) / file for folder, _, files in os.walk(self.path) for file in files)
-        return tuple(sorted(found, key=natural_key))
+        paths = (Path(folder) / file for folder, _, files in os.walk(self.path) for file in files)
+        return tuple(sorted(paths, key=natural_key))
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """Return the channel that would be read; by default the first."""
@@ -97,7 +97,7 @@ class _OmeZarr(VolumeSource):
         channel = self.selected_series(request.series)
         if channel is None:
             raise ReadError(
-                f"there is no series '{request.series}', as {self.path.name} has {len(self.series)} channels; "
+                f"there is no series '{request.series}', because {self.path.name} has {len(self.series)} channels; "
                 f"choose from 1 to {len(self.series)}"
             )
         header = self.image.levels[request.level]
@@ -126,7 +126,7 @@ class _OmeZarr(VolumeSource):
         return self.image.axis("channel", "c")
 
     def _placed(self, level: int) -> tuple[NDArray[np.float64] | None, list[str]]:
-        """Affine to RAS+ mm and what was assumed; None without a scale."""
+        """Return the affine to RAS+ mm and the assumptions; None without a scale."""
         name = self.image.levels[level].name
         lengths, shifts, is_scaled = _scale_and_shift(self.image.transforms[level], len(self.image.axes), name)
         if not is_scaled:
@@ -162,7 +162,7 @@ def open_steps(path: Path) -> Steps[_OmeZarr]:
 
 
 def _ome_of(folder: Path) -> dict[str, Any]:
-    """Return what the attributes of a group say for OME-Zarr: all of them in 0.4, those below `ome` in 0.5."""
+    """Return the OME-Zarr attributes of a group: all attributes in 0.4, those below `ome` in 0.5."""
     third = read_json(folder / "zarr.json", folder.name)
     attributes = third.get("attributes") if third else read_json(folder / ".zattrs", folder.name)
     if not isinstance(attributes, dict):
@@ -172,13 +172,13 @@ def _ome_of(folder: Path) -> dict[str, Any]:
 
 
 def image_folder(path: Path) -> Path:
-    """The folder itself, or that of the one image in it, as bioformats2raw writes it; a `ReadError` for all else."""
+    """Return the folder itself, or that of its only image, as bioformats2raw writes it; else raise `ReadError`."""
     about = _ome_of(path)
     if listed(about, "multiscales"):
         return path
     if _is_array(path):
         raise ReadError(
-            f"{path.name} is one array of a Zarr store, without what OME-Zarr says of it; choose the folder that holds "
+            f"{path.name} is one array of a Zarr store without OME-Zarr metadata; choose the folder that holds "
             f"it, {path.absolute().parent.name}, and the level"
         )
     inner = [f"labels/{word}" for word in listed(_ome_of(path / "labels"), "labels") if _is_inner(word)]
@@ -216,9 +216,9 @@ def _is_inner(word: Any) -> bool:
 
 
 def _multiscale(folder: Path, about: Mapping[str, Any], name: str) -> _Multiscale:
-    """Return the first image that the metadata of a group tell of."""
-    found = about["multiscales"]
-    first = found[0] if isinstance(found[0], dict) else {}
+    """Return the first image in the metadata of a group."""
+    images = about["multiscales"]
+    first = images[0] if isinstance(images[0], dict) else {}
     version = str(about.get("version", first.get("version", _version_by_axes(first))))
     if not version.startswith(VERSIONS):
         raise ReadError(
@@ -249,7 +249,7 @@ def _multiscale(folder: Path, about: Mapping[str, Any], name: str) -> _Multiscal
         transforms.append([*listed(dataset, "coordinateTransformations"), *listed(first, "coordinateTransformations")])
     labels = about.get("image-label")
     labels = labels if isinstance(labels, dict) else {} if folder.parent.name == "labels" else None
-    notes = (f"{len(found) - 1} further images of the group left out",) if len(found) > 1 else ()
+    notes = (f"{len(images) - 1} further images of the group left out",) if len(images) > 1 else ()
     image = _Multiscale(axes, levels, transforms, labels, notes)
     _check_axes(image, name)
     return image
@@ -266,14 +266,14 @@ def _version_by_axes(multiscales: Mapping[str, Any]) -> str:
 def _check_axes(image: _Multiscale, name: str) -> None:
     """Refuse what is not a volume at times and of channels."""
     space = set(image.space)
-    known_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}
+    handled_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}
     words = " ".join(str(axis.get("name", "?"))[:20] for axis in image.axes)
     is_flat = len(image.axes) < 3 or any(image.axes[axis].get("type") in ("time", "channel") for axis in space)
     for header in image.levels:
         if is_flat or header.shape[image.space[0]] < 2:
-            raise ReadError(f"{header.name} holds one slice only (axes {words}); a surface needs at least 2 slices")
+            raise ReadError(f"{header.name} has only one slice (axes {words}); a surface needs at least 2 slices")
         for number, side in enumerate(header.shape):
-            if side > 1 and number not in known_axes:
+            if side > 1 and number not in handled_axes:
                 raise ReadError(
                     f"{header.name} has {side} volumes along an axis of its own (axes {words}); save one of them"
                 )
@@ -282,7 +282,7 @@ def _check_axes(image: _Multiscale, name: str) -> None:
 def _scale_and_shift(
     transforms: Sequence[Any], axes: int, name: str
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], bool]:
-    """Length of a sample and position of the first along each axis, (axes,), and whether a scale is there."""
+    """Return sample length and position of the first sample along each axis, (axes,), and whether there is a scale."""
     lengths, shifts, is_scaled = np.ones(axes), np.zeros(axes), False
     for transform in transforms:
         about = transform if isinstance(transform, dict) else {}
@@ -321,12 +321,12 @@ def _channel_names(about: Mapping[str, Any], count: int) -> list[str]:
 
 
 def _label_facts(about: Mapping[str, Any]) -> tuple[dict[int, str], dict[int, RGB]]:
-    """Names and colors of labels in `image-label`; names are a comfort, so what is broken is passed over.
+    """Return names and colors of labels in `image-label`, without broken ones: the labels are readable without.
 
     Examples
     --------
     >>> about = {"colors": [{"label-value": 1, "rgba": [255, 0, 9, 255]}]}
-    >>> label_facts(about | {"properties": [{"label-value": 1, "name": "liver"}]})
+    >>> _label_facts(about | {"properties": [{"label-value": 1, "name": "liver"}]})
     ({1: 'liver'}, {1: (255, 0, 9)})
     """
     names: dict[int, str] = {}

@@ -40,8 +40,8 @@ def numbers(fields: Mapping[str, str], keys: Sequence[str], count: int, name: st
     except ValueError:
         values = []
     if len(values) != count or not all(map(math.isfinite, values)):
-        wanted = "a number" if count == 1 else f"{count} numbers"
-        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {wanted}; export it again")
+        expected = "a number" if count == 1 else f"{count} numbers"
+        raise ReadError(f"{name} has '{fields[key.lower()][:60]}' as {key}, not {expected}; export it again")
     return values
 
 
@@ -58,5 +58,5 @@ def volume_size(sides: Sequence[int], name: str) -> tuple[int, int, int]:
         raise ReadError(f"{name} has the sizes {tuple(sides)}, and a volume has 3 above 0; export it again")
     columns, rows, slices = sides
     if slices < 2:
-        raise ReadError(f"{name} holds one slice only ({columns} x {rows}); a surface needs at least 2 slices")
+        raise ReadError(f"{name} has only one slice ({columns} x {rows}); a surface needs at least 2 slices")
     return columns, rows, slices

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""VFF, Sun's visualization file format as micro-CT scanners of GE write it: a text header, then big-endian values.
+"""Read VFF, Sun's visualization format as GE's micro-CT scanners write it: a text header, then big-endian values.
 
 Lines `key=value;` from the word `ncaa` to a form feed. A voxel's side is `elementsize` in mm times `spacing`.
 """
@@ -20,8 +20,8 @@ from ..value_kind import scaled_steps
 from .nrrd import header_text
 from .text_header import MOST_HEADER, numbers, volume_size, whole
 
-LARGEST = 1e30  # of a value, far below the largest float32
-TYPES = {8: ">u1", 16: ">i2", 32: ">f4"}  # by the bits of a value
+LARGEST = 1e30  # Limit of a value, far below the largest float32.
+TYPES = {8: ">u1", 16: ">i2", 32: ">f4"}  # Types by the bits of a value.
 
 
 class _VffFile(VolumeSource):

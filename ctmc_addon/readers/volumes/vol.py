@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A text beside flat values: `.vgi` of Volume Graphics, `.vol.info` of PyHST, as micro-CT and synchrotrons write them.
+"""Read flat values with a text beside them: `.vgi` of Volume Graphics, `.vol.info` of PyHST.
 
 Either file opens the pair. `.vgi` has sections with lines `key = value`, sizes of voxels in the unit that it says;
 `.vol.info` has lines `NUM_X = 512`, and the side of a voxel in micrometers.
@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ...core import PAUSE, ReadError, Steps
-from ..file_formats import text_beside
+from ..file_formats import companion_text
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..stored_slices import RawSlices
@@ -33,7 +33,7 @@ PYHST_ORDERS = {"LOWBYTEFIRST": "<", "HIGHBYTEFIRST": ">"}
 
 
 class _FlatValues(NamedTuple):
-    """What a text says of the values beside it.
+    """The layout of flat values, from the text beside them.
 
     Parameters
     ----------
@@ -81,7 +81,7 @@ class _VolFile(VolumeSource):
 
 def open_steps(path: Path) -> Steps[_VolFile]:
     """Open a text, or the text beside values."""
-    return _VolFile(text_beside(path) or path)
+    return _VolFile(companion_text(path) or path)
     yield  # a text is short
 
 
@@ -103,7 +103,7 @@ def fields_of(text: str) -> dict[str, str]:
 
 
 def _volume_graphics(path: Path) -> _FlatValues:
-    """Return what a `.vgi` says.
+    """Return the layout of values from a `.vgi`.
 
     Raises
     ------
@@ -147,17 +147,17 @@ def _volume_graphics(path: Path) -> _FlatValues:
 
 
 def _values_path(path: Path, name: str) -> Path:
-    """Return where the values of a `.vgi` lie: where it says, else beside it, as a folder may be another machine's."""
+    """Return the path of a `.vgi`'s values: as it says, else beside it, because the folder may be another machine's."""
     last = re.split(r"[/\\]", name)[-1]
     if last.lower().endswith(VGI) or not last:
         raise ReadError(f"{path.name} has '{name[:60]}' as Name, not a file of values; export it again")
-    beside, inside = path.parent / last, path.parent / name.replace("\\", "/")
-    is_inside = inside.is_relative_to(path.parent) and inside.is_file()
-    return beside if beside.is_file() and not is_inside else path.parent / inner_path(name, path.name)
+    in_folder, as_written = path.parent / last, path.parent / name.replace("\\", "/")
+    is_inside = as_written.is_relative_to(path.parent) and as_written.is_file()
+    return in_folder if in_folder.is_file() and not is_inside else path.parent / inner_path(name, path.name)
 
 
 def _pyhst(path: Path) -> _FlatValues:
-    """Return what a `.vol.info` says.
+    """Return the layout of values from a `.vol.info`.
 
     Raises
     ------

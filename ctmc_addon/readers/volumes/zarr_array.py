@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""One array of a Zarr store, version 2 or 3, by zarr: its description, and its values some chunks at a time.
+"""Read one array of a Zarr store, version 2 or 3, by zarr: its description, and its values some chunks at a time.
 
 zarr-specs.readthedocs.io describes both versions. The names of codecs are looked at before zarr is asked, and one that
 is not in `CODECS` is refused, as one of zarr's unpickles what it reads.
@@ -25,14 +25,14 @@ from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
 from ..packed_size import bytes_to_look_at, unpacks_beyond
 
-MOST_JSON = 1 << 24  # bytes of one file of metadata
+MOST_JSON = 1 << 24  # Bytes of one metadata file.
 MOST_AXES = 8
-LONGEST = 1 << 40  # samples along an axis
-MOST_COUNTED = 100_000  # chunks that are counted in the file system
-WIDEST = 16  # bytes that a filter may make of a value
-BLOCK = 1 << 24  # bytes that are decoded at once, where a chunk has fewer
-RUN = 1 << 26  # bytes that are looked at at once
-MOST_KEPT = 1 << 28  # bytes of a layer of chunks that are kept for the next call
+LONGEST = 1 << 40  # Samples along an axis.
+MOST_COUNTED = 100_000  # At most this many chunks are counted in the file system.
+WIDEST = 16  # A filter may turn a value into this many bytes.
+BLOCK = 1 << 24  # This many bytes are decoded at once if chunks have fewer.
+RUN = 1 << 26  # This many bytes are checked at once.
+MOST_KEPT = 1 << 28  # At most this many bytes of a layer of chunks are kept for the next call.
 # Of numcodecs (version 2) and of zarr (version 3), where those of numcodecs are called 'numcodecs.zlib'.
 SIZES = {"b": (1,), "i": (1, 2, 4, 8), "u": (1, 2, 4, 8), "f": (4, 8)}  # The bytes of a value, by its kind.
 CODECS = {
@@ -49,13 +49,13 @@ class ArrayHeader(NamedTuple):
     """The description of an array."""
 
     folder: Path
-    array: Any  # zarr's
+    array: Any  # The array of zarr.
     shape: tuple[int, ...]
-    chunks: tuple[int, ...]  # that are decoded at once
-    grid: int  # number of files that hold all values: chunks, or shards of several
-    dtype: np.dtype[Any]  # in the machine's byte order
-    codec: str  # that packed the files; empty for none, or for shards
-    name: str  # for messages
+    chunks: tuple[int, ...]  # Sides of a chunk, which is decoded at once.
+    grid: int  # Number of files with all values: chunks, or shards of several chunks.
+    dtype: np.dtype[Any]  # Type in the machine's byte order.
+    codec: str  # Codec that packed the files; empty for none and for shards.
+    name: str  # Name for messages.
 
     @property
     def chunk_bytes(self) -> int:
@@ -64,7 +64,7 @@ class ArrayHeader(NamedTuple):
 
 
 def read_json(path: Path, name: str) -> dict[str, Any]:
-    """Return an object in a file of metadata; empty where there is no such file.
+    """Return the object in a metadata file; empty if the file is missing.
 
     Raises
     ------
@@ -74,12 +74,12 @@ def read_json(path: Path, name: str) -> dict[str, Any]:
     if not path.is_file():
         return {}
     try:
-        found = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_JSON else None
+        metadata = json.loads(path.read_bytes()) if path.stat().st_size <= MOST_JSON else None
     except (ValueError, RecursionError):
-        found = None
-    if not isinstance(found, dict):
+        metadata = None
+    if not isinstance(metadata, dict):
         raise ReadError(f"{path.name} of {name} is not readable metadata of Zarr; export or copy it again")
-    return found
+    return metadata
 
 
 def array_header(folder: Path, name: str) -> ArrayHeader:
@@ -125,7 +125,7 @@ def array_header(folder: Path, name: str) -> ArrayHeader:
 
 
 def outermost(about: Mapping[str, Any]) -> str:
-    """Return the codec that was the last to pack, check sums left out."""
+    """Return the codec that packed last, except check sums."""
     codecs = [about.get("compressor"), *listed(about, "codecs")]
     words = [str(codec.get("id", codec.get("name"))) for codec in codecs if isinstance(codec, dict)]
     packing = [word.removeprefix("numcodecs.") for word in words if "crc32" not in word]
@@ -134,18 +134,18 @@ def outermost(about: Mapping[str, Any]) -> str:
 
 def listed(about: Mapping[str, Any], key: str) -> list[Any]:
     """Return the list of that name; empty where there is none."""
-    found = about.get(key)
-    return found if isinstance(found, list) else []
+    entries = about.get(key)
+    return entries if isinstance(entries, list) else []
 
 
 def _codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
     """Yield the names of all codecs, at any depth of their configurations."""
     if isinstance(codecs, dict):
-        for key, found in codecs.items():
+        for key, value in codecs.items():
             if key in ("id", "name"):
-                yield str(found)
-            elif isinstance(found, dict | list):
-                yield from _codec_ids(found, depth + 1) if depth < MOST_AXES else ["nested too deep"]
+                yield str(value)
+            elif isinstance(value, dict | list):
+                yield from _codec_ids(value, depth + 1) if depth < MOST_AXES else ["nested too deep"]
     elif isinstance(codecs, list):
         for codec in codecs:
             yield from (
@@ -158,7 +158,7 @@ def _codec_ids(codecs: Any, depth: int = 0) -> Iterator[str]:
 
 
 def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
-    """Return what is said where files of chunks are not there: a store leaves out those of the fill value.
+    """Return a note on missing chunk files: a store leaves out chunks of the fill value.
 
     Raises
     ------
@@ -183,7 +183,7 @@ def _chunk_files(folder: Path) -> Iterator[str]:
 
 
 class ZarrSlices(SliceReader):
-    """A volume in an array: three of its axes, at one index of each of the others.
+    """A volume in an array: three of its axes, at one index of each remaining axis.
 
     Parameters
     ----------
@@ -205,7 +205,7 @@ class ZarrSlices(SliceReader):
 
     @property
     def at_once(self) -> int:
-        """Return a layer of chunks, or so many of its slices that they are not much."""
+        """Return the slices of a layer of chunks, or fewer if those are large."""
         return min(self.chunk_slices, max(1, RUN // (self.shape[1] * self.shape[2] * self.dtype.itemsize)))
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
@@ -229,14 +229,14 @@ class ZarrSlices(SliceReader):
             target[...] = values[kept.index(own[0]) :][:: own.step // kept.step][: len(own)]
 
     def runs_steps(self, visit: Callable[[NDArray[Any]], bool]) -> Steps[None]:
-        """Hand all values to `visit`, if so many slices fit: a store need not hold what it tells of."""
+        """Hand all values to `visit` if the slices fit in memory: a store need not hold all that its metadata claim."""
         sides = f"{self.shape[2]} x {self.shape[1]} x {self.at_once}"
         size = self.at_once * self.shape[1] * self.shape[2] * self.dtype.itemsize
         require_memory(size, f"looking at {self.header.name} ({sides})", "choose another level")
         yield from super().runs_steps(visit)
 
     def values_steps(self, slices: range, rows: range, columns: range) -> Steps[NDArray[Any]]:
-        """`read` as steps, a layer of chunks at a time, straight into place."""
+        """Read values as steps, a layer of chunks at a time, straight into place."""
         out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
         for first, own, _ in self._layers(slices):
             yield Step(first / len(slices), "Reading slices")
@@ -244,13 +244,12 @@ class ZarrSlices(SliceReader):
         return out
 
     def _is_kept(self, slices: range, rows: range, columns: range) -> bool:
-        """Whether values of one layer are among those that were kept."""
         if self._kept is None or self._kept[1:3] != (rows, columns) or slices.step % self._kept[0].step:
             return False
         return slices[0] in self._kept[0] and slices[-1] in self._kept[0]
 
     def _layers(self, slices: range) -> Iterator[tuple[int, range, int]]:
-        """The slices of each layer of chunks: the number of the first, they themselves, and where the layer stops."""
+        """Yield each layer of chunks: the number of its first slice, its slices, and its end."""
         side, first = self.header.chunks[self.axes[0]], 0
         while first < len(slices):
             stop = min((slices[first] // side + 1) * side, self.shape[0])
@@ -269,7 +268,7 @@ class ZarrSlices(SliceReader):
                 out[:, row : row + len(own_rows), column : column + len(own_columns)] = block
 
     def _selected(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
-        """Values (slices, rows, columns) by zarr."""
+        """Return the values (slices, rows, columns) by zarr."""
         index: dict[int, int | slice] = dict(self.at)
         index |= dict(zip(self.axes, map(as_slice, (slices, rows, columns)), strict=True))
         if self.header.codec:
@@ -301,7 +300,7 @@ class ZarrSlices(SliceReader):
                     content = file.read(bytes_to_look_at(path.stat().st_size, self.header.codec, most))
             if unpacks_beyond(content, self.header.codec, most):
                 raise ReadError(
-                    f"chunk {key} of {self.header.name} unpacks to far more than its size tells of; export it again"
+                    f"chunk {key} of {self.header.name} unpacks to far more bytes than its size allows; export it again"
                 )
 
 
@@ -310,7 +309,7 @@ def _chunk_ranges(numbers: range, side: int) -> Iterator[tuple[int, range]]:
 
     Examples
     --------
-    >>> list(chunk_ranges(range(3, 10, 2), 4))
+    >>> list(_chunk_ranges(range(3, 10, 2), 4))
     [(0, range(3, 5, 2)), (1, range(5, 9, 2)), (3, range(9, 11, 2))]
     """
     first = 0

@@ -312,7 +312,7 @@ def test_a_worker_stops_the_case_of_a_batch_that_has_ended_and_writes_no_record(
     worker.join(60)
     assert not worker.is_alive()
     assert processes[0].process.poll() is not None
-    assert errors == [f"the batch has ended, or its folder {name} is not seen on this machine"]
+    assert errors == [f"the batch has ended, or its folder {name} is not visible from this machine"]
     with pytest.raises(CtmcError, match="the batch has ended"):  # nor is one begun
         batch_process.run_task(task_of(tmp_path, "a", unfinished=name))
     assert len(started) == 1

@@ -236,7 +236,7 @@ def test_slices_without_positions_are_refused(tmp_path, save_stack):
 
 def test_one_slice_only_is_refused(tmp_path, save_stack):
     save_stack(tmp_path, (4,))
-    with pytest.raises(CtmcError, match=r"one slice only.*at least 2 slices"):
+    with pytest.raises(CtmcError, match=r"only one slice.*at least 2 slices"):
         read_volume(tmp_path)
 
 

@@ -99,7 +99,7 @@ def test_of_slices_at_one_place_the_first_is_kept_and_it_is_said():
 
 
 def test_one_slice_and_slices_at_one_place_are_refused():
-    with pytest.raises(CtmcError, match=r"one slice only \(s0\), at 3.0 mm.*at least 2"):
+    with pytest.raises(CtmcError, match=r"only one slice \(s0\), at 3.0 mm.*at least 2"):
         stacked(along_z(3))
     words = r"all 3 slices \(such as s0\) are at one position to within 0\.001 mm, at 3\.0 mm.*at least 2"
     with pytest.raises(CtmcError, match=words):

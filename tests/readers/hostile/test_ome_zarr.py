@@ -109,7 +109,7 @@ def test_types_that_are_no_gray_values_are_refused(store, dtype, words):
         ({"chunks": None}, "has metadata that zarr does not read"),
         ({"zarr_format": 4}, "has metadata that zarr does not read"),
         ({"order": "Q"}, "has metadata that zarr does not read"),
-        ({"compressor": {"id": "blosc", "cname": 7}}, "unpacks to far more than its size tells of"),
+        ({"compressor": {"id": "blosc", "cname": 7}}, "unpacks to far more bytes than its size allows"),
         ({"compressor": {"id": "zlib", "level": "x"}}, "is truncated or damaged"),
         ({"fill_value": "words"}, "has metadata that zarr does not read"),
     ],
@@ -155,7 +155,7 @@ def test_chunks_that_do_not_fit_are_refused_before_they_are_read(store):
         ({"multiscales": [{"datasets": [{"path": "0"}]}]}, "is OME-Zarr 0.2 or older, and 0.4 and 0.5 are read"),
         ({"multiscales": [multiscales("0.4") | {"version": "0.6"}]}, "is OME-Zarr 0.6, and 0.4 and 0.5 are read"),
         ({"multiscales": [multiscales("0.4", axes="yx")]}, "has 3 axes, and its metadata name 2"),
-        ({"multiscales": [multiscales("0.4", axes="tyx")]}, "holds one slice only (axes t y x)"),
+        ({"multiscales": [multiscales("0.4", axes="tyx")]}, "has only one slice (axes t y x)"),
         ({"multiscales": [multiscales("0.4") | {"axes": "zyx"}]}, "has 0 axes and 1 resolutions"),
         ({"multiscales": [multiscales("0.4") | {"datasets": [{"path": "../0"}]}]}, "but '../0'"),
         ({"multiscales": [multiscales("0.4") | {"datasets": [{"path": "/etc"}]}]}, "but '/etc'"),
@@ -228,7 +228,7 @@ def test_a_chunk_of_the_wrong_length_is_refused(store, content):
 @pytest.mark.parametrize("codec", ["zlib", "gzip", "bz2", "lzma", "zstd", "lz4", "blosc"])
 def test_a_chunk_of_noise_is_refused_in_every_codec(tmp_path, codec):
     store = save_by_hand(tmp_path / "scan.ome.zarr", VALUES, CHUNKS, compressor={"id": codec})
-    sentence = "chunk 0/0/0 of level 0 of scan.ome.zarr unpacks to far more than its size tells of; export it again"
+    sentence = "chunk 0/0/0 of level 0 of scan.ome.zarr unpacks to far more bytes than its size allows; export it again"
     if codec in ("lz4", "blosc"):  # whose first bytes are a length
         assert refusal(store) == sentence
     else:
@@ -242,7 +242,7 @@ def test_a_chunk_that_unpacks_without_end_is_refused_before_it_is_unpacked(tmp_p
     for file in (store / "0").rglob("*"):
         if file.is_file() and not file.name.startswith("."):
             file.write_bytes(bomb)
-    assert refusal(store).endswith("unpacks to far more than its size tells of; export it again")
+    assert refusal(store).endswith("unpacks to far more bytes than its size allows; export it again")
 
 
 def test_a_level_that_is_a_link_out_of_the_store_is_refused(store, tmp_path):

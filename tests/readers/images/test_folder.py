@@ -185,7 +185,7 @@ def test_one_slice_stands_for_its_folder(tmp_path):
 def test_one_slice_only_is_refused(tmp_path, end):
     save_folder(tmp_path, numbers()[:1], end)
     for path in (tmp_path, tmp_path / f"slice_1{end}"):
-        with pytest.raises(CtmcError, match=rf"one slice only \(slice_1{end}\).*at least 2"):
+        with pytest.raises(CtmcError, match=rf"only one slice \(slice_1{end}\).*at least 2"):
             read_volume(path)
 
 

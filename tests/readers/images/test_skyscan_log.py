@@ -103,7 +103,7 @@ def test_a_pixel_size_that_is_not_a_length_is_named(tmp_path, size):
     (tmp_path / "bone_rec.log").write_text(f"[Reconstruction]\nPixel Size (um)={size}\n")
     volume = read_volume(tmp_path)
     assert volume.spacing == (1, 1, 1)
-    assert f"the pixel size '{size}' in bone_rec.log is not a length and was not taken" in volume.notes
+    assert f"the pixel size '{size}' in bone_rec.log is not a length and was ignored" in volume.notes
 
 
 def test_the_log_is_an_input_that_no_output_replaces(tmp_path):

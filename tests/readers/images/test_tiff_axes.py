@@ -117,7 +117,7 @@ def test_single_slices_of_imagej_say_the_size_of_their_pixels(tmp_path):
     saved(tmp_path / "3.tif", numbers(8, 9), "YX", **{**options, "resolution": (5.0, 2.0)})
     other = read_volume(tmp_path)
     assert other.spacing == (1, 1, 1)
-    assert any("the slices say different spacings, of which none is taken" in note for note in other.notes)
+    assert any("the slices have different spacings, so none is used" in note for note in other.notes)
 
 
 def test_ome_says_its_spacing_in_units_of_its_own(tmp_path):

@@ -196,7 +196,7 @@ def test_tiles_that_are_narrower_than_their_pixels_are_refused(tmp_path, compres
         strips = [gray_page(np.pad(plane, ((0, 0), (0, 2)))[:, at : at + 16], 8, compression)[1][0] for at in (0, 16)]
         tags, _ = gray_page(plane, 8, compression, t322=(4, [15]), t323=(4, [16]))
         pages.append((tags, strips))
-    with pytest.raises(ReadError, match=r"tiles of 15 x 16 pixels, which are no multiples of 16\); copy it again"):
+    with pytest.raises(ReadError, match=r"tiles of 15 x 16 pixels, which are not multiples of 16\); copy it again"):
         read_volume(saved(tmp_path, pages))
 
 
@@ -314,7 +314,7 @@ def test_a_page_in_the_middle_that_is_stored_in_another_way_is_not_left_out(tmp_
     at = list(tag_places(content))[1][code]
     content[at + 8 : at + 10] = struct.pack("<H", value)
     (tmp_path / "s.tif").write_bytes(content)
-    with pytest.raises(ReadError, match=r"page 2 of s.tif is stored in another way|is truncated or damaged"):
+    with pytest.raises(ReadError, match=r"page 2 of s.tif is stored differently|is truncated or damaged"):
         read_volume(tmp_path / "s.tif")
 
 
@@ -322,7 +322,7 @@ def test_a_page_whose_compression_is_not_that_of_the_others_is_refused(tmp_path)
     """Deflate unpacked as PackBits gives enough bytes, and wrong ones."""
     pages = [gray_page(plane, 8, DEFLATE) for plane in numbers(8)]
     pages[1] = gray_page(numbers(8)[1], 8, PACKBITS)
-    with pytest.raises(ReadError, match=r"in Compression|stored in another way|different sizes"):
+    with pytest.raises(ReadError, match=r"in Compression|stored differently|different sizes"):
         read_volume(saved(tmp_path, pages))
 
 
@@ -378,7 +378,7 @@ def test_fax_compression_without_an_end_is_refused_with_or_without_imagecodecs(t
     pages = [gray_page(plane, 16) for plane in numbers(16)]
     for tags, _ in pages:
         tags[259] = (3, [compression])
-    with pytest.raises(ReadError, match=r"which is not read, for nobody could tell where its pixels end; save it un"):
+    with pytest.raises(ReadError, match=r"which is not read, because its pixels have no end mark; save it un"):
         read_volume(saved(tmp_path, pages))
 
 
@@ -390,11 +390,22 @@ def test_a_page_is_read_as_its_own_tags_say_and_not_as_the_first_ones_do(tmp_pat
     try:
         np.testing.assert_array_equal(read_volume(saved(tmp_path, pages)).values, values)
     except ReadError as error:
-        assert "stored in another way" in str(error)  # noqa: PT017
+        assert "stored differently" in str(error)  # noqa: PT017
 
 
 @pytest.mark.parametrize("kind", [5, 8])
 def test_colors_of_another_kind_are_refused(tmp_path, kind):
     pages = [gray_page(plane, 8, t262=(3, [kind])) for plane in numbers(8)]
     with pytest.raises(ReadError, match=rf"has colors of PhotometricInterpretation {kind}; save it as gray"):
+        read_volume(saved(tmp_path, pages))
+
+
+@pytest.mark.parametrize("compression", [DEFLATE, PACKBITS, LZMA])
+@pytest.mark.parametrize("bits", [1, 8, 16])
+def test_strips_that_unpack_to_more_than_their_page_are_refused(tmp_path, compression, bits):
+    pages = [gray_page(plane, bits, compression) for plane in numbers(bits)]
+    assert read_volume(saved(tmp_path, pages)).values.shape == numbers(bits).shape
+    for tags, _ in pages:
+        tags[256] = (3, [tags[256][1][0] - 8])
+    with pytest.raises(ReadError, match=r"unpacks to \d+ bytes, and its pixels have \d+\); copy it again"):
         read_volume(saved(tmp_path, pages))

@@ -89,6 +89,6 @@ def test_more_overlaps_than_a_drawing_has_are_refused_in_a_sentence(monkeypatch)
     with pytest.raises(ReadError) as refused:
         filled([square(column, 0, column + 30, 30) for column in range(6)])
     assert str(refused.value) == (
-        "contours of rs.dcm overlap each other in one plane on more than 1000 pixels, which no drawing does; "
+        "contours of rs.dcm overlap each other in one plane on more than 1000 pixels, too many for drawn contours; "
         "export it again"
     )

@@ -69,7 +69,7 @@ def test_packed_values_are_read(tmp_path):
 def test_half_a_pair_is_refused(tmp_path):
     saved(tmp_path, "AnalyzeImage")
     (tmp_path / "ct.img").rename(tmp_path / "other.img")
-    with pytest.raises(CtmcError, match=r"one half of a pair, and its \.img is missing"):
+    with pytest.raises(CtmcError, match=r"belongs to a pair of files, and its \.img is missing"):
         read_volume(tmp_path / "ct.hdr")
 
 

@@ -115,7 +115,7 @@ def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
     first = read_volume(path)
     np.testing.assert_array_equal(first.values.T, array[..., 0])
     assert any("3 times" in note and "time 1 was read; give the time, 1 to 3" in note for note in first.notes)
-    with pytest.raises(CtmcError, match=rf"no time 4, as {name} holds 3 times; choose from 1 to 3"):
+    with pytest.raises(CtmcError, match=rf"no time 4, because {name} holds 3 times; choose from 1 to 3"):
         read_volume(path, time=4)
     for time in (0, -1):
         with pytest.raises(SettingsError, match=f"time must be 1 or more, not {time}"):
@@ -125,7 +125,7 @@ def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
 def test_a_time_of_a_volume_without_time_is_refused(tmp_path):
     path = saved(tmp_path / "ct.nii", numbers("i2", (5, 6, 7)))
     assert read_volume(path, time=1).notes == ()
-    with pytest.raises(CtmcError, match=r"no time 2, as .* holds a single time"):
+    with pytest.raises(CtmcError, match=r"no time 2, because .* holds a single time"):
         read_volume(path, time=2)
 
 
@@ -167,7 +167,7 @@ def test_a_singular_affine_is_refused(tmp_path):
 
 
 def test_one_slice_only_is_refused(tmp_path):
-    with pytest.raises(CtmcError, match=r"one slice only \(5 x 6\).*at least 2"):
+    with pytest.raises(CtmcError, match=r"only one slice \(5 x 6\).*at least 2"):
         read_volume(saved(tmp_path / "ct.nii", numbers("i2", (5, 6, 1))))
 
 

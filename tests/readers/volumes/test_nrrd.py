@@ -213,7 +213,7 @@ def test_segments_in_layers_are_whole(tmp_path, values):
     assert any(
         "they share part 0 and part 2 2 voxels" in note or "part 2 and part 0 2 voxels" in note for note in volume.notes
     )
-    assert any("numbered anew" in note for note in volume.notes) == (values == (1, 2, 1))
+    assert any("renumbered" in note for note in volume.notes) == (values == (1, 2, 1))
     assert volume.kind == "label"
     assert open_volume(tmp_path / "x.seg.nrrd").series[0].times == 1
 

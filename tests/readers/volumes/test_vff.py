@@ -70,7 +70,7 @@ def test_a_file_without_the_size_of_its_elements_has_no_spacing(tmp_path):
         ("bits=16", "bits=x", "'x' as bits"),
         ("bands=1", "bands=3", "3 numbers a voxel"),
         ("size=6 5 4", "size=6 5", "sizes \\(6, 5\\)"),
-        ("size=6 5 4", "size=6 5 1", "one slice only"),
+        ("size=6 5 4", "size=6 5 1", "only one slice"),
         ("size=6 5 4", "size=6 5 400", "truncated"),
         ("bands=1", "bands=1;\ndata_scale=1e300", "data_scale of 1e\\+300"),
         ("elementsize=0.045", "elementsize=zero", "'zero' as elementsize, not a number"),

@@ -105,7 +105,7 @@ def test_a_folder_offers_the_text_alone(tmp_path):
         ("FileFormat = raw", "FileFormat = tiff", "values as 'tiff'; export them as raw"),
         ("BitsPerElement = 16", "BitsPerElement = 12", "'unsigned integer' of 12 bits"),
         ("\nSize = 6 5 4", "\nSize = 6 5", "sizes \\(6, 5\\)"),
-        ("\nSize = 6 5 4", "\nSize = 6 5 1", "one slice only"),
+        ("\nSize = 6 5 4", "\nSize = 6 5 1", "only one slice"),
         ("Name = ct.vol", "Name = ../other.vol", "own folder"),
         ("Name = ct.vol", "Name = other.vol", "other.vol, which is missing"),
         ("Name = ct.vol", "Name = ct.vol\nSkipHeader = -1", "SkipHeader of -1"),

@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from ..files import DONE
-from .rows import NOTES_BETWEEN, SummaryRow, known
+from .rows import NOTES_BETWEEN, SummaryRow, present_values
 
 FEWEST = 5  # Among fewer cases no volume and no note is unusual.
 DEVIATIONS = 3.0  # A volume is unusual if it is more standard deviations from the median.
@@ -28,8 +28,8 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
         if row.status == DONE:
             groups.setdefault(str(row.label), []).append(row)
     for group in groups.values():
-        center, deviation = _center_and_deviation(known("volume_mm3", group))
-        median = statistics.median(known("components", group) or [0])
+        center, deviation = _center_and_deviation(present_values("volume_mm3", group))
+        median = statistics.median(present_values("components", group) or [0])
         often = Counter(pattern for row in group for pattern in {_pattern_of(note) for note in _notes_of(row)})
         most = max(1, int(RARE * len(group))) if len(group) >= FEWEST else 0
         for row in group:
@@ -51,7 +51,7 @@ def mark_outliers(rows: Sequence[SummaryRow]) -> None:
 
 
 def _center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
-    """Return the median, and how far others lie from it as a standard deviation; 0 where they are few or all the same.
+    """Return the median and a robust standard deviation; 0 for few or equal values.
 
     The median absolute deviation, which a few outliers do not move; the mean where more than half are the same.
 
@@ -73,7 +73,6 @@ def _center_and_deviation(values: Sequence[float]) -> tuple[float, float]:
 
 
 def _notes_of(row: SummaryRow) -> list[str]:
-    """Return the notes of a row, one by one."""
     return row.notes.split(NOTES_BETWEEN) if row.notes else []
 
 

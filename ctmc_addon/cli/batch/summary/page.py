@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""summary.html: totals, a histogram and a table that sorts, filters and searches, without a network.
+"""Make summary.html: totals, a histogram and a table that sorts, filters and searches, without a network.
 
 The page is `template/page.html` with its style, its script and the rows of summary.json; the script builds the tables.
 Thumbnails are loaded when they come into view, from the folder beside the page.
@@ -19,7 +19,7 @@ from urllib.parse import quote
 from ....core import VERSION, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
 from ..files import DONE, THUMBNAILS
-from .rows import NOTES_BETWEEN, SummaryRow, counts, known
+from .rows import NOTES_BETWEEN, SummaryRow, counts, present_values
 
 TEMPLATE = Path(__file__).with_name("template")
 RELOAD_SECONDS = 10  # An open page reloads itself this often while the batch runs.
@@ -27,7 +27,7 @@ MOST_BINS = 30
 
 
 def html_text(rows: Sequence[SummaryRow], over: bool) -> str:
-    """Return the page; it names no file but thumbnails and pages of cases that lie beside it."""
+    """Return the page; it links only thumbnails and pages of cases beside it."""
     # Without "<" no text in the JSON ends its element.
     batch = json.dumps(_page_content(rows), ensure_ascii=False, allow_nan=False).replace("<", "\\u003c")
     refresh = "" if over else f'<meta http-equiv="refresh" content="{RELOAD_SECONDS}">\n'
@@ -75,7 +75,7 @@ def _by_label(rows: Sequence[SummaryRow]) -> list[list[SummaryRow]]:
 
 def _cohort(rows: Sequence[SummaryRow]) -> dict[str, Any]:
     """Return the totals and the histogram of all cases with a label."""
-    return {"label": rows[0].label, "totals": _totals(rows), "histogram": histogram(known("volume_mm3", rows))}
+    return {"label": rows[0].label, "totals": _totals(rows), "histogram": histogram(present_values("volume_mm3", rows))}
 
 
 def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
@@ -83,7 +83,7 @@ def _totals(done: Sequence[SummaryRow]) -> list[list[str]]:
     seconds = [row.seconds for row in done if row.seconds is not None]
     memory = [row.memory_bytes / (1 << 20) for row in done if row.memory_bytes is not None]
     measured: list[tuple[str, Sequence[float], Callable[[float], str]]] = [
-        *((each.head, known(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
+        *((each.head, present_values(each.name, done), each.text) for each in measures_in(Place.TOTALS)),
         ("seconds", seconds, _short),
     ]
     lines = [
@@ -111,7 +111,7 @@ def _short(number: float) -> str:
 
 
 def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
-    """Return where a histogram begins, how wide its bins are, and how many values each has.
+    """Return the start of a histogram, the width of its bins, and the number of values in each.
 
     Bins are 1, 2 or 5 times a power of ten wide, about as many as the square root of the number of values, twice.
 
@@ -121,8 +121,8 @@ def bins_of(values: Sequence[float]) -> tuple[float, float, list[int]]:
     (0.0, 2.0, [1, 2, 0, 0, 1])
     """
     low, high = min(values), max(values)
-    wanted = min(MOST_BINS, 2 * math.isqrt(len(values)))
-    rough = (high - low) / wanted or abs(high) or 1.0
+    bins = min(MOST_BINS, 2 * math.isqrt(len(values)))
+    rough = (high - low) / bins or abs(high) or 1.0
     power = 10.0 ** math.floor(math.log10(rough))
     width = next(power * step for step in (1, 2, 5, 10) if power * step >= rough * (1 - 1e-9))
     first, last = math.floor(low / width), math.floor(high / width)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The row of a summary for each output, with a column for each field and units in the names."""
+"""Make the summary's row for each output, with a column for each field and units in the names."""
 
 from __future__ import annotations
 
@@ -35,9 +35,9 @@ class SummaryRow:
     memory_bytes: int | None = None
     notes: str = ""
     outlier: str = ""
-    of_case: str = ""  # the case, which has a row for each of its outputs
-    surfaces: list[dict[str, Any]] = field(default_factory=list)  # only of a case with several labels
-    page: bool = False  # whether there is a page of the case
+    of_case: str = ""  # Name of the case, which has a row for each output.
+    surfaces: list[dict[str, Any]] = field(default_factory=list)  # Filled for a case with several labels.
+    page: bool = False  # True if the case has a page.
     thumbnail: bool = False
     labels_as_one: bool = False  # Otsu's threshold made one surface of all labels
 
@@ -62,8 +62,8 @@ class SummaryRow:
 
     def columns(self) -> dict[str, Any]:
         """Return the cells of the CSV and the JSON."""
-        known = _columns(Place.BATCH, self.values)
-        return {name: known[name] if name in known else getattr(self, name) for name in COLUMNS}
+        measures = _columns(Place.BATCH, self.values)
+        return {name: measures[name] if name in measures else getattr(self, name) for name in COLUMNS}
 
     def plain(self) -> dict[str, Any]:
         """Return the row as the JSON has it: its cells, and those of each of several surfaces."""
@@ -95,30 +95,30 @@ LABEL_COLUMNS = columns_in(Place.LABELS, (*OWN_OF_LABELS, "faces", "volume_mm3",
 
 
 def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:
-    """The measures of a place by column."""
+    """Return the measures of a place by column."""
     return {column: cell for each in measures_in(place) for column, cell in each.cells(values.get(each.name)).items()}
 
 
 def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
-    """Return a measure of an output: as its JSON says it, or that of its surfaces combined."""
+    """Return a measure of an output: from its JSON, else combined from its surfaces."""
     if about.name in record:
         return record[about.name]
     return combined(about, [surface.get(about.name) for surface in record.get("surfaces", ())])
 
 
-def known(name: str, rows: Sequence[SummaryRow]) -> list[float]:
+def present_values(name: str, rows: Sequence[SummaryRow]) -> list[float]:
     """Return a measure of the rows where it is known."""
     return [value for row in rows if (value := row.values.get(name)) is not None]
 
 
 def amount(rows: Sequence[SummaryRow]) -> str:
-    """Return how many rows there are: '20 cases', or '40 outputs' of as many or fewer cases."""
+    """Return the number of rows: '20 cases', or '40 outputs' if cases have several."""
     what = "case" if len({row.of_case or row.case for row in rows}) == len(rows) else "output"
     return f"{len(rows)} {what}{'s' * (len(rows) != 1)}"
 
 
 def counts(rows: Sequence[SummaryRow]) -> str:
-    """Return how many are in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
+    """Return the number of rows in each state: '20 cases: 17 done, 2 absent, 1 failed'."""
     states = [row.status for row in rows]
     order = (DONE, ABSENT, FAILED, RUNNING, WAITING)
     texts = [f"{states.count(state)} {state}" for state in order if state in states]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of a batch as CSV, JSON and HTML, each written whole, again and again while cases end."""
+"""Write the table of a batch as CSV, JSON and HTML, each as a whole, repeatedly while cases end."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""DICOM files that hold labels: segmentations and structure sets."""
+"""Read DICOM files that hold labels: segmentations and structure sets."""

@@ -35,7 +35,6 @@ def plain_frames(image: ImageFile) -> Iterator[NDArray[Any]] | None:
 def _read_frames(
     image: ImageFile, read: Callable[[IO[bytes], ImageFile], Iterator[NDArray[Any]]]
 ) -> Iterator[NDArray[Any]]:
-    """Yield the frames of a file that is open."""
     with opened(image.path) as (elements, _):
         elements.file.seek(image.pixels.start)
         yield from read(elements.file, image)
@@ -82,7 +81,7 @@ def _unpacked_rle(packed: bytes, most: int) -> bytes:
 
     Examples
     --------
-    >>> unpacked_rle(bytes([1, 0, 0, 0, 64]) + bytes(59) + bytes([254, 7, 1, 8, 9, 128]), 10)
+    >>> _unpacked_rle(bytes([1, 0, 0, 0, 64]) + bytes(59) + bytes([254, 7, 1, 8, 9, 128]), 10)
     b'\x07\x07\x07\x08\t'
     """
     segments, start = (int.from_bytes(packed[at : at + 4], "little") for at in (0, 4))
@@ -103,7 +102,7 @@ def _unpacked_rle(packed: bytes, most: int) -> bytes:
 
 
 def _encapsulated(file: IO[bytes], image: ImageFile) -> Iterator[bytes]:
-    """Yield the compressed frames, each as it stands in the file."""
+    """Yield the compressed frames as stored."""
     count = image.pixels.options["number_of_frames"]
     frames = needed("pydicom.encaps", "pydicom", "DICOM").generate_frames(file, number_of_frames=count)
     for number in range(count):

@@ -9,7 +9,7 @@ from pathlib import Path
 SEGMENTATION, STRUCTURES = "segmentation", "structure set"
 CLASSES = {
     b"1.2.840.10008.5.1.4.1.1.66.4": SEGMENTATION,
-    b"1.2.840.10008.5.1.4.1.1.66.7": SEGMENTATION,  # label maps
+    b"1.2.840.10008.5.1.4.1.1.66.7": SEGMENTATION,  # Label maps.
     b"1.2.840.10008.5.1.4.1.1.481.3": STRUCTURES,
 }
 # SOPClassUID of the meta information or of the dataset, explicit or implicit.

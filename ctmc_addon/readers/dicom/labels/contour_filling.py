@@ -50,8 +50,8 @@ def fill_steps(
                     crossings += int(edges_of(planes[number].contours, grid.shape[1]).crossings.sum())
                     if crossings > MOST_CROSSINGS:
                         raise ReadError(
-                            f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, which no "
-                            "drawing does; export it again"
+                            f"the contours of {name} cross rows of pixels more than {MOST_CROSSINGS} times, too "
+                            "often for drawn contours; export it again"
                         )
                     filled[number], changed = yield from _plane_steps(planes[number], grid, name)
                     united[label] += changed
@@ -74,7 +74,6 @@ def fill_steps(
 
 
 def _plane_steps(plane: Plane, grid: SliceGrid, name: str) -> Steps[United]:
-    """Fill the contours of one plane."""
     _, rows, columns = grid.shape
     if plane.xor or len(plane.contours) == 1:
         return United((yield from filled_steps(edges_of(plane.contours, rows), columns)), False)

@@ -27,7 +27,7 @@ class Contour(NamedTuple):
 
     height: float
     corners: NDArray[np.float64]  # (n, 2) column and row in pixels
-    xor: bool  # whether its type asks for the even-odd rule wherever contours overlap
+    xor: bool  # True if its type asks for the even-odd rule.
 
 
 class Plane(NamedTuple):
@@ -44,15 +44,15 @@ class Source(NamedTuple):
     slice_: int
     below: int
     above: int
-    share: float  # of the way from the plane below to the one above
+    share: float  # Share of the way from the plane below to the one above.
 
 
 class PlaneAssignment(NamedTuple):
     """The slices that take the planes of one structure."""
 
-    sources: list[Source]  # by slice
-    apart_mm: float  # usual distance of planes with filled slices between; 0 where there are none
-    gaps_mm: list[float]  # that hold slices, which stay empty
+    sources: list[Source]  # One entry for each slice.
+    apart_mm: float  # Usual distance of planes with filled slices between; 0 without such planes.
+    gaps_mm: list[float]  # Gaps with slices, which stay empty.
 
     @property
     def used(self) -> set[int]:
@@ -113,13 +113,13 @@ def _are_joined(steps: NDArray[np.float64]) -> NDArray[np.bool_]:
 
     Examples
     --------
-    >>> bool(are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all()), are_joined(np.array([40.0])).tolist()
+    >>> bool(_are_joined(np.array([3.0, 2.0, 1.0, 1.0, 1.0, 3.0, 3.0])).all()), _are_joined(np.array([40.0])).tolist()
     (True, [True])
-    >>> are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
+    >>> _are_joined(np.array([1.0, 1.0, 6.0, 1.0, 3.0, 1.0])).tolist()
     [True, True, False, True, True, True]
     """
-    beside = np.concatenate([[0.0], steps, [0.0]])
-    usual = np.maximum(np.maximum(beside[:-2], beside[2:]), max(_lower_median(steps), 1.0))
+    padded_steps = np.concatenate([[0.0], steps, [0.0]])
+    usual = np.maximum(np.maximum(padded_steps[:-2], padded_steps[2:]), max(_lower_median(steps), 1.0))
     return np.asarray(steps <= WIDEST * usual + ROUNDING)
 
 
@@ -142,7 +142,7 @@ def _sources_of(
     Examples
     --------
     >>> heights = np.array([0.0, 3.0, 6.0])
-    >>> for source in sources_of(heights, np.array([True, True]), np.arange(5) * 2.0, 2.0): print(*source)
+    >>> for source in _sources_of(heights, np.array([True, True]), np.arange(5) * 2.0, 2.0): print(*source)
     0 0 0 0.0
     1 0 1 0.6666666666666666
     2 1 2 0.3333333333333333
@@ -184,7 +184,7 @@ def _lower_median(values: NDArray[np.float64]) -> float:
 
     Examples
     --------
-    >>> lower_median(np.array([9.0, 2.0])), lower_median(np.zeros(0))
+    >>> _lower_median(np.array([9.0, 2.0])), _lower_median(np.zeros(0))
     (2.0, 0.0)
     """
     return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

@@ -26,13 +26,13 @@ ITEMS_PER_STEP = 256
 # Requests map a tag to VALUE (its bytes), LOCATION (the position of its bytes) or the requests within a sequence.
 VALUE, LOCATION = "value", "location"
 Requested = Mapping[int, Any]
-Found = dict[int, Any]
+Elements = dict[int, Any]
 
 
 class ValueLocation(NamedTuple):
     """The position of a value in the file."""
 
-    vr: str  # empty where the file does not say it
+    vr: str  # Empty if the file does not say it.
     start: int
     length: int
 
@@ -59,27 +59,27 @@ class ElementWalker:
         self.at = file.tell()
         self.items = 0
 
-    def dataset_steps(self, requested: Requested) -> Steps[Found]:
+    def dataset_steps(self, requested: Requested) -> Steps[Elements]:
         """Return the requested elements and the position of the pixels, with steps within long sequences."""
-        found: Found = {}
+        elements: Elements = {}
         while self.at < self.size:
             tag, vr, length = self._header(self.implicit)
             if tag in PIXELS:
-                found[tag] = ValueLocation(vr, self.at, length)
+                elements[tag] = ValueLocation(vr, self.at, length)
                 break
             inner = requested.get(tag)
             if not isinstance(inner, Mapping):
-                self._take(found, tag, vr, length, inner, 0)
+                self._take(elements, tag, vr, length, inner, 0)
                 continue
-            items: list[Found] = []
+            items: list[Elements] = []
             for item in self._items(length, inner, vr, 1):
                 items.append(item)
                 if len(items) % ITEMS_PER_STEP == 0:
                     yield Step(min(1.0, self.at / self.size), "Reading headers")
-            found[tag] = items
-        return found
+            elements[tag] = items
+        return elements
 
-    def _items(self, length: int, requested: Requested, vr: str, depth: int) -> Iterator[Found]:
+    def _items(self, length: int, requested: Requested, vr: str, depth: int) -> Iterator[Elements]:
         """Yield the items of the sequence whose value begins here."""
         if depth > DEEPEST:
             raise Damaged(f"more than {DEEPEST} nested sequences")
@@ -98,24 +98,24 @@ class ElementWalker:
             yield self._item(item_length, requested, implicit, depth)
         self._check_end(stop, length)
 
-    def _item(self, length: int, requested: Requested, implicit: bool, depth: int) -> Found:
+    def _item(self, length: int, requested: Requested, implicit: bool, depth: int) -> Elements:
         stop, outer = self._stop(length), self.implicit
-        found: Found = {}
+        elements: Elements = {}
         self.implicit = implicit
         while self.at < stop:
             tag, vr, inner_length = self._header(implicit)
             if tag == ITEM_END:
                 self.implicit = outer
-                return found
-            self._take(found, tag, vr, inner_length, requested.get(tag), depth)
+                return elements
+            self._take(elements, tag, vr, inner_length, requested.get(tag), depth)
         self.implicit = outer
         self._check_end(stop, length)
-        return found
+        return elements
 
-    def _take(self, found: Found, tag: int, vr: str, length: int, inner: Any, depth: int) -> None:
+    def _take(self, elements: Elements, tag: int, vr: str, length: int, inner: Any, depth: int) -> None:
         """Read or skip one element after its header."""
         if isinstance(inner, Mapping):
-            found[tag] = list(self._items(length, inner, vr, depth + 1))
+            elements[tag] = list(self._items(length, inner, vr, depth + 1))
         elif length == UNDEFINED_LENGTH:
             for _ in self._items(length, {}, vr, depth + 1):
                 pass
@@ -124,10 +124,10 @@ class ElementWalker:
             if inner == VALUE:
                 if length > LONGEST_VALUE:
                     raise Damaged(f"a value of {length} bytes at byte {start}")
-                found[tag] = self.file.read(length)
+                elements[tag] = self.file.read(length)
             else:
                 if inner == LOCATION:
-                    found[tag] = ValueLocation(vr, start, length)
+                    elements[tag] = ValueLocation(vr, start, length)
                 self.file.seek(end)
             self.at = end
 

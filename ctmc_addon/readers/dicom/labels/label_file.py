@@ -20,7 +20,7 @@ from ....core import ReadError
 from ...optional_imports import needed, quiet, reason
 from ..deflated import DEFLATED, unpacks_without_end
 from ..header import EXPLICIT_BIG, IMPLICIT_LITTLE
-from .elements import Damaged, ElementWalker, Found, after_meta
+from .elements import Damaged, Elements, ElementWalker, after_meta
 from .references import Reference
 
 MOST_SHOWN = 20  # An error shows this many letters of a damaged value.
@@ -35,7 +35,7 @@ def opened(path: Path) -> Iterator[tuple[ElementWalker, str]]:
             stream: IO[bytes] = file
             if syntax == DEFLATED:
                 if unpacks_without_end(file):
-                    raise ReadError(f"{path.name} unpacks to far more than its size tells of; copy it again")
+                    raise ReadError(f"{path.name} unpacks to far more bytes than its size allows; copy it again")
                 file.seek(start)
                 stream = io.BytesIO(inflated(file.read()))
             if syntax == EXPLICIT_BIG:
@@ -93,10 +93,10 @@ def numbers(value: bytes, count: int) -> tuple[float, ...]:
     Damaged
         If there are others.
     """
-    found = tuple(decimals(value).tolist())
-    if len(found) != count or not all(abs(number) <= 1e6 for number in found):  # nor NaN
-        raise Damaged(f"{len(found)} numbers such as {found[0]:g} instead of {count} in mm")
-    return found
+    numbers = tuple(decimals(value).tolist())
+    if len(numbers) != count or not all(abs(number) <= 1e6 for number in numbers):  # nor NaN
+        raise Damaged(f"{len(numbers)} numbers such as {numbers[0]:g} instead of {count} in mm")
+    return numbers
 
 
 def whole(value: bytes) -> int:
@@ -118,18 +118,18 @@ def unsigned(value: bytes) -> tuple[int, ...]:
     return tuple(int.from_bytes(value[at : at + 2], "little") for at in range(0, len(value) // 2 * 2, 2))
 
 
-def first_unsigned(found: Found, tag: int, default: int) -> int:
+def first_unsigned(elements: Elements, tag: int, default: int) -> int:
     """Return the first number of 16 bits of an element.
 
     Parameters
     ----------
-    found : Found
+    elements : mapping of int to Any
         Elements by tag.
     tag : int
     default : int
         Returned where the element is missing or empty.
     """
-    return (*unsigned(found.get(tag, b"")), default)[0]
+    return (*unsigned(elements.get(tag, b"")), default)[0]
 
 
 def uid(value: bytes) -> str:
@@ -137,10 +137,10 @@ def uid(value: bytes) -> str:
     return value.rstrip(b"\0 ").decode("ascii", "replace")
 
 
-def texts(found: Found) -> Any:
-    """Return a function that decodes texts by the SpecificCharacterSet of the dataset `found`."""
+def texts(elements: Elements) -> Any:
+    """Return a function that decodes texts by the SpecificCharacterSet of the dataset `elements`."""
     charset = needed("pydicom.charset", "pydicom", "DICOM")
-    names = [name.strip().decode("ascii", "replace") for name in found.get(0x00080005, b"").split(b"\\")]
+    names = [name.strip().decode("ascii", "replace") for name in elements.get(0x00080005, b"").split(b"\\")]
 
     def decoded(value: bytes) -> str:
         with quiet():
@@ -153,14 +153,14 @@ def texts(found: Found) -> Any:
     return decoded
 
 
-def reference_of(found: Found, series: list[Found], instances: int, uids: str = "") -> Reference:
+def reference_of(elements: Elements, series: list[Elements], instances: int, uids: str = "") -> Reference:
     """Return the reference of a dataset to its series.
 
     Parameters
     ----------
-    found : Found
+    elements : mapping of int to Any
         Its elements.
-    series : list of Found
+    series : list of mapping
         The sequence's items with the series' UID.
     instances : int
         Tag of the sequence in them that names images.
@@ -171,5 +171,5 @@ def reference_of(found: Found, series: list[Found], instances: int, uids: str = 
     return Reference(
         frozenset(uid(item[0x0020000E]) for item in series if item.get(0x0020000E)),
         frozenset(map(uid, named)),
-        uids or uid(found.get(0x00200052, b"")),
+        uids or uid(elements.get(0x00200052, b"")),
     )

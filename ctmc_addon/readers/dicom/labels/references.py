@@ -23,7 +23,7 @@ from ..stack_geometry import stack_up
 from ..times import times_of
 from .slice_grid import SliceGrid, grid_of_ct
 
-DEEPEST_BELOW, DEEPEST_BESIDE = 3, 1  # Folders are searched this many levels deep.
+DEEPEST_BELOW, DEEPEST_IN_SIBLINGS = 3, 1  # Folders are searched this many levels deep.
 MOST_FILES = 20_000  # The search ends after this many files.
 FEWEST_SLICES = 2
 
@@ -46,7 +46,7 @@ class Reference(NamedTuple):
         return [image for image in candidates if best and image.series == best[0][0]]
 
 
-def found_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
+def referenced_slices_steps(path: Path, reference: Reference) -> Steps[list[Slice]]:
     """Return the slices of the referenced series that lie near `path`; none where there are too few."""
     if not any(reference):
         return []
@@ -113,4 +113,4 @@ def neighbors(folder: Path) -> Iterator[Path]:
         return
     for sibling in map(Path, siblings):
         if sibling != folder and not sibling.name.startswith("."):
-            yield from below(sibling, DEEPEST_BESIDE)
+            yield from below(sibling, DEEPEST_IN_SIBLINGS)

@@ -22,7 +22,7 @@ from ..header import Slice
 from ..pixels import check_codec
 from ..stored import StoredPixels
 from .bit_frames import plain_frames
-from .references import found_steps, grid_of
+from .references import grid_of, referenced_slices_steps
 from .segmentation_header import SegmentationHeader, header_steps
 from .slice_grid import SliceGrid, grid_of_frames
 
@@ -99,7 +99,7 @@ def open_steps(path: Path) -> Steps[_SegmentationSource]:
     stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
     yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
     header = yield from stages.run("Reading headers", header_steps(path))
-    slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
+    slices = yield from stages.run("Looking for the CT", referenced_slices_steps(path, header.reference))
     return _SegmentationSource(path, header, slices)
 
 

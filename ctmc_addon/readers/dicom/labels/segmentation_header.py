@@ -19,19 +19,19 @@ from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
 from ..header import UNCOMPRESSED, Called, ImageFile
 from ..pixel_format import Pixels, missing_pixels
-from .elements import PIXELS, VALUE, Damaged, Found
+from .elements import PIXELS, VALUE, Damaged, Elements
 from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference
 
 FRAME_GROUP = {
-    0x00209113: {0x00200032: VALUE},  # position
-    0x00209116: {0x00200037: VALUE},  # orientation
-    0x00289110: {0x00280030: VALUE, 0x00180050: VALUE, 0x00180088: VALUE},  # spacing, thickness, gap
-    0x0062000A: {0x0062000B: VALUE},  # segment
+    0x00209113: {0x00200032: VALUE},  # Position.
+    0x00209116: {0x00200037: VALUE},  # Orientation.
+    0x00289110: {0x00280030: VALUE, 0x00180050: VALUE, 0x00180088: VALUE},  # Spacing, thickness, gap.
+    0x0062000A: {0x0062000B: VALUE},  # Segment.
 }
-WANTED = {
+REQUESTED = {
     0x00080005: VALUE,
-    0x00081115: {0x0020000E: VALUE, 0x0008114A: {0x00081155: VALUE}},  # referenced series and their images
+    0x00081115: {0x0020000E: VALUE, 0x0008114A: {0x00081155: VALUE}},  # Referenced series and their images.
     0x0020000E: VALUE,
     0x00200052: VALUE,
     0x00280008: VALUE,
@@ -55,8 +55,8 @@ class Frames(NamedTuple):
     positions: NDArray[np.float64]  # (n, 3)
     segments: NDArray[np.int64]  # (n,), 0 in a label map
     orientation: tuple[float, ...]
-    spacing: tuple[float, ...]  # between rows, between columns
-    gap: float  # between slices, 0 if missing
+    spacing: tuple[float, ...]  # Millimeters between rows, then between columns.
+    gap: float  # Millimeters between slices; 0 if missing.
 
 
 class SegmentationHeader(NamedTuple):
@@ -64,8 +64,8 @@ class SegmentationHeader(NamedTuple):
 
     image: ImageFile
     kind: str  # BINARY, FRACTIONAL or LABELMAP
-    half: float  # of the largest fraction
-    padding: int  # value of a label map that means 'no segment'
+    half: float  # Half of the largest fraction.
+    padding: int  # This value of a label map means 'no segment'.
     names: dict[int, str]
     colors: dict[int, RGB]
     frames: Frames
@@ -75,31 +75,31 @@ class SegmentationHeader(NamedTuple):
 def header_steps(path: Path) -> Steps[SegmentationHeader]:
     """Read and check the description of frames and segments."""
     with opened(path) as (elements, syntax):
-        found = yield from elements.dataset_steps(WANTED)
-        kind = uid(found.get(0x00620001, b"")).upper()
+        header = yield from elements.dataset_steps(REQUESTED)
+        kind = uid(header.get(0x00620001, b"")).upper()
         if kind not in TYPES:
-            raise ReadError(f"{path.name} is a segmentation of type '{kind}', and {', '.join(TYPES)} are read")
-        image = image_of(path, found, syntax, kind, elements.size)
-        decoded = texts(found)
-        names, colors = segments_of(found, decoded, path.name)
-        largest = first_unsigned(found, 0x0062000E, 255)
-        padding = first_unsigned(found, 0x00280120, 0) if kind == "LABELMAP" else 0
-        series = found.get(0x00081115, [])
-        reference = reference_of(found, series, 0x0008114A)
-        frames = _frames_of_header(found, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
+            raise ReadError(f"{path.name} is a segmentation of type '{kind}', and {', '.join(TYPES)} are supported")
+        image = image_of(path, header, syntax, kind, elements.size)
+        decoded = texts(header)
+        names, colors = segments_of(header, decoded, path.name)
+        largest = first_unsigned(header, 0x0062000E, 255)
+        padding = first_unsigned(header, 0x00280120, 0) if kind == "LABELMAP" else 0
+        series = header.get(0x00081115, [])
+        reference = reference_of(header, series, 0x0008114A)
+        frames = _frames_of_header(header, image.pixels.options["number_of_frames"], kind == "LABELMAP", path.name)
     unknown = sorted(set(frames.segments.tolist()) - set(names)) if kind != "LABELMAP" else []
     if unknown:
         raise ReadError(f"{path.name} has frames of segment {unknown[0]}, which it does not describe; export it again")
     return SegmentationHeader(image, kind, largest / 2, padding, names, colors, frames, reference)
 
 
-def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> ImageFile:
+def image_of(path: Path, header: Elements, syntax: str, kind: str, size: int) -> ImageFile:
     """Return size and position of the pixels."""
-    pixels = found.get(PIXELS[-1])
+    pixels = header.get(PIXELS[-1])
     if pixels is None:
         raise ReadError(f"{path.name} is a truncated segmentation: it has no pixels; copy it again")
-    frame_count = whole(found.get(0x00280008, b"0"))
-    rows, columns, bits = (first_unsigned(found, tag, 0) for tag in (0x00280010, 0x00280011, 0x00280100))
+    frame_count = whole(header.get(0x00280008, b"0"))
+    rows, columns, bits = (first_unsigned(header, tag, 0) for tag in (0x00280010, 0x00280011, 0x00280100))
     if min(frame_count, rows, columns) < 1 or bits not in TYPES[kind]:
         raise ReadError(
             f"{path.name} says it has {frame_count} frames of {columns} x {rows} pixels of {bits} bits, which no "
@@ -123,12 +123,12 @@ def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> Ima
         raise ReadError(f"{path.name} is truncated or damaged ({damage}); copy it again")
     return ImageFile(
         path=path,
-        series=uid(found.get(0x0020000E, b"")),
+        series=uid(header.get(0x0020000E, b"")),
         modality="SEG",
         rows=rows,
         columns=columns,
         uid="",
-        frame_of_reference=uid(found.get(0x00200052, b"")),
+        frame_of_reference=uid(header.get(0x00200052, b"")),
         instance=0,
         called=Called("", "", ""),
         scout=False,
@@ -140,11 +140,11 @@ def image_of(path: Path, found: Found, syntax: str, kind: str, size: int) -> Ima
     )
 
 
-def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tuple[dict[int, str], dict[int, RGB]]:
+def segments_of(header: Elements, decoded: Callable[[bytes], str], name: str) -> tuple[dict[int, str], dict[int, RGB]]:
     """Return names and colors of the segments by number; in a label map 0 is the background."""
     names: dict[int, str] = {}
     colors: dict[int, RGB] = {}
-    for item in found.get(0x00620002, ()):
+    for item in header.get(0x00620002, ()):
         number = unsigned(item.get(0x00620004, b""))
         if not number or number[0] in names:
             raise ReadError(f"{name} has two segments with one number, or one without a number; export it again")
@@ -157,14 +157,14 @@ def segments_of(found: Found, decoded: Callable[[bytes], str], name: str) -> tup
     return names, colors
 
 
-def _frames_of_header(found: Found, count: int, is_map: bool, name: str) -> Frames:
+def _frames_of_header(header: Elements, count: int, is_map: bool, name: str) -> Frames:
     """Return position and segment of every frame, its own or shared by all."""
-    groups = found.get(0x52009230, [])
+    groups = header.get(0x52009230, [])
     if len(groups) != count:
         raise Damaged(f"{len(groups)} functional groups for {count} frames")
-    shared = (found.get(0x52009229) or [{}])[0]
+    shared = (header.get(0x52009229) or [{}])[0]
 
-    def of(group: Found, sequence: int, tag: int) -> bytes:
+    def of(group: Elements, sequence: int, tag: int) -> bytes:
         for source in (group, shared):
             items = source.get(sequence)
             if items and items[0].get(tag):

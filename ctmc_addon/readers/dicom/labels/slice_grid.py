@@ -205,7 +205,7 @@ def grid_of_frames(
         share = (height - height[0]) / total
         off = positions[first] - (ends[0] + share[:, None] * (ends[1] - ends[0]))
         if math.sqrt(float((off * off).sum(axis=1).max())) > 0.5 * min(spacing):
-            raise ReadError(f"the frames of {name} do not lie behind each other; export it with frames of one size")
+            raise ReadError(f"the frames of {name} do not form one stack; export it with frames of one size")
     slices = np.arange(count, dtype=np.int64)
     affine = np.eye(4)
     affine[:3, 0], affine[:3, 1], affine[:3, 2], affine[:3, 3] = row * spacing[1], column * spacing[0], step, start
@@ -231,7 +231,7 @@ def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
         too fine to be meant.
     """
     total = float(heights[-1] - heights[0])
-    found = []
+    slice_counts = []
     for gap in (gap_hint, float(np.diff(heights).min())):
         steps = round(total / gap) if gap >= FINEST_MM and total / gap < MOST_SLICES else 0
         even = False
@@ -239,5 +239,5 @@ def counts(heights: NDArray[np.float64], gap_hint: float) -> list[int]:
             index = (heights - heights[0]) * (steps / total)
             even = bool(np.abs(index - np.rint(index)).max() <= EVEN)
             even = even and len(np.unique(np.rint(index))) == len(heights)
-        found.append(steps + 1 if even else 0)
-    return found
+        slice_counts.append(steps + 1 if even else 0)
+    return slice_counts

@@ -24,20 +24,20 @@ from ...result import RawValues, ReadRequest, Series, VolumeSource
 from ..header import Slice
 from .contour_filling import fill_steps
 from .contour_planes import Contour, Plane, PlaneAssignment, assigned_planes, planes_of
-from .elements import LOCATION, VALUE, Damaged, ElementWalker, Found, ValueLocation
+from .elements import LOCATION, VALUE, Damaged, Elements, ElementWalker, ValueLocation
 from .label_file import decimals, opened, reference_of, texts, uid, whole
-from .references import Reference, found_steps, grid_of
+from .references import Reference, grid_of, referenced_slices_steps
 from .slice_grid import SliceGrid
 
-WANTED = {
+REQUESTED = {
     0x00080005: VALUE,
     0x0020000E: VALUE,
-    0x30060010: {  # referenced frames of reference: studies: series: images
+    0x30060010: {  # Referenced frames of reference: studies: series: images.
         0x00200052: VALUE,
         0x30060012: {0x30060014: {0x0020000E: VALUE, 0x30060016: {0x00081155: VALUE}}},
     },
-    0x30060020: {0x30060022: VALUE, 0x30060024: VALUE, 0x30060026: VALUE},  # regions
-    0x30060039: {  # their contours
+    0x30060020: {0x30060022: VALUE, 0x30060024: VALUE, 0x30060026: VALUE},  # Regions.
+    0x30060039: {  # Contours of the regions.
         0x30060084: VALUE,
         0x3006002A: VALUE,
         0x30060040: {0x30060016: {0x00081155: VALUE}, 0x30060042: VALUE, 0x30060050: LOCATION},
@@ -52,7 +52,7 @@ MOST_MM = 1e6
 PLANAR = 0.25  # A contour may leave its plane by this share of the gap between slices.
 CONTOURS_PER_STEP = 64
 
-LeftOut = Counter[tuple[str, str]]  # why, and the region's name
+LeftOut = Counter[tuple[str, str]]  # Counts by reason and region name.
 
 
 class Region(NamedTuple):
@@ -60,7 +60,7 @@ class Region(NamedTuple):
 
     name: str
     color: RGB | None
-    contours: list[tuple[str, ValueLocation]]  # type, and location of the positions
+    contours: list[tuple[str, ValueLocation]]  # Type of each contour, and location of its positions.
 
 
 class _StructureHeader(NamedTuple):
@@ -116,7 +116,7 @@ def open_steps(path: Path) -> Steps[_StructureSource]:
     stages = Stages({"Loading pydicom": 1, "Reading headers": 2, "Looking for the CT": 4})
     yield from stages.run("Loading pydicom", imported_steps("pydicom", "pydicom", "DICOM"))
     header = yield from stages.run("Reading headers", header_steps(path))
-    slices = yield from stages.run("Looking for the CT", found_steps(path, header.reference))
+    slices = yield from stages.run("Looking for the CT", referenced_slices_steps(path, header.reference))
     if not slices:
         raise ReadError(
             f"{path.name} holds contours, and the CT series that they were drawn on is not in its folder, a "
@@ -128,18 +128,18 @@ def open_steps(path: Path) -> Steps[_StructureSource]:
 def header_steps(path: Path) -> Steps[_StructureHeader]:
     """Read the description of the regions, and locate their contours."""
     with opened(path) as (elements, _):
-        found = yield from elements.dataset_steps(WANTED)
-        decoded = texts(found)
-        frames = found.get(0x30060010, [])
+        header = yield from elements.dataset_steps(REQUESTED)
+        decoded = texts(header)
+        frames = header.get(0x30060010, [])
         series = [item for frame in frames for study in frame.get(0x30060012, ()) for item in study.get(0x30060014, ())]
         # PS3.3 C.8.8.5: the sequence of frames of reference is optional, the one of each region is not.
         named = [frame.get(0x00200052) for frame in frames]
-        named += [region.get(0x30060024) for region in found.get(0x30060020, ())]
+        named += [region.get(0x30060024) for region in header.get(0x30060020, ())]
         coordinates = next((uid(value) for value in named if value), "")
-        reference = reference_of(found, series + images_of(found), 0x30060016, coordinates)
-        drawn = {whole(item[0x30060084]): item for item in found.get(0x30060039, ()) if item.get(0x30060084)}
+        reference = reference_of(header, series + images_of(header), 0x30060016, coordinates)
+        drawn = {whole(item[0x30060084]): item for item in header.get(0x30060039, ()) if item.get(0x30060084)}
         regions = []
-        for number, item in enumerate(found.get(0x30060020, ()), 1):
+        for number, item in enumerate(header.get(0x30060020, ()), 1):
             own = drawn.get(whole(item.get(0x30060022, b"0")), {})
             name = clean_name(decoded(item.get(0x30060026, b"")), f"region {number}")
             regions.append(Region(name, color_of(own), contours_of(own)))
@@ -147,21 +147,21 @@ def header_steps(path: Path) -> Steps[_StructureHeader]:
         raise ReadError(f"{path.name} has no contours; choose another structure set")
     if sum(location.length for region in regions for _, location in region.contours) > MOST_BYTES:
         raise ReadError(f"{path.name} has more than {MOST_BYTES} bytes of contours; export fewer regions")
-    return _StructureHeader(uid(found.get(0x0020000E, b"")), regions, reference)
+    return _StructureHeader(uid(header.get(0x0020000E, b"")), regions, reference)
 
 
-def images_of(found: Found) -> list[Found]:
+def images_of(header: Elements) -> list[Elements]:
     """Return the contours, each of which may name the images that it was drawn on."""
-    return [contour for region in found.get(0x30060039, ()) for contour in region.get(0x30060040, ())]
+    return [contour for region in header.get(0x30060039, ()) for contour in region.get(0x30060040, ())]
 
 
-def color_of(item: Found) -> RGB | None:
+def color_of(item: Elements) -> RGB | None:
     """Return ROIDisplayColor; None if it is not a color, because nothing else depends on it."""
     words = item.get(0x3006002A, b"").rstrip(b"\0 ").split(b"\\")
     return rgb_of_bytes([word.decode("ascii", "replace") for word in words])
 
 
-def contours_of(item: Found) -> list[tuple[str, ValueLocation]]:
+def contours_of(item: Elements) -> list[tuple[str, ValueLocation]]:
     """Return type and location of every contour of a region."""
     contours = item.get(0x30060040, ())
     return [

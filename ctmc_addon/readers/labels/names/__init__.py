@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Names and colors of labels that stand in another place than the volume itself."""
+"""Read names and colors of labels that are stored outside the label values."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Segments of 3D Slicer's `.seg.nrrd`: keys `SegmentN_...` of the header, and layers where segments overlap.
+"""Read the segments of 3D Slicer's `.seg.nrrd`: header keys `SegmentN_...`, and layers where segments overlap.
 
 slicer.readthedocs.io, developer guide, modules/segmentations.
 """
@@ -18,7 +18,7 @@ from ..colors import RGB, rgb_of_shares
 from ..label_map import LabelMap, clean_name
 
 MOST_SEGMENTS = 4096
-MOST_SHOWN = 20  # letters of a damaged value in an error
+MOST_SHOWN = 20  # An error shows this many letters of a damaged value.
 
 
 class Segment(NamedTuple):
@@ -115,5 +115,5 @@ def layered_steps(layers: Sequence[SliceReader], segments: Sequence[Segment], na
                 label_map.paint(number, stored == values[at], labels[at])
     notes = label_map.overlap_note("segments") + label_map.empty_note("segments")
     if shared:
-        notes.append("segments of different layers share a value: they are numbered anew, in their order")
+        notes.append("segments of different layers share a value: they are renumbered, in their order")
     return _Layered(label_map.layers(), names, colors, tuple(notes))

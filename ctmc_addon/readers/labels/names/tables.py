@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Tables of label names and colors in a text file beside a label volume, known by their content.
+"""Find tables of label names and colors in text files beside a label volume, by their content.
 
 3D Slicer's `.ctbl` and FreeSurfer's look-up tables have a number, a name, and red, green, blue, alpha in a line;
 ITK-SNAP has a number, red, green, blue, alpha, two switches and a name in quotes.
@@ -20,14 +20,14 @@ from .total_segmentator import NAMES, is_total_segmentator
 
 SUFFIXES = (".txt", ".ctbl", ".label", ".lut")
 MOST_BYTES = 1 << 20  # FreeSurfer's table of all its labels has 70,000
-MOST_FILES = 100  # text files in a folder that are looked at
+MOST_FILES = 100  # Only this many text files of a folder are examined.
 BYTE = r"(\d{1,3})"
 NAMED = re.compile(rf"(\d{{1,9}})\s+(\S.{{0,250}}?)\s+{BYTE}\s+{BYTE}\s+{BYTE}\s+{BYTE}", re.ASCII)
 ITK_SNAP = re.compile(rf"(\d{{1,9}})\s+{BYTE}\s+{BYTE}\s+{BYTE}\s+[\d.]+\s+[01]\s+[01]\s+\"(.*)\"", re.ASCII)
 
 
 class LabelTable(NamedTuple):
-    """Names and colors by label, and the note that says where they are from."""
+    """Names and colors by label, and a note on their source."""
 
     names: Mapping[int, str]
     colors: Mapping[int, RGB]

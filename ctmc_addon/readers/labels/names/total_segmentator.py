@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The names of TotalSegmentator's task `total`, version 2, by their numbers in its label volume.
+"""Name the labels of TotalSegmentator's task `total`, version 2, by their numbers.
 
 Wasserthal et al. 2023, doi:10.1148/ryai.230024; github.com/wasserth/TotalSegmentator has the numbers.
 """

@@ -153,7 +153,7 @@ def test_numbers_that_no_segment_has_are_labels_and_said(tmp_path, save_segmenta
     volume = read_volume(tmp_path / "seg.dcm")
     np.testing.assert_array_equal(volume.values, [plane, plane])
     assert volume.label_names == {1: "liver", 2: "tumor", 3: "vessel"}
-    text = "pixels have numbers of no segment that is described, and are labels all the same: 7, 9"
+    text = "labels without a described segment were kept: 7, 9"
     assert volume.notes[-1] == text
 
 

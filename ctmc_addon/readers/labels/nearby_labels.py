@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The labels that lie with a CT: LiTS' segmentation, DICOM SEG and RTSTRUCT, and folders of masks beside it."""
+"""Find the labels near a CT: LiTS segmentations, DICOM SEG and RTSTRUCT files, and folders of masks."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from ..file_formats import files_below, natural_key, segmentation_sibling
 
 NAMES = ("mask", "segment", "label")
 """Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
-MOST_FILES = 5000  # looked at in a folder
+MOST_FILES = 5000  # Only this many files of a folder are examined.
 
 
 def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
-    """Return the files and folders of labels that lie with a CT; whether they fit it shows when they are read.
+    """Return the files and folders of labels near a CT; reading them shows whether they fit it.
 
     Parameters
     ----------
