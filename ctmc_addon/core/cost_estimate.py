@@ -162,14 +162,14 @@ class FieldCache:
             *(getattr(settings, name) for name in (*own, *smoothing.reads)),
         )
         if self.field is None or key != self.key:
-            self.field, self.seconds = yield from timed_steps(self._made_steps(settings))
+            self.field, self.seconds = yield from timed_steps(self._make_steps(settings))
             self.key = key
         elif settings.threshold is not None:
             self.field = self.field.at_threshold(settings.threshold)
         self.field = replace(self.field, settings=settings)
         return self.field
 
-    def _made_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+    def _make_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
         field = yield from field_steps(self.volume, settings, self.budget)
         there, needed = self.budget.available, 4 * math.prod(field.values.shape)
         keeps = self.volume.reader.own_bytes == 0 and (there is None or needed <= READ_SHARE * there)

@@ -160,10 +160,10 @@ class Described:
     @classmethod
     def from_dict(cls: type[Kind], values: Mapping[str, Any]) -> Kind:
         """Return the object of a dictionary as `to_dict` makes it; an unknown name is a `SettingsError`."""
-        known = descriptions(cls)
-        unknown = sorted(set(values) - set(known))
+        described = descriptions(cls)
+        unknown = sorted(set(values) - set(described))
         if unknown:
-            raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(known)}")
+            raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(described)}")
         return cls(**values)
 
 

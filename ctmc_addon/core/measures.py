@@ -118,12 +118,12 @@ class Measure:
 
     def value(self, surface: FinishedSurface) -> Any:
         """Return the value for JSON; None where it is not known, or infinite, which JSON does not have."""
-        found: Any = surface
+        value: Any = surface
         for step in self.of.split("."):
-            found = None if found is None else getattr(found, step)
-        if isinstance(found, float) and not math.isfinite(found):
+            value = None if value is None else getattr(value, step)
+        if isinstance(value, float) and not math.isfinite(value):
             return None
-        return list(found) if isinstance(found, tuple) else found
+        return list(value) if isinstance(value, tuple) else value
 
     def cells(self, value: Any) -> dict[str, Any]:
         """Return the parts of a value by their columns.

@@ -266,10 +266,10 @@ def _refusal_steps(
     proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, room))
     if fits and not proposals:
         return ""
-    together = f"{smoothing} with " if smoothing else ""
+    prefix = f"{smoothing} with " if smoothing else ""
     what = what or f"a surface of {plan.counts.faces} triangles"
     if fits or smoothing:
-        return _refused(what, there, together + advice_of(proposals) if proposals else advice_of([]))
+        return _refused(what, there, prefix + advice_of(proposals) if proposals else advice_of([]))
     return _unfitting(plan, there, proposals)
 
 

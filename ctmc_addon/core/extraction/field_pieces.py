@@ -118,10 +118,10 @@ class FieldSlabs:
 
     def pieces_steps(self, low: int = 0, high: int | None = None) -> Pieces:
         """Yield the pieces of the slabs in index space, and steps between."""
-        made = self.field.surface
-        if made is not None and not self.normals and (low, high) == (0, None):
+        surface = self.field.surface
+        if surface is not None and not self.normals and (low, high) == (0, None):
             yield PAUSE
-            yield Surface(made.midpoints.copy(), made.linear.copy(), made.faces)
+            yield Surface(surface.midpoints.copy(), surface.linear.copy(), surface.faces)
             return self.field.wrong_side
         ranges, level = self.ranges(low, high), float(self.field.level)
         stages = Stages(dict.fromkeys(map(str, range(len(ranges))), 1))

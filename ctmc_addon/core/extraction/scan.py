@@ -72,8 +72,8 @@ def scan_steps(
     threads = slab_threads(len(ranges), threads)
     at_once = max(1, min(DECIDED_SLABS, len(ranges) // (2 * threads))) if topology == "trilinear" else 1
     groups = [ranges[first : first + at_once] for first in range(0, len(ranges), at_once)]
-    found = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
-    slabs = [slab for some in found for slab in some]
+    slab_groups = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
+    slabs = [slab for some in slab_groups for slab in some]
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
 
 

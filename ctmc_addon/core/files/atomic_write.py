@@ -197,7 +197,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     return target
 
 
-def made_folder(path: str | os.PathLike[str]) -> Path:
+def create_folder(path: str | os.PathLike[str]) -> Path:
     """Make the folder `path` and its parents where they do not exist, and return it; else raise an `OutputError`."""
     folder = Path(path)
     try:
@@ -209,11 +209,11 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """`made_folder`, and remove at the end the new folders that are still empty."""
+    """`create_folder`, and remove at the end the new folders that are still empty."""
     folder = Path(path)
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
-        yield made_folder(folder)
+        yield create_folder(folder)
     finally:
         with suppress(OSError):  # rmdir removes no folder that holds something
             for parent in missing:
@@ -222,8 +222,8 @@ def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write UTF-8 text with the line ends it has, whole or not at all."""
-    with whole_file(path) as beside:
-        beside.write_bytes(text.encode())
+    with whole_file(path) as temporary:
+        temporary.write_bytes(text.encode())
 
 
 def write_json(path: str | os.PathLike[str], content: Any) -> None:

@@ -88,10 +88,10 @@ def file_names(names: Iterable[str]) -> list[str]:
     return out
 
 
-def with_suffix(path: str, suffix: str, known: Container[str] = ()) -> str:
+def with_suffix(path: str, suffix: str, allowed: Container[str] = ()) -> str:
     """Return a path with `suffix` if its file has a name without one.
 
-    A suffix is one of the `known` (in small letters), or begins with a letter: one that no writer knows is refused
+    A suffix is one of the `allowed` (in small letters), or begins with a letter: one that no writer knows is refused
     later. What else follows a dot is a part of the name.
 
     Examples
@@ -101,4 +101,4 @@ def with_suffix(path: str, suffix: str, known: Container[str] = ()) -> str:
     """
     name = "" if path.endswith(("/", "\\")) else Path(path).name
     own = Path(name).suffix.lower()
-    return path + suffix if name and own not in known and not own[1:2].isalpha() else path
+    return path + suffix if name and own not in allowed and not own[1:2].isalpha() else path

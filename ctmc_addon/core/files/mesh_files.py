@@ -59,7 +59,7 @@ def write_mesh(
             f"{target.name or 'an empty name'} is neither .stl nor .ply; {', '.join(STRUCTURE_SUFFIXES)} are written "
             "by save_structures, a .blend by the command line and the panel"
         )
-    with whole_file(target) as beside, beside.open("wb") as file:
+    with whole_file(target) as temporary, temporary.open("wb") as file:
         writer(file, vertices, faces, normals)
 
 

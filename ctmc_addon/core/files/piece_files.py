@@ -74,7 +74,7 @@ def write_pieces_steps(
     try:
         if writer is None:
             raise OutputError(f"{target.name or 'an empty name'} is neither .stl nor .ply")
-        with whole_file(target) as beside, beside.open("wb") as file:
+        with whole_file(target) as temporary, temporary.open("wb") as file:
             return (yield from writer(file, pieces, space))
     finally:
         pieces.close()

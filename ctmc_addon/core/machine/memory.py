@@ -62,8 +62,8 @@ def linux_available(root: Path, address_space: bool = True) -> int | None:
     """
     limits = [_meminfo_available(root), *_cgroups_available(root)]
     limits += [address_space_available(root)] if address_space else []
-    known = [limit for limit in limits if limit is not None]
-    return max(0, min(known)) if known else _half_of_physical()
+    bounds = [limit for limit in limits if limit is not None]
+    return max(0, min(bounds)) if bounds else _half_of_physical()
 
 
 def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], limit_bytes: int | None = None) -> None:

@@ -172,10 +172,10 @@ def side_by_side_steps(
             steps.close()
 
     def here_steps() -> Steps[list[Result]]:
-        made = []
+        results = []
         for number in range(len(works)):
-            made.append((yield from driven_steps(number)))
-        return made
+            results.append((yield from driven_steps(number)))
+        return results
 
     waiting = deque(range(len(works)))
     results: dict[int, Result] = {}

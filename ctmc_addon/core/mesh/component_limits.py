@@ -36,10 +36,10 @@ class ComponentLimits(NamedTuple):
         """Return whether `count` components all stay without measuring them."""
         return self.min_volume <= 0 and count <= self.largest
 
-    def ask_more_than(self, others: ComponentLimits) -> bool:
-        """Return whether a surface that was kept by `others` may lose components by these."""
-        fewer = bool(self.largest) and not 0 < others.largest <= self.largest
-        return others.min_volume < self.min_volume or fewer
+    def ask_more_than(self, applied: ComponentLimits) -> bool:
+        """Return whether a surface that was kept by `applied` may lose components by these."""
+        fewer = bool(self.largest) and not 0 < applied.largest <= self.largest
+        return applied.min_volume < self.min_volume or fewer
 
     def kept(self, volumes: NDArray[np.float64], owner: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which components stay.

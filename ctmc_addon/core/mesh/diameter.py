@@ -186,9 +186,9 @@ def _swept(points: Doubles) -> tuple[float, Doubles]:
     return best, middle
 
 
-def _squares(points: Doubles, others: Doubles) -> Doubles:
+def _squares(points: Doubles, targets: Doubles) -> Doubles:
     """Return squared distances."""
-    return _lengths(points - others)
+    return _lengths(points - targets)
 
 
 def _lengths(vectors: Doubles) -> Doubles:

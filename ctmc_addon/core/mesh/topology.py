@@ -111,9 +111,9 @@ def edge_keys_steps(
             first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
             its_counts = np.stack([np.diff(first, append=len(keys)), np.add.reduceat(ways & 1, first)])
             keys = keys[first]
-            found = np.flatnonzero((its_counts[0] != 2) | (its_counts[1] != 1))
-            irregular.append(found + edges)
-            counts.append(its_counts[:, found])
+            its_irregular = np.flatnonzero((its_counts[0] != 2) | (its_counts[1] != 1))
+            irregular.append(its_irregular + edges)
+            counts.append(its_counts[:, its_irregular])
         parts.append(keys)
         edges += len(keys)
         yield PAUSE

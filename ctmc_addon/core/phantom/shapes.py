@@ -216,11 +216,11 @@ def grow_tumors(
     return sorted(tumors, key=lambda tumor: -tumor.volume_mm3())
 
 
-def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
+def has_room(tumor: Blob, liver: Blob, tumors: list[Blob], scale: float) -> bool:
     """Return whether the tumor is inside the liver, with a margin, and does not touch the others."""
     if not liver.inside(tumor.surface(1.05, 3.0 * scale)).all():
         return False
-    for other in others:
+    for other in tumors:
         distance = [
             (tumor.center[axis] - other.center[axis])
             / (tumor.half_axes[axis] * tumor.limits[1] + other.half_axes[axis] * other.limits[1])

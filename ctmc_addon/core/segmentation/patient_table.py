@@ -113,7 +113,7 @@ def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
     first = np.where(body.any(axis=-1), count - body[..., ::-1].argmax(axis=-1), 0).astype(np.int32)
     if not first.any():
         return None
-    first = _beside(first)
+    first = _filled_columns(first)
     for along in (0, 1):  # what is thick in a column may be thin in the next one, as at the flanks
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
@@ -121,15 +121,15 @@ def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
     return _PatientTable(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
 
 
-def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:
+def _filled_columns(first: NDArray[np.int32]) -> NDArray[np.int32]:
     """Give columns without the body, 0, what the nearest one of their line has; lines without it, what the next has."""
     filled = first.copy()
     has = first > 0
     lines = np.flatnonzero(has.any(axis=1))
     for line in lines:
-        known = np.flatnonzero(has[line])
-        middles = np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(first.shape[1]), side="right")
-        filled[line] = first[line][known[middles]]
+        present = np.flatnonzero(has[line])
+        middles = np.searchsorted((present[1:] + present[:-1]) / 2, np.arange(first.shape[1]), side="right")
+        filled[line] = first[line][present[middles]]
     nearest = lines[np.abs(np.arange(len(first))[:, None] - lines).argmin(axis=1)]
     return np.asarray(filled[nearest])
 
@@ -169,9 +169,9 @@ class _WithoutTable(SliceReader):
         """Write the values, and air where the table was."""
         self.reader.fill(out, slices, rows, columns)
         table = self.table
-        wanted = [np.array(side) - start for side, start in zip((slices, rows, columns), self.start, strict=True)]
-        along = wanted.pop(table.axis)
-        first = np.expand_dims(table.first[np.ix_(*wanted)], table.axis)
+        offsets = [np.array(side) - start for side, start in zip((slices, rows, columns), self.start, strict=True)]
+        along = offsets.pop(table.axis)
+        first = np.expand_dims(table.first[np.ix_(*offsets)], table.axis)
         if table.backwards:
             along = self.count - 1 - along
         shape = [1, 1, 1]

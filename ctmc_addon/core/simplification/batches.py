@@ -257,7 +257,7 @@ def shared_count(first: Batch, second: Batch) -> int:
     return int((second.numbers[at] == numbers).sum())
 
 
-def near_others(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
+def faces_near_other_batches(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
     """The faces whose boxes meet that of another batch, as a batch, and which batch each is of, (f,).
 
     Triangles of different batches that cross each other are among them.
@@ -283,6 +283,6 @@ def crossing_batches_steps(batches: Sequence[Batch]) -> Steps[Indices]:
     """The numbers of the batches of two triangles that cross each other, of different ones, (n, 2)."""
     if len(batches) == 1:
         return np.empty((0, 2), np.int64)
-    near, owner = near_others(batches)
+    near, owner = faces_near_other_batches(batches)
     pairs = owner[(yield from self_intersections_steps(near.mesh.vertices, near.mesh.faces))]
     return pairs[pairs[:, 0] != pairs[:, 1]]

@@ -185,13 +185,13 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
     joins = yield from _seeds_steps(shape, policy.cluster_passes)
     new = np.take(joins, faces)
     yield PAUSE
-    clusters = yield from _made_steps(shape, joins, new)
-    made = clusters.roots[clusters.cheap(faces.shape[1] - target, policy.expensive_cluster)]
+    clusters = yield from _clusters_steps(shape, joins, new)
+    cheapest = clusters.roots[clusters.cheap(faces.shape[1] - target, policy.expensive_cluster)]
     placed = positions.copy()
     placed[:, clusters.roots] = clusters.places
     multiple, reverted = np.zeros((2, len(joins)), bool)
     multiple[clusters.roots] = reverted[clusters.roots] = True
-    reverted[made] = False
+    reverted[cheapest] = False
     merged = Merged(positions, faces, joins, placed, multiple)
     merged.take_apart(reverted)
     yield from merged.settle_steps()
@@ -316,11 +316,11 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
         yield PAUSE
         chosen = ~lost
         seed |= chosen
-        beside = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
-        done = np.flatnonzero(beside)
+        near = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        done = np.flatnonzero(near)
         for corner in around:
             rank[corner[done]] = worst
-        rest = np.flatnonzero(~beside)
+        rest = np.flatnonzero(~near)
         around = np.take(around, rest, axis=1)
         yield PAUSE
     joining, seeds = [], []
@@ -343,7 +343,7 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     return joins
 
 
-def _made_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
     """The clusters, and what each of them would cost."""
     positions, vertex_count = shape.positions, len(joins)
     size = np.bincount(joins, minlength=vertex_count)
@@ -414,10 +414,10 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
     wrong = np.zeros(len(keys) + 1, bool)
     wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
     wrong[1:-2] |= same[1:] & same[:-1]
-    alone = np.ones(len(keys), bool)
-    alone[1:] &= ~same
-    alone[:-1] &= ~same
-    at = np.flatnonzero(wrong[:-1] | wrong[1:] | alone)
+    single = np.ones(len(keys), bool)
+    single[1:] &= ~same
+    single[:-1] &= ~same
+    at = np.flatnonzero(wrong[:-1] | wrong[1:] | single)
     shifts = bits + bits + one, bits + one, one
     low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
     at_changed = changed[low] | changed[high]

@@ -192,9 +192,9 @@ class CollapseLog:
         face_edges = np.take(self.edge_number, np.take(mesh.face_edges, faces, axis=1))
         new = len(cuts)
         if new:
-            made = np.arange(self.faces, self.faces + 2 * new, dtype=np.int32)
-            nothing = np.full((3, len(made)), -1, np.int32)
-            numbers, owner = np.append(numbers, made), np.concatenate([owner, cuts, cuts])
+            caps = np.arange(self.faces, self.faces + 2 * new, dtype=np.int32)
+            nothing = np.full((3, len(caps)), -1, np.int32)
+            numbers, owner = np.append(numbers, caps), np.concatenate([owner, cuts, cuts])
             corners, face_edges = np.append(corners, nothing, axis=1), np.append(face_edges, nothing, axis=1)
             self.last = np.append(self.last, nothing[0])
         first, start = (0, 0) if not self.rounds else self._ends()
@@ -267,9 +267,9 @@ class CollapseLog:
 
     def vertices_of(self, changes: Ints) -> Ints:
         """Numbers of the vertices that these changes move, (m,)."""
-        wanted = np.zeros(self._ends()[0], bool)
-        wanted[changes] = True
-        return np.concatenate([each.moved[wanted[each.first + each.moved_owner]] for each in self.rounds])
+        selected = np.zeros(self._ends()[0], bool)
+        selected[changes] = True
+        return np.concatenate([each.moved[selected[each.first + each.moved_owner]] for each in self.rounds])
 
     def _indexed(self) -> _Index:
         if self._index is None:

@@ -28,7 +28,7 @@ class Collapses:
         With a corner in a collapse.
     owner : (s,) int32
         In which.
-    gone : (s,) bool
+    vanishing : (s,) bool
         Whether the face vanishes: it has two corners there.
     normals : two of (3, f) float32, or None
         Of the faces that stay, before and after, as long as twice their areas.
@@ -40,7 +40,7 @@ class Collapses:
     target: Floats
     faces: Indices
     owner: Ints
-    gone: Flags
+    vanishing: Flags
     normals: tuple[Floats, Floats] | None = None
 
     def select(self, selected: Flags) -> Collapses:
@@ -51,7 +51,7 @@ class Collapses:
         faces = selected[self.owner]
         normals = None
         if self.normals is not None:
-            left = faces[~self.gone]
+            left = faces[~self.vanishing]
             normals = np.compress(left, self.normals[0], axis=1), np.compress(left, self.normals[1], axis=1)
         return Collapses(
             self.edges[selected],
@@ -60,15 +60,15 @@ class Collapses:
             np.compress(selected, self.target, axis=1),
             self.faces[faces],
             number[self.owner[faces]],
-            self.gone[faces],
+            self.vanishing[faces],
             normals,
         )
 
     def at_vertices(self, vertices: Flags, faces: Ints) -> Flags:
         """Which of them have one of the vertices (V,) bool at one of their faces, (n,) bool."""
-        found = np.zeros(len(self.edges), bool)
-        found[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
-        return found
+        touched = np.zeros(len(self.edges), bool)
+        touched[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
+        return touched
 
     def slots(self, corners: Ints, vertex_count: int) -> tuple[Flags, Flags]:
         """Of which faces that stay (3, f) the second corner is in a collapse, of which the third; else the first is."""
@@ -121,10 +121,10 @@ def independent_set_steps(
         # The best rank at every vertex: written from the worst to the best, the last stays.
         best = np.full(vertex_count, count, np.int32)
         best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
-        beside_first, beside_second = np.take(best, first), np.take(best, second)
+        best_at_first, best_at_second = np.take(best, first), np.take(best, second)
         lost = np.zeros(vertex_count, bool)
-        lost[np.compress(beside_first > beside_second, first)] = True
-        lost[np.compress(beside_second > beside_first, second)] = True
+        lost[np.compress(best_at_first > best_at_second, first)] = True
+        lost[np.compress(best_at_second > best_at_first, second)] = True
         won = (np.take(best, a) == rank) & (np.take(best, b) == rank) & ~(np.take(lost, a) | np.take(lost, b))
         independent.append(candidates[won])
         yield PAUSE
@@ -151,10 +151,10 @@ def violates_link_condition_steps(
     `face_edges` are (3, F), `counts` the numbers of vertices and edges.
     """
     vertex_count, edge_count = counts
-    gone, left = np.flatnonzero(collapses.gone), np.flatnonzero(~collapses.gone)
+    vanishing, left = np.flatnonzero(collapses.vanishing), np.flatnonzero(~collapses.vanishing)
     # The third corners of the two faces that vanish: the first of them is the last to be written.
-    owner = collapses.owner[gone]
-    apex = collapses.apexes(np.take(faces, collapses.faces[gone], axis=1), owner)
+    owner = collapses.owner[vanishing]
+    apex = collapses.apexes(np.take(faces, collapses.faces[vanishing], axis=1), owner)
     first, last = np.full((2, len(collapses.edges)), -1, np.int32)
     last[owner] = apex
     first[owner[::-1]] = apex[::-1]
@@ -168,19 +168,19 @@ def violates_link_condition_steps(
     at_kept = inner == np.take(collapses.kept, owner)
     yield PAUSE
     kept_sides, dropped_sides = np.flatnonzero(at_kept), np.flatnonzero(~at_kept)
-    (beside_kept, kept_owner), (beside_dropped, dropped_owner) = (
+    (near_kept, kept_owner), (near_dropped, dropped_owner) = (
         (np.concatenate([np.take(vertex, side) for vertex in outer]), np.tile(np.take(owner, side), 2))
         for side in (kept_sides, dropped_sides)
     )
     yield PAUSE
     of_vertex = np.full(vertex_count, -1, np.int32)
-    while len(beside_kept):  # a vertex has room for one collapse: the others come next
-        of_vertex[beside_kept] = kept_owner
-        shared = np.flatnonzero(np.take(of_vertex, beside_dropped) == dropped_owner)
-        vertex, of = np.take(beside_dropped, shared), np.take(dropped_owner, shared)
+    while len(near_kept):  # a vertex has room for one collapse: the others come next
+        of_vertex[near_kept] = kept_owner
+        shared = np.flatnonzero(np.take(of_vertex, near_dropped) == dropped_owner)
+        vertex, of = np.take(near_dropped, shared), np.take(dropped_owner, shared)
         refused[of[(vertex != np.take(first, of)) & (vertex != np.take(last, of))]] = True
-        waiting = np.flatnonzero(np.take(of_vertex, beside_kept) != kept_owner)
-        beside_kept, kept_owner = np.take(beside_kept, waiting), np.take(kept_owner, waiting)
+        waiting = np.flatnonzero(np.take(of_vertex, near_kept) != kept_owner)
+        near_kept, kept_owner = np.take(near_kept, waiting), np.take(kept_owner, waiting)
     yield PAUSE
     opposite = turned(np.take(face_edges, number, axis=1), slots, 1)
     here = np.arange(len(left), dtype=np.int32)
@@ -229,7 +229,7 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
     itself = onto.astype(np.int64) * len(locked) + collapses.kept[onto]
     new = keys[0][~np.isin(keys[0], np.append(keys[1], itself))]
     refused[new // len(locked)] = True
-    left = np.flatnonzero(~collapses.gone & locked[collapses.kept[collapses.owner]])
+    left = np.flatnonzero(~collapses.vanishing & locked[collapses.kept[collapses.owner]])
     at_border = np.take(locked, np.take(faces, collapses.faces[left], axis=1)).sum(axis=0)
     at_dropped = (np.take(faces, collapses.faces[left], axis=1) == collapses.dropped[collapses.owner[left]]).any(axis=0)
     refused[collapses.owner[left][at_dropped & (at_border == 2)]] = True
@@ -238,7 +238,7 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
 
 def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Collapses]:
     """Return them with the normals of the faces that stay."""
-    corners = np.take(faces, collapses.faces[~collapses.gone], axis=1)
+    corners = np.take(faces, collapses.faces[~collapses.vanishing], axis=1)
     normals = []
     for places in (positions, collapses.moved(positions)):
         a, b, c = (np.take(places, corner, axis=1) for corner in corners)
@@ -254,7 +254,7 @@ def flips_normal(collapses: Collapses) -> Flags:
     along, size = dot(before, after), dot(after, after)
     bad = (along < 0) | (along * along < TURN * TURN * dot(before, before) * size) | (size == 0)
     refused = np.zeros(len(collapses.edges), bool)
-    refused[collapses.owner[~collapses.gone][bad]] = True
+    refused[collapses.owner[~collapses.vanishing][bad]] = True
     return refused
 
 

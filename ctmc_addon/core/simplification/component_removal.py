@@ -67,8 +67,8 @@ class CollapsedComponents:
         components, were = ("component", "was") if self.count == 1 else ("components", "were")
         digit = 10.0 ** (math.floor(math.log10(self.largest)) - 1) if self.largest > 0 else 1.0
         below = (math.floor(self.largest / digit) + 1) * digit  # rounded up to two digits
-        together = volume_text(float(f"{self.volume:.3g}"))
-        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {together} together"
+        total = volume_text(float(f"{self.volume:.3g}"))
+        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {total} together"
 
 
 @dataclass(frozen=True, eq=False)
@@ -225,10 +225,10 @@ class Components:
         present = np.flatnonzero(self.present)
         return present[self._is_inner(present)]
 
-    def remove_steps(self, gone: Indices) -> Steps[None]:
+    def remove_steps(self, removed: Indices) -> Steps[None]:
         """Remove components, with what lies in them."""
         before = self.present.copy()
-        self.present[gone] = False
+        self.present[removed] = False
         inner = self._inner()
         while len(lost := inner[~self.present[self.nearest[inner]]]):
             self.present[lost] = False
@@ -238,9 +238,9 @@ class Components:
         yield PAUSE
         yield from self._measure_gaps_steps(self.present & ~self.present[self.nearest])
 
-    def count_removed(self, gone: Flags) -> None:
+    def count_removed(self, removed: Flags) -> None:
         """Add these components, (components,), to `collapsed`."""
-        volumes = np.abs(self.volume[gone])
+        volumes = np.abs(self.volume[removed])
         largest = float(volumes.max(initial=0.0))
         self.collapsed += CollapsedComponents(len(volumes), largest, math.fsum(volumes.tolist()))
 

@@ -39,7 +39,7 @@ def crosses_steps(
     owner = np.full(faces.shape[1], -1, np.int32)
     owner[collapses.faces] = collapses.owner
     stays = alive.copy()
-    stays[doing.faces[doing.gone]] = False
+    stays[doing.faces[doing.vanishing]] = False
     left = np.flatnonzero(stays)
     owner = owner[left]
     selected = (owner >= 0) & np.take(asked, owner)

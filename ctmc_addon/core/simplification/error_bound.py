@@ -96,7 +96,7 @@ class ErrorBound:
         collapse = collapse_at[self.assigned_face[moving]]
         yield PAUSE
 
-        left = np.flatnonzero(~collapses.gone)
+        left = np.flatnonzero(~collapses.vanishing)
         left = left[np.lexsort((interface[collapses.faces[left]], collapses.owner[left]))]
         owner, star = collapses.owner[left].astype(np.int64), collapses.faces[left]
         corners = np.take(faces, star, axis=1)
@@ -104,10 +104,10 @@ class ErrorBound:
         # The faces of one collapse in one interface follow one another.
         interfaces = int(self.original_interface.max(initial=0)) + 1
         keys, first, faces_of = np.unique(owner * interfaces + interface[star], return_index=True, return_counts=True)
-        wanted = collapse.astype(np.int64) * interfaces + self.interface[moving]
-        run = np.minimum(np.searchsorted(keys, wanted), max(0, len(keys) - 1))
+        run_keys = collapse.astype(np.int64) * interfaces + self.interface[moving]
+        run = np.minimum(np.searchsorted(keys, run_keys), max(0, len(keys) - 1))
         exceeded = np.zeros(count, bool)
-        exceeded[collapse[keys[run] != wanted] if len(keys) else collapse] = True
+        exceeded[collapse[keys[run] != run_keys] if len(keys) else collapse] = True
         column = np.full(faces.shape[1], -1)
         column[star] = np.arange(len(star))
         near = column[self.assigned_face[moving]]  # mostly the face assigned so far will do, if it remains
@@ -287,11 +287,11 @@ def _nearest_face(
     return nearest, least
 
 
-def _nearest_point(points: Floats, others: Floats, start: Indices, count: Indices) -> Indices:
+def _nearest_point(points: Floats, candidates: Floats, start: Indices, count: Indices) -> Indices:
     """For every point (3, n) the nearest of others[:, start:start + count]."""
     nearest = np.empty(len(start), np.int64)
     for block, counts, other in _pairs(start, count):
-        away: Floats = np.repeat(points[:, block], counts, axis=1) - np.take(others, other, axis=1)
+        away: Floats = np.repeat(points[:, block], counts, axis=1) - np.take(candidates, other, axis=1)
         nearest[block] = other[_least(dot(away, away), counts)[0]]
     return nearest
 

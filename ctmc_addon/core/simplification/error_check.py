@@ -43,7 +43,7 @@ class Target:
         first[face_edges.ravel()[::-1]] = face[::-1]
         yield PAUSE
         first, last = np.take(first, face_edges), np.take(last, face_edges)
-        self.beside = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
+        self.neighbor = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
 
     def triangles(self, number: Indices) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
@@ -75,7 +75,7 @@ class Target:
             along = corners[(side + 1) % 3] - corners[side]
             beyond = dot(cross(along, points - corners[side]), normal)
             beyond /= np.sqrt(np.maximum(dot(along, along), np.finfo(np.float64).tiny))
-            across = np.where(beyond < least, self.beside[side].take(number), across)
+            across = np.where(beyond < least, self.neighbor[side].take(number), across)
             least = np.minimum(least, beyond)
         return across
 

@@ -40,14 +40,14 @@ class _Held:
     """A simplified batch that waits for the last pass.
 
     batch : Batch
-    wanted : float
+    inner_target : float
         Triangles that it may have, beside those along its seams.
     below, above : int
         Vertices that it shares with the batch before and with the next one.
     """
 
     batch: Batch
-    wanted: float
+    inner_target: float
     below: int
     above: int
 
@@ -131,19 +131,19 @@ class _Passes:
         A slab of a wide volume is thin: its seams may have more triangles than the goal leaves it.
         """
         faces = sum(each.batch.face_count for each in held)
-        wanted, below, above = sum(each.wanted for each in held), held[0].below, held[-1].above
+        inner_target, below, above = sum(each.inner_target for each in held), held[0].below, held[-1].above
         border = 2 * (below + above)
-        if 2 * (wanted + border) > faces:
+        if 2 * (inner_target + border) > faces:
             return held
         self._require(faces, faces * self.goal.policy.merge_face_bytes)
         batch = joined([each.batch for each in held])
         held.clear()
-        reducing = WithResult(self._again(batch, wanted, border)())
+        reducing = WithResult(self._again(batch, inner_target, border)())
         for step in reducing:
             yield Step(fraction, step.message)
         reduced = reducing.result
         self._count(replace(reduced, face_count=0))  # its triangles were counted before
-        return [_Held(self.numbering.completed(reduced.batch), wanted, below, above)]
+        return [_Held(self.numbering.completed(reduced.batch), inner_target, below, above)]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
         """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
@@ -191,25 +191,25 @@ class _Passes:
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
         share = self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
-        wanted = batch.face_count * min(1.0, share)
-        self.planned.append((wanted, below, above))
+        inner_target = batch.face_count * min(1.0, share)
+        self.planned.append((inner_target, below, above))
         return partial(
             reduce_batch_steps,
             batch,
-            wanted,
+            inner_target,
             2 * (below + above),
             largest_component=self.goal.largest_component,
             policy=self.goal.policy,
         )
 
     def _again(
-        self, batch: Batch, wanted: float, at_border: int, max_error: float | None = None, whole: bool = False
+        self, batch: Batch, inner_target: float, at_border: int, max_error: float | None = None, whole: bool = False
     ) -> Work:
         """Return the function that simplifies what batches have left."""
         return partial(
             reduce_batch_steps,
             batch,
-            wanted,
+            inner_target,
             at_border,
             max_error,
             whole,
@@ -270,7 +270,7 @@ class _Passes:
 
     def _regions_steps(self, parts: list[Batch], goal: int, max_error: float | None) -> Steps[list[Reduced]]:
         """Simplify regions side by side to so many triangles in all; those that then cross each other, as one."""
-        wanted = _shares(goal, [part.face_count for part in parts])
+        inner_target = _shares(goal, [part.face_count for part in parts])
         results: list[Reduced | None] = [None] * len(parts)
         while True:
             numbers = [number for number, result in enumerate(results) if result is None]
@@ -281,7 +281,9 @@ class _Passes:
                 "ask for fewer triangles, or use a larger stride",
             )
             works = [
-                self._again(parts[number], wanted[number] if max_error is None else 0, 0, max_error, len(parts) == 1)
+                self._again(
+                    parts[number], inner_target[number] if max_error is None else 0, 0, max_error, len(parts) == 1
+                )
                 for number in numbers
             ]
             done = 0
@@ -293,13 +295,13 @@ class _Passes:
                     done += 1
             reduced = [result for result in results if result is not None]
             crossing = yield from crossing_batches_steps([each.batch for each in reduced])
-            known = [each.crossing_count for each in reduced]
-            self.crossing_count = None if None in known else sum(filter(None, known)) + len(crossing)
+            counts = [each.crossing_count for each in reduced]
+            self.crossing_count = None if None in counts else sum(filter(None, counts)) + len(crossing)
             groups = _groups(crossing, [part.face_count for part in parts], self.most_at_once)
             if len(groups) == len(parts):
                 return reduced
             results = [results[group[0]] if len(group) == 1 else None for group in groups]
-            wanted = [sum(wanted[number] for number in group) for group in groups]
+            inner_target = [sum(inner_target[number] for number in group) for group in groups]
             parts = [joined([parts[number] for number in group]) for group in groups]
 
 

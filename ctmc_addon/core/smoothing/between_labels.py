@@ -99,9 +99,9 @@ def between_labels_steps(
         values = [_on_nodes(own, before, [1, 1, 1], field.shape) for own, field in zip(values, fields, strict=True)]
         bounds = []
         for sign in signs:
-            known = _known(sign, slice_steps)
-            low = np.where(known > 0, least, np.float32(-np.inf))
-            bounds.append((low, np.where(known < 0, -least, np.float32(np.inf))))
+            fine = _refined_signs(sign, slice_steps)
+            low = np.where(fine > 0, least, np.float32(-np.inf))
+            bounds.append((low, np.where(fine < 0, -least, np.float32(np.inf))))
             yield PAUSE
         places = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, bounds, ROUNDS, pool)
     for at, field, ends, own, place in zip(both, fields, bounds, values, places, strict=True):
@@ -112,7 +112,7 @@ def between_labels_steps(
 
 def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
     """Find the samples of each label that are beside one of the other, along each axis."""
-    found = []
+    parts = []
     for axis in range(3):
         first, second = (
             sign[tuple(part if each == axis else slice(None) for each in range(3))]
@@ -131,8 +131,8 @@ def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_
         apart = np.abs(normal[axis]) * sides[axis] * (slice_steps if axis == 0 else 1)
         least = LEAST_DEVIATION * min(sides)
         weight = 12.0 / (apart * apart + least * least)
-        found += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
-    return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True)))
+        parts += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
+    return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
 
 def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -147,13 +147,13 @@ def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, flo
     return out
 
 
-def _known(sign: Signs, slice_steps: int) -> Signs:
+def _refined_signs(sign: Signs, slice_steps: int) -> Signs:
     """The signs on the refined grid; between slices where both are alike."""
-    known = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
-    known[::slice_steps] = sign
+    refined = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
+    refined[::slice_steps] = sign
     for step in range(1, slice_steps):
-        known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
-    return known
+        refined[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
+    return refined
 
 
 class _Nodes(NamedTuple):
@@ -163,7 +163,7 @@ class _Nodes(NamedTuple):
     ----------
     place : (n,) intp
         On the grid.
-    beside : (2, 3, n) intp
+    neighbors : (2, 3, n) intp
         The numbers of the nodes before and behind along each axis; n without one.
     start : (n,) float32
     pull, share, goal : (n,) float32
@@ -173,7 +173,7 @@ class _Nodes(NamedTuple):
     """
 
     place: Places
-    beside: Places
+    neighbors: Places
     start: Floats
     pull: Floats
     share: Floats
@@ -253,9 +253,9 @@ def _relaxed_steps(
         yield PAUSE
     firsts = np.cumsum([0, *(len(each.place) for each in every)])
     count = int(firsts[-1])
-    beside = np.concatenate(
+    neighbors = np.concatenate(
         [
-            np.where(each.beside < len(each.place), each.beside + first, count)
+            np.where(each.neighbors < len(each.place), each.neighbors + first, count)
             for each, first in zip(every, firsts[:-1].tolist(), strict=True)
         ],
         axis=2,
@@ -266,14 +266,14 @@ def _relaxed_steps(
     ends = None if bounds is None else np.concatenate([each.ends for each in every if each.ends is not None], axis=1)
     stiff = np.array(_stiff([side * steps for side, steps in zip(sides, space, strict=True)]), np.float32)
     # A second difference that reaches beyond the nodes does not count.
-    factor = np.where((beside < count).all(axis=0), stiff[:, None], np.float32(0))
+    factor = np.where((neighbors < count).all(axis=0), stiff[:, None], np.float32(0))
     field = np.append(np.concatenate([each.start for each in every]), np.float32(0))
     ahead = field.copy()
     curvature = np.zeros((3, count + 1), np.float32)
 
     def second(of: Floats, axis: int, part: slice) -> Floats:
-        out = of.take(beside[0, axis, part])
-        out += of.take(beside[1, axis, part])
+        out = of.take(neighbors[0, axis, part])
+        out += of.take(neighbors[1, axis, part])
         here = of[part]
         out -= here
         out -= here
@@ -316,13 +316,13 @@ def _relaxed_steps(
 
 def _neighbors(place: Places, number: NDArray[np.int32], shape: tuple[int, ...]) -> Places:
     """The numbers of the nodes before and behind those at `place`, along each axis: (2, 3, n)."""
-    beside = np.empty((2, 3, len(place)), np.intp)
+    neighbors = np.empty((2, 3, len(place)), np.intp)
     steps = (shape[1] * shape[2], shape[2], 1)
     for axis, (along, step, size) in enumerate(zip(np.unravel_index(place, shape), steps, shape, strict=True)):
-        for into, way, border in zip(beside[:, axis], (-step, step), (0, size - 1), strict=True):
+        for into, way, border in zip(neighbors[:, axis], (-step, step), (0, size - 1), strict=True):
             into[...] = number.take(place + way, mode="clip")
             into[along == border] = len(place)
-    return beside
+    return neighbors
 
 
 def _on_nodes(values: Floats, before: list[int], space: list[int], shape: tuple[int, ...]) -> Floats:

@@ -77,8 +77,8 @@ def refined_start(
         away = np.abs(lower)
         away -= gap
         np.maximum(away, least, out=away)
-        known = (y * every >= y0) & (y * every < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
-        unknown = np.repeat(~known[:, None], WIDTH, axis=1)  # where the label says nothing of the sign
+        has_label = (y * every >= y0) & (y * every < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
+        unknown = np.repeat(~has_label[:, None], WIDTH, axis=1)  # where the label says nothing of the sign
         edge = np.flatnonzero((x * (WIDTH * every) < x0) | ((x + 1) * (WIDTH * every) > x1))
         columns = (x[edge, None] * WIDTH + np.arange(WIDTH)) * every
         unknown[edge] |= (columns < x0) | (columns >= x1)
@@ -138,12 +138,12 @@ def carried(
 
     def along_y(z: Places, y: Places, x: Places) -> Floats:
         below, step = np.divmod(y, every[0])
-        return _on_cubics(step, every[0], lambda own, beside: row(z[own], below[own] + beside, x[own]))
+        return _on_cubics(step, every[0], lambda own, offset: row(z[own], below[own] + offset, x[own]))
 
     def carry(part: slice) -> None:
         z, y, x = after.coordinates(part)
         below, step = np.divmod(z, every[1])
-        moved = _on_cubics(step, every[1], lambda own, beside: along_y(below[own] + beside, y[own], x[own]))
+        moved = _on_cubics(step, every[1], lambda own, offset: along_y(below[own] + offset, y[own], x[own]))
         np.maximum(moved, start.low[part], out=moved)
         np.minimum(moved, start.high[part], out=moved)
         start.field[part] = moved
@@ -160,8 +160,8 @@ def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) ->
     if steps == 1:
         return at(np.arange(len(step)), 0)
     out = np.empty((len(step), WIDTH), np.float32)
-    known, between = np.flatnonzero(step == 0), np.flatnonzero(step)
-    out[known] = at(known, 0)
+    on_rows, between = np.flatnonzero(step == 0), np.flatnonzero(step)
+    out[on_rows] = at(on_rows, 0)
     t = (step[between] / np.float32(steps)).astype(np.float32)[:, None]
     weights = (
         -t * (1 - t) * (2 - t) / 6,
@@ -170,8 +170,8 @@ def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) ->
         -(1 + t) * t * (1 - t) / 6,
     )
     moved = np.zeros((len(between), WIDTH), np.float32)
-    for beside, weight in zip((-1, 0, 1, 2), weights, strict=True):
-        moved += weight * at(between, beside)
+    for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+        moved += weight * at(between, offset)
     out[between] = moved
     return out
 

@@ -115,9 +115,9 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     def labeled(z: Ints, y: Ints, x: Ints) -> Flags:
         """Whether samples of the label's grid are inside; none is beyond its border."""
         within = (z >= 0) & (z < slices) & (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
-        found = np.zeros(len(z), bool)
-        found[within] = mask[z[within], y[within], x[within]]
-        return found
+        inside = np.zeros(len(z), bool)
+        inside[within] = mask[z[within], y[within], x[within]]
+        return inside
 
     core_z = z[:, None] * steps + np.arange(1 - steps, steps, dtype=np.int32)
     core_flat = np.where((core_z >= 0) & (core_z <= last), flat(core_z, y[:, None], x[:, None]), -1).ravel()
@@ -155,10 +155,10 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     del core_flat
     rim = core[rim_place] + np.int32(count + 1)
     rim[free] = number[len(valid) :]
-    others = np.flatnonzero(taken & (rim_flat >= 0))
-    found = np.minimum(np.searchsorted(samples, rim_flat[others]), count - 1)
-    known = samples[found] == rim_flat[others]
-    rim[others[known]] = found[known] + (count + 1)
+    outer = np.flatnonzero(taken & (rim_flat >= 0))
+    at = np.minimum(np.searchsorted(samples, rim_flat[outer]), count - 1)
+    present = samples[at] == rim_flat[outer]
+    rim[outer[present]] = at[present] + (count + 1)
     del rim_flat
     yield PAUSE
     # Of several components that write, the last one stays: the smallest.

@@ -168,11 +168,11 @@ class _LabelInterfaces:
             samples = (yield from label_samples_steps(field)) if self.smoothing.smooths else None
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
-        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
+        results = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}
-        for label, result in zip(chosen, made, strict=True):
+        for label, result in zip(chosen, results, strict=True):
             if isinstance(result, _LabelField):
                 self.labels.append(label)
                 self.fields.append(result)
@@ -256,8 +256,8 @@ class _LabelInterfaces:
 
         works = [lambda walls=walls: smooth_steps(walls) for walls in parts]
         weights = [float(sum(math.prod(stop - start for start, stop in wall.box) for wall in walls)) for walls in parts]
-        for made in (yield from side_by_side_steps(works, weights, at_once)):
-            self.walls.update(made)
+        for smoothed in (yield from side_by_side_steps(works, weights, at_once)):
+            self.walls.update(smoothed)
 
     def _axes(self) -> tuple[Axis, Axis, Axis]:
         """Return the samples of the box around all windows; slices along z are refined."""

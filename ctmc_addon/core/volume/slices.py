@@ -213,10 +213,10 @@ def in_label_colors(
     >>> in_label_colors(np.array([[0, 1, 2]]), {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[2])[0, :, :3].tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
-    found, numbers = np.unique(values, return_inverse=True)
-    table = np.zeros((len(found), 4), np.float32)
+    distinct, numbers = np.unique(values, return_inverse=True)
+    table = np.zeros((len(distinct), 4), np.float32)
     table[:, 3] = 1.0
-    for row, value in zip(table, found.tolist(), strict=True):
+    for row, value in zip(table, distinct.tolist(), strict=True):
         row[:3] = np.multiply(colors.get(value, (0.0, 0.0, 0.0)), 1.0 if value in chosen else DIM)
     picture: NDArray[np.float32] = table[numbers.reshape(values.shape)]
     return picture

@@ -272,10 +272,10 @@ class Volume(SampleGrid):
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
-        first, *others = (
+        first, *layers = (
             ValuesInMemory(layer.values, layer.reader.value_step, layer.reader.is_whole) for layer in self.each_layer
         )
-        return (Volume, (first, self.affine, *words, None, tuple(others)))
+        return (Volume, (first, self.affine, *words, None, tuple(layers)))
 
 
 def _moved(numbers: range, by: int) -> range:

@@ -245,9 +245,9 @@ def fill_band(
     for face in range(6):
         of_face = nodes == FACE_POINT + face
         step = corner_steps[FACE_CORNERS[face]].min()
-        flat, known = numbers.points[FACE_LIST[face]]
-        wanted = band.mixed[at_voxel[of_face]] + step
-        mixed_faces[of_face] = known.take(np.searchsorted(flat, wanted), mode="clip")
+        flat, point_numbers = numbers.points[FACE_LIST[face]]
+        own_flat = band.mixed[at_voxel[of_face]] + step
+        mixed_faces[of_face] = point_numbers.take(np.searchsorted(flat, own_flat), mode="clip")
     turned = mixed_sides[:, 0] < mixed_sides[:, 1]
     mixed_faces[turned] = mixed_faces[turned][:, ::-1]
     mixed_sides[turned] = mixed_sides[turned][:, ::-1]

@@ -107,7 +107,7 @@ def next_gain(
     >>> next_gain(np.ones(3), np.array([8.0, 0.0, -2.0]), np.array([-4.0, 3.0, 3.0])).round(3).tolist()
     [0.667, 1.0, 0.4]
     """
-    known = before_mm3 != 0
-    answered = 1.0 - missing_mm3 / np.where(known, before_mm3, 1.0)
-    known &= answered > 0  # else it went the wrong way
-    return np.where(known, np.clip(gain / np.where(known, answered, 1.0), *GAINS), gain)
+    usable = before_mm3 != 0
+    answered = 1.0 - missing_mm3 / np.where(usable, before_mm3, 1.0)
+    usable &= answered > 0  # else it went the wrong way
+    return np.where(usable, np.clip(gain / np.where(usable, answered, 1.0), *GAINS), gain)

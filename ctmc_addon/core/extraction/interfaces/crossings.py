@@ -92,7 +92,7 @@ def crossings_of(
         return Crossings(axis, low, ends, values, fixed)
     positions = [of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), low, strict=True)]
     positions[axis] = np.stack([positions[axis], along.index.take(high[axis])])  # of both ends
-    others = None if owners.total is None else np.stack([owners.total[at[2], at[1], at[0]] for at in (low, high)])
+    totals = None if owners.total is None else np.stack([owners.total[at[2], at[1], at[0]] for at in (low, high)])
     between = np.zeros((2, len(flat)))
     count = len(fields) + 1
     pair = (ends[:, 0] * count + ends[:, 1]).astype(np.min_scalar_type(count * count))
@@ -108,12 +108,12 @@ def crossings_of(
             if not label:
                 continue
             values = fields[label - 1].at(*at_ends).astype(np.float64)  # (2, n)
-            beside = labels[1 - side]
-            if others is not None:
-                rest = (others[:, edge] - values) / 2
+            neighbor = labels[1 - side]
+            if totals is not None:
+                rest = (totals[:, edge] - values) / 2
                 # Both fields' mean difference, on an edge between two labels too.
-                values = values / 2 if beside else values - 0.5 + rest
-            elif owners.largest is not None and not beside:
+                values = values / 2 if neighbor else values - 0.5 + rest
+            elif owners.largest is not None and not neighbor:
                 # Its own field, but where a wall's gave it the sample.
                 column, row, layer = (number.take(edge) for number in (low, high)[side])
                 values[side] = np.where(values[side] < 0, owners.largest[layer, row, column], values[side])

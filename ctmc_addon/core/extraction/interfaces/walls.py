@@ -62,7 +62,7 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     owners : (slices, rows, columns) unsigned
         The label of every sample, counted from 1; 0 is no label.
     """
-    found = []
+    sides = []
     for axis in range(3):
         before, behind = (
             owners[tuple(part if each == axis else slice(None) for each in range(3))]
@@ -74,8 +74,8 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
         low, ends = at[:, meets], ends[:, meets]
         high = low.copy()
         high[axis] += 1
-        found.append(np.concatenate([ends, low, high]))
-    every = np.concatenate(found, axis=1)
+        sides.append(np.concatenate([ends, low, high]))
+    every = np.concatenate(sides, axis=1)
     if not every.shape[1]:
         return []
     every = every[:, np.lexsort(every[1::-1])]
@@ -156,8 +156,8 @@ def walls_samples_steps(
             starts.append(start)
     smooth = [at for at, start in enumerate(starts) if start.wall.is_smooth]
     looking = [(starts[at].between, starts[at].sign) for at in smooth]
-    made = yield from between_labels_steps(looking, spacing_mm, slice_steps, budget)
-    for at, between in zip(smooth, made, strict=True):
+    smoothed = yield from between_labels_steps(looking, spacing_mm, slice_steps, budget)
+    for at, between in zip(smooth, smoothed, strict=True):
         starts[at] = starts[at]._replace(between=between)
     samples = {}
     for start in starts:
@@ -251,10 +251,10 @@ def _mostly_inside(
 ) -> NDArray[np.bool_]:
     """Whether at least half of the outer sides of components, (components,) bool, are with samples of sign -1."""
     z, y, x, own = components.samples(selected)
-    beside, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
+    negative, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
     padded = np.pad(sign, 1)
     for way in AROUND[1:]:
         there = padded[z + way[0] + 1, y + way[1] + 1, x + way[2] + 1]
-        beside += np.bincount(own[there < 0], minlength=len(selected))
+        negative += np.bincount(own[there < 0], minlength=len(selected))
         outer += np.bincount(own[there <= 0], minlength=len(selected))
-    return 2 * beside >= outer
+    return 2 * negative >= outer

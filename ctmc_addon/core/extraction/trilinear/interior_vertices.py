@@ -35,10 +35,10 @@ def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler,
     of_slabs = [_ambiguous_voxels(slab) for slab in slabs]
     before = np.cumsum([0, *map(len, of_slabs[:-1])])
     cuts = [0, *(np.flatnonzero(np.diff(before // DECIDED_AT_ONCE)) + 1).tolist(), len(slabs)]
-    made = []
+    new_slabs = []
     for low, high in pairwise(cuts):
-        made += _decided(slabs[low:high], of_slabs[low:high], grid, sampler, threshold)
-    return made
+        new_slabs += _decided(slabs[low:high], of_slabs[low:high], grid, sampler, threshold)
+    return new_slabs
 
 
 def _decided(
@@ -53,13 +53,13 @@ def _decided(
     cases = [slab.configuration.take(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)]
     decided = decide(values, threshold, np.concatenate(cases).astype(np.uint8))
     has_interior = trilinear_tables().interior_count.take(decided) > 0
-    made, end = [], 0
+    new_slabs, end = [], 0
     for slab, voxels in zip(slabs, of_slabs, strict=True):
         own = slice(end, end := end + len(voxels))
         configuration = slab.configuration.copy()
         configuration[voxels] = decided[own]
         inside = np.flatnonzero(has_interior[own])
-        made.append(
+        new_slabs.append(
             replace(
                 slab,
                 configuration=configuration,
@@ -68,7 +68,7 @@ def _decided(
                 tables=trilinear_tables(),
             )
         )
-    return made
+    return new_slabs
 
 
 def _ambiguous_voxels(slab: Slab) -> NDArray[np.intp]:

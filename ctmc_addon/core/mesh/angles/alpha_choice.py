@@ -219,15 +219,15 @@ class _Search:
     def _below_steps(self, piece: _Piece) -> Steps[tuple[NDArray[np.intp], float]]:
         """The triangles of a piece that are below at the present alpha, the worst first, and the smallest tangent."""
         vertices = blend(piece.midpoints, piece.linear, self.alpha)
-        found, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
+        numbers, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
         for start in range(0, len(piece.faces), FACES_PER_STEP):
             tangent = _tangents_at(vertices[piece.faces[start : start + FACES_PER_STEP]])
             smallest = min(smallest, float(tangent.min()))
             below = np.flatnonzero(tangent < self._needed)
-            found.append(below + start)
+            numbers.append(below + start)
             tangents.append(tangent[below])
             yield PAUSE
-        return np.concatenate(found)[np.argsort(np.concatenate(tangents), kind="stable")], smallest
+        return np.concatenate(numbers)[np.argsort(np.concatenate(tangents), kind="stable")], smallest
 
     def _sorted_below(self, piece: _Piece, faces: NDArray[np.intp]) -> NDArray[np.intp]:
         """Those of some triangles that are below at the present alpha, the worst first."""

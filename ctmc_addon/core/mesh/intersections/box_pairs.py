@@ -68,9 +68,9 @@ class BoxTree:
             near &= np.take(selected, first, axis=1)[:, None] | np.take(selected, second, axis=1)
         itself = np.flatnonzero(first == second)
         near[:, :, itself] &= _FORWARD[:, :, None]
-        found = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
-        pair = found >> 2 * SHIFT
-        one, other = found >> SHIFT & BRANCH - 1, found & BRANCH - 1
+        flat = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
+        pair = flat >> 2 * SHIFT
+        one, other = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
         return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
 
 

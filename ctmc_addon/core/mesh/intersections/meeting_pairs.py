@@ -32,7 +32,7 @@ from .triangle_pairs import have_no_area, surely_apart, triangles_at_edge_meet, 
 
 Pairs = Iterator[tuple[Ints, Ints]]
 
-TOGETHER = 16  # blocks of pairs whose doubtful ones are decided together
+BLOCKS_AT_ONCE = 16  # blocks of pairs whose doubtful ones are decided together
 FEW = 8  # times as many triangles as selected ones, from which on those far away are left out first
 PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
 
@@ -89,16 +89,16 @@ def self_intersections_steps(
     mesh = _Triangles(columns, rows)
     yield from mesh.measure_steps()
     flat = mesh.flat if selected is None else mesh.flat[selected[mesh.flat]]
-    found = [np.stack([flat, flat])]
+    pair_blocks = [np.stack([flat, flat])]
     doubtful: list[list[Indices]] = []
     while (block := next(blocks, None)) is not None:
         doubtful.append(mesh.doubtful(*block))
-        if len(doubtful) == TOGETHER:
-            found += mesh.meeting(_joined(doubtful))
+        if len(doubtful) == BLOCKS_AT_ONCE:
+            pair_blocks += mesh.meeting(_joined(doubtful))
             doubtful = []
         yield PAUSE
-    found += mesh.meeting(_joined(doubtful))
-    pairs = np.sort(numbers[np.concatenate(found, axis=1)], axis=0)
+    pair_blocks += mesh.meeting(_joined(doubtful))
+    pairs = np.sort(numbers[np.concatenate(pair_blocks, axis=1)], axis=0)
     return np.ascontiguousarray(pairs[:, np.lexsort(pairs[::-1])].T)
 
 
@@ -177,8 +177,8 @@ class _Triangles:
             common |= same.view(np.uint8) << np.uint8(row)
         left = np.flatnonzero(common & np.take(self.proved, first) == 0)
         count = _COUNT[common[left]]
-        for planes, others in ((first, second), (second, first)):
-            near = ~self._one_side(planes[left], others[left], _OWN[count])
+        for planes, opposite in ((first, second), (second, first)):
+            near = ~self._one_side(planes[left], opposite[left], _OWN[count])
             left, count = left[near], count[near]
         pairs = np.stack([first[left], second[left]])
         return [np.compress(count == number, pairs, axis=1) for number in range(4)]
@@ -228,8 +228,8 @@ class _Triangles:
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         column = np.arange(len(first))
-        alone = same.any(axis=1).argmin(axis=0)
-        points = [ours[(alone + turn) % 3, column] for turn in (1, 2, 0)]
+        own_corner = same.any(axis=1).argmin(axis=0)
+        points = [ours[(own_corner + turn) % 3, column] for turn in (1, 2, 0)]
         points.append(theirs[same.any(axis=0).argmin(axis=0), column])
         return triangles_at_edge_meet(*(_doubles([self.columns], point)[0] for point in points))
 

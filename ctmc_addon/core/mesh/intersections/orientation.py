@@ -68,8 +68,8 @@ def turns(a: Doubles, b: Doubles, c: Doubles) -> Signs:
 
 def _exact_signs(points: list[Doubles], value: Callable[..., Any]) -> Signs:
     """Signs of doubtful values of all but the last point from there, (n,)."""
-    *others, last = points
-    _, exponent = np.frexp(np.maximum.reduce([np.abs(point - last) for point in others]))
+    *leading, last = points
+    _, exponent = np.frexp(np.maximum.reduce([np.abs(point - last) for point in leading]))
     # A factor for each axis changes no sign.
     scaled = [np.ldexp(point, BITS - exponent) for point in points]
     whole = np.logical_and.reduce([np.rint(point) == point for point in scaled]).all(axis=0)
@@ -79,7 +79,7 @@ def _exact_signs(points: list[Doubles], value: Callable[..., Any]) -> Signs:
     out[at] = np.sign(value(*((point[:, at] - origin).astype(np.int64) for point in scaled[:-1])))
     for column in np.flatnonzero(~whole).tolist():
         place = _whole_numbers(last[:, column])
-        number = value(*(np.subtract(_whole_numbers(point[:, column]), place) for point in others))
+        number = value(*(np.subtract(_whole_numbers(point[:, column]), place) for point in leading))
         out[column] = (number > 0) - (number < 0)
     return out
 

@@ -46,9 +46,9 @@ def keep_complex_components_steps(
     borders = borders_of(surface.faces, surface.sides)
     for label in labels:
         own = np.flatnonzero((surface.sides == label).any(axis=1))
-        alone, beyond = surface.within(borders[label])
+        own_surface, beyond = surface.within(borders[label])
         try:
-            component, keep, volumes = yield from kept_faces_steps(alone, alpha, limits)
+            component, keep, volumes = yield from kept_faces_steps(own_surface, alpha, limits)
         except MeshError as error:
             errors[label] = error
             sides[sides == label] = 0
@@ -58,8 +58,8 @@ def keep_complex_components_steps(
         # A small cavity is filled where it holds nothing but what has no label.
         filled = (volumes < 0) & ~keep
         filled[component[beyond != 0]] = False
-        gone = own[~keep[component] & ~filled[component]]
-        sides[gone] = np.where(surface.sides[gone] == label, 0, sides[gone])
+        released = own[~keep[component] & ~filled[component]]
+        sides[released] = np.where(surface.sides[released] == label, 0, sides[released])
         within = own[filled[component]]
         sides[within] = label
     return _between_different(surface, sides), errors

@@ -198,8 +198,8 @@ class KeptPieces:
             mesh, component = item
             corners = mesh.vertices[mesh.faces.ravel()]
             low, high = corners.min(axis=0), corners.max(axis=0)
-            beside = (points[:, 1:] >= low[1:]) & (points[:, 1:] <= high[1:])
-            near = np.flatnonzero(beside.all(axis=1) & (points[:, 0] <= high[0]))
+            in_reach = (points[:, 1:] >= low[1:]) & (points[:, 1:] <= high[1:])
+            near = np.flatnonzero(in_reach.all(axis=1) & (points[:, 0] <= high[0]))
             if not len(near):
                 continue
             ray, face, leaves = finish(crossings_steps(mesh, points[near]))

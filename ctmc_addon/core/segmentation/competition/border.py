@@ -89,21 +89,21 @@ def border_steps(
     inside = labels == structure
     around = yield from equal_part(near_steps(inside, (x, y, z), AROUND_MM), 0, 4)
     own = [sample_in(block, window) for block, number in clicks if number == structure]
-    others = [
+    outside_blocks = [
         sample_in(block, window)
         for block, number in clicks
         if number != structure and all(side.start <= at < side.stop for at, side in zip(block, window, strict=True))
     ]
     lowest = float(np.rint(np.mean([near[block] for block in own]))) - BIN * BINS / 2
     bins = _bins(near, lowest)
-    ratios = _log(_frequencies(bins, inside, own)) - _log(_frequencies(bins, around & ~inside, others))
+    ratios = _log(_frequencies(bins, inside, own)) - _log(_frequencies(bins, around & ~inside, outside_blocks))
     np.clip(ratios, -SUREST, SUREST, out=ratios)
     surely = np.clip(left * np.float32(1 / cost_of(CLAIM_MM)), -1, 1)
     surely[(times < NEVER) & ~inside] *= -1
     gain = ratios[bins] + np.float32(CLAIM) * surely
     gain[~reached] = -SUREST - CLAIM
     fixed = np.zeros(near.shape, np.int8)
-    for block in others:
+    for block in outside_blocks:
         fixed[block] = -1
     for block in own:
         fixed[block] = 1

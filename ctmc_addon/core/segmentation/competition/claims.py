@@ -117,20 +117,20 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     own = claims.part(window)
     values, heights = ground.values[window], ground.heights[window]
     ball, alike = _ball(heights, sample_in(block, window), ground.sides_mm)
-    known = ground.values[claims.labels == structure] if structure else values[:0]
+    own_values = ground.values[claims.labels == structure] if structure else values[:0]
     passable = _squares_from(sample_in(block, window), values.shape, ground.sides_mm) <= reach_mm * reach_mm
-    if known.size:
-        passable &= _is_like(values, known, values[ball][alike])
+    if own_values.size:
+        passable &= _is_like(values, own_values, values[ball][alike])
     heights = heights + np.where(passable, 0, np.int32(BLOCKED))
     times = np.full(heights.shape, NEVER, np.uint32)
     times[ball][alike] = 0
     times = yield from sweep_steps(times, heights, (x, y, z))
-    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10) * (LONGER if structure and not known.size else 1))
+    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10) * (LONGER if structure and not own_values.size else 1))
     nearer = times < own.times
     cut = longest
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
-        far = FAR if not known.size else FAR_BONE if _is_bone(known, ground.bone) else FAR_CORRECTION
+        far = FAR if not own_values.size else FAR_BONE if _is_bone(own_values, ground.bone) else FAR_CORRECTION
         cut = _sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
         own.reached[...] |= times < min(longest, BEYOND * cut)
     left = np.int32(cut) - times.astype(np.int32)
@@ -158,15 +158,17 @@ def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm
     return min(max_mm, min(REACH_MM, radius_mm) + slope * away_mm)
 
 
-def _is_bone(known: Floats, bone: float) -> bool:
+def _is_bone(own_values: Floats, bone: float) -> bool:
     """Return whether a structure of these values is a bone, inside which shell and marrow differ as much as borders."""
-    return bool(np.count_nonzero(known > bone) > BONE_SHARE * known.size)
+    return bool(np.count_nonzero(own_values > bone) > BONE_SHARE * own_values.size)
 
 
-def _is_like(values: Floats, known: Floats, clicked: Floats) -> Flags:
+def _is_like(values: Floats, own_values: Floats, clicked: Floats) -> Flags:
     """Return which values lie near those that a structure has, or near those of a click."""
-    rare = int(known.size * RARE)
-    low, high = np.partition(known, (rare, known.size - 1 - rare))[[rare, known.size - 1 - rare]].tolist()
+    rare = int(own_values.size * RARE)
+    low, high = np.partition(own_values, (rare, own_values.size - 1 - rare))[
+        [rare, own_values.size - 1 - rare]
+    ].tolist()
     low, high = min(low, float(clicked.min())) - LIKE, max(high, float(clicked.max())) + LIKE
     return (values >= low) & (values <= high)
 

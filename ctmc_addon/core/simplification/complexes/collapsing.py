@@ -146,14 +146,14 @@ class CollapsingComplex(CollapsingMesh):
 
     def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
         """The cheapest of the collapses that remove no more than twice `budget` faces: some remove three or more."""
-        gone = np.bincount(collapses.owner[collapses.gone], minlength=len(collapses.edges))
-        if gone.sum() <= 2 * budget:
+        counts = np.bincount(collapses.owner[collapses.vanishing], minlength=len(collapses.edges))
+        if counts.sum() <= 2 * budget:
             return collapses
         order = np.argsort(self.priority(collapses.edges), kind="stable")
         selected = np.zeros(len(order), bool)
-        selected[order[np.cumsum(gone[order]) <= 2 * budget]] = True
+        selected[order[np.cumsum(counts[order]) <= 2 * budget]] = True
         if not selected.any():
-            fewest = order[gone[order] <= 2 * budget][:1]
+            fewest = order[counts[order] <= 2 * budget][:1]
             selected[fewest] = True
             if not len(fewest):
                 self.cost[collapses.edges] = np.inf

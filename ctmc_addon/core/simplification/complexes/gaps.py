@@ -98,22 +98,22 @@ def gaps_filled_steps(
     stays = np.where(area[first] >= area[second], second, first)
     takes = np.zeros(walls, np.int32)
     takes[stays] = label[goes]
-    gone = np.zeros(walls, bool)
-    gone[goes] = True
+    removed = np.zeros(walls, bool)
+    removed[goes] = True
     sides = mesh.sides.copy()
     filled = takes[wall] != 0
     at = outer[filled]
     sides[at] = np.where(sides[at] == 0, takes[wall[filled]][:, None], sides[at])
     left = np.ones(len(mesh.faces), bool)
-    left[outer[gone[wall]]] = False
+    left[outer[removed[wall]]] = False
     used, faces = compacted(mesh.faces[left], len(mesh.vertices))
     normals = None if mesh.normals is None else mesh.normals[used]
-    made = ComplexMesh(mesh.vertices[used], faces, sides[left], normals)
+    result = ComplexMesh(mesh.vertices[used], faces, sides[left], normals)
     filled_by = {}
     for taker in np.unique(label[goes]).tolist():
         own = volumes[label[goes] == taker]
         filled_by[taker] = CollapsedComponents(len(own), float(own.max()), math.fsum(own.tolist()))
-    return made, filled_by
+    return result, filled_by
 
 
 def _near_lines_steps(mesh: ComplexMesh, rings: int) -> Steps[Indices]:

@@ -163,12 +163,12 @@ def violates_link_condition_steps(
     `edges` are (2, E), the other arrays (3, F); `walls` says which faces are between two labels.
     """
     count, vertex_count = len(collapses.edges), len(junctions.rank)
-    across = np.bincount(collapses.owner[collapses.gone], minlength=count)
+    across = np.bincount(collapses.owner[collapses.vanishing], minlength=count)
     shared, _ = yield from shared_neighbors_steps(collapses, edges, vertex_count)
     refused = np.bincount(shared, minlength=count) != across
     lines, third = yield from shared_neighbors_steps(collapses, edges[:, junctions.edges], vertex_count)
     # Of a contact of one triangle both labels have the face that goes, so neither sees a third neighbor.
-    at = np.flatnonzero(collapses.gone & np.take(walls, collapses.faces))
+    at = np.flatnonzero(collapses.vanishing & np.take(walls, collapses.faces))
     at = at[(np.take(junctions.rank, np.take(faces, collapses.faces[at], axis=1)) == CONTACT).all(axis=0)]
     owner = collapses.owner[at].astype(np.int64)
     apex = np.take(faces, collapses.faces[at], axis=1).sum(axis=0, dtype=np.int64)
@@ -177,7 +177,7 @@ def violates_link_condition_steps(
 
     moves = np.zeros(vertex_count, bool)
     moves[collapses.kept] = moves[collapses.dropped] = True
-    left = np.flatnonzero(~collapses.gone)
+    left = np.flatnonzero(~collapses.vanishing)
     number = collapses.faces[left]
     slot = np.argmax(np.take(moves, np.take(faces, number, axis=1)), axis=0)
     opposite = face_edges[(slot + 1) % 3, number]

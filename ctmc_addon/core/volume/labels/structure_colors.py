@@ -62,7 +62,7 @@ def structure_color(label: int | None, rgb: RGB | None = None, name: str = "") -
     >>> structure_color(1, (9, 9, 9), "liver"), structure_color(2, None, "structure 2")
     (Anatomy(rgb=(9, 9, 9), opacity=0.6), Anatomy(rgb=(0, 114, 178), opacity=1.0))
     """
-    known = anatomy_of(name)
+    anatomy = anatomy_of(name)
     if label is None:
         return Anatomy(rgb or BONE, 1.0)
-    return Anatomy(rgb or (known.rgb if known else label_rgb(label)), known.opacity if known else 1.0)
+    return Anatomy(rgb or (anatomy.rgb if anatomy else label_rgb(label)), anatomy.opacity if anatomy else 1.0)
