@@ -19,10 +19,11 @@ from .smoothing.methods import smoothing_of
 PROCESS_BYTES, BLENDER_PROCESS_BYTES = 130 << 20, 420 << 20
 # The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
 CASE_VOXEL_BYTES = 32
-READING_COPIES = 2  # of the values, while they are read
-ASKED_FACTOR = 1.4  # of what smoothing is predicted to take: a label of noise took 1.3, for its triangles
-KEPT_BYTES = 256 << 20  # beyond those of the process: one that keeps more between two cases is replaced
-CASES_SHARE = 0.85  # of the memory that is there
+READING_COPIES = 2  # Reading takes the values this many times.
+# Ask for this many times the predicted bytes of smoothing: a label of noise took 1.3 times, for its triangles.
+ASKED_FACTOR = 1.4
+KEPT_BYTES = 256 << 20  # A process that keeps more bytes than this between two cases, beyond its own, is replaced.
+CASES_SHARE = 0.85  # All cases may take this share of the available memory.
 
 
 def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = True) -> int:

@@ -27,8 +27,8 @@ from .volume.field import Field, held_steps
 from .volume.volume import Volume
 
 WHOLE_MACHINE = Budget()
-BOUNDED_COLLAPSES = 20  # collapses that a triangle costs with a maximum error: 10 on smooth surfaces, 35 on bone
-BALL_SAMPLES = 112  # along an axis of the ball that a fresh process is measured on
+BOUNDED_COLLAPSES = 20  # A triangle costs this many collapses with a maximum error: 10 on smooth surfaces, 35 on bone.
+BALL_SAMPLES = 112  # The ball that a fresh process is measured on has this many samples along an axis.
 
 
 @dataclass(frozen=True)

@@ -34,19 +34,20 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-FACE_BYTES = 128  # of a triangle that is held: 36, and 92 to measure it; a mesh in Blender takes less, after that
-BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
+FACE_BYTES = 128  # A held triangle takes 36 bytes, and 92 to measure it; a mesh in Blender takes less, after that.
+BOUNDED_REDUCTION = 0.9  # A maximum error is taken to remove this share of the triangles.
 # Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and in a figure.
 OBJECT_BYTES, FIGURE_BYTES = 240, 600
 # Bytes that writing was seen to take for each triangle of a structure of 1.2 million, beside it.
 WRITTEN_BYTES = {".obj": 12, ".glb": 130, ".3mf": 14, ".html": 120}
-READ_SHARE = 0.25  # of the memory, that values which are read at once may take beside the surface
-SMALL_BYTES = 1 << 26  # that are read at once even under a stride
-SHOWN_SHARE = 0.25  # of the memory, for a copy of a CT that is shown: previews and surfaces need the rest
+READ_SHARE = 0.25  # Values that are read at once may take this share of the memory besides the surface.
+SMALL_BYTES = 1 << 26  # Values of up to this many bytes are read at once even under a stride.
+# A copy of a CT that is shown may take this share of the memory: previews and surfaces need the rest.
+SHOWN_SHARE = 0.25
 MOST_STRIDE = 16
-LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
-ROUNDED = 0.9  # of the triangles that would fit are proposed
-COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
+LEAST_PROPOSED = 1000  # Propose to leave at least this many triangles, in steps of as many.
+ROUNDED = 0.9  # Propose this share of the triangles that would fit.
+COUNTED_SHARE = 0.9  # A surface may take this share of the memory if some of its slabs were counted.
 LOOKING = "Finding settings that fit in memory"
 
 

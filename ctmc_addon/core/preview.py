@@ -26,10 +26,10 @@ from .volume.region import region_box
 from .volume.statistics.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Box, Volume
 
-REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step
-GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
-SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
-FEWEST_SAMPLES = 8  # samples along an axis
+REFINED = 12.0  # A refined surface may take this many budgets; it can be stopped at any step.
+GROWTH = 0.75  # The time grows with the number of voxels to about this power: between a surface's and a volume's.
+SAFETY_FACTOR = 0.7  # Plan this share of the budget: the last surface may have been an easy one.
+FEWEST_SAMPLES = 8  # Keep at least this many samples along an axis.
 LEAVE_IT = {*settings_of_stage(ALPHA), *settings_of_stage(SIMPLIFICATION)}
 """Settings that leave a preview as it is: it is the full surface, with both ends of alpha."""
 Stride = tuple[int, int, int]

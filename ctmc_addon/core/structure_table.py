@@ -26,7 +26,7 @@ from .volume.statistics.inside import InsideValues, inside_values_steps, range_v
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
 
-DIGITS = 9  # of a number in a CSV
+DIGITS = 9  # A number in a CSV has this many digits.
 
 
 @dataclass(frozen=True)

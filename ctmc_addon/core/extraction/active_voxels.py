@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 from .case_table import CLASSIC, TriangleTables
 from .grid import WORD, Grid
 
-BYTE = 8  # samples in a byte
+BYTE = 8  # A byte holds the bits of this many samples.
 ALL_INSIDE = np.uint64(2**WORD - 1)
 
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from .classic_cases import CLASSIC_CASES
 
-NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends, so that no two vertices meet
+NEAREST = 2.0**-10  # A crossing keeps this share of an edge from the edge's ends, so that no two vertices meet.
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
 

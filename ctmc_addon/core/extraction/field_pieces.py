@@ -31,12 +31,13 @@ from .grid import Grid, layers_in_unit, make_axes
 from .marching_cubes import Counts, piece_steps
 from .scan import SCAN_STAGES, scan_steps
 
-WORK_BYTES, WORK_FACTOR = 32 << 20, 4  # of memory while a slab is extracted: these and so many times its values
-KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
+# Extracting a slab takes these bytes and this many times the bytes of its values.
+WORK_BYTES, WORK_FACTOR = 32 << 20, 4
+KEPT_SLICES = 3  # Two slabs share at most this many slices: the layer between them, and one to either side for normals.
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
-TASK_SLABS = 4  # slabs in a task of a worker, at most
-TASKS_PER_WORKER = 4  # at least, so that a lost one costs little and all are busy to the end
+POINTS_AT_ONCE = 1 << 16  # Move this many points to millimeters in one go, so that the float64 in between stays small.
+TASK_SLABS = 4  # A task of a worker has at most this many slabs.
+TASKS_PER_WORKER = 4  # A worker gets at least this many tasks: a lost one costs little, and all are busy to the end.
 EXTRACTING, COUNTING = "Extracting the surface", "Counting triangles"
 
 

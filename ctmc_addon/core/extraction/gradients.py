@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..mesh.face_normals import vertex_normals_steps
 from ..progress import Step, Steps
 
-NOWHERE = np.zeros(0, np.intp)  # no flat indices
+NOWHERE = np.zeros(0, np.intp)  # No flat indices.
 
 
 class Sampler:

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 
 WORD = 64
-UNIT_SAMPLES = 1 << 22  # of a unit (order.py), or those of one layer
+UNIT_SAMPLES = 1 << 22  # A unit (order.py) has this many samples, or those of one layer.
 WIDER = 8
 
 

@@ -48,8 +48,8 @@ from .vertices import VertexArrays, fill_edge_vertices
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
 STAGES = SCAN_STAGES | {PLACING: 4.5}
 STAGES_WEIGHT = sum(STAGES.values())
-INTERIOR_SLABS = 8  # whose vertices inside voxels are placed at once
-ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
+INTERIOR_SLABS = 8  # Place the vertices inside voxels of this many slabs at once.
+ENDS: tuple[float | None, ...] = (0.0, None)  # The ends of alpha: the midpoint, and the linear crossing itself.
 
 
 @dataclass(frozen=True)

@@ -24,8 +24,8 @@ from numpy.typing import NDArray
 
 from .active_voxels import Slab
 
-INSIDE = 5  # the last of the lists of vertices
-Pieces: TypeAlias = list[tuple[slice, slice]]  # some of the items of a list, and the rows where they stand
+INSIDE = 5  # The last list of vertices: those inside voxels.
+Pieces: TypeAlias = list[tuple[slice, slice]]  # Some items of a list, and the rows where they stand.
 
 
 class Runs(NamedTuple):

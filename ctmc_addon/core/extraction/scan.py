@@ -25,15 +25,17 @@ from .grid import WORD, Grid
 from .trilinear.decider import trilinear_tables
 from .trilinear.interior_vertices import with_trilinear_topology
 
-SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
-SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
-SLAB_MIXED = 1 << 14  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
-SLAB_CROSSED = 1 << 15  # edges along x that noise crosses, in words that are each crossed many times
-THREADED_SLABS = 8  # and more are shared by all threads; with fewer one alone is as quick: its calls wait for no other
-DECIDED_SLABS = 8  # whose ambiguous voxels are decided together, where there are so many for every thread
-MIXED_ROWS = 16  # of which one is looked at to estimate both
+SLAB_SAMPLES = 1 << 22  # Compare this many samples at a time: enough to outweigh the cost of a call.
+SLAB_WORDS = 1 << 20  # A slab has this many words of 64 samples, for little memory.
+# The surface crosses this many words of a slab: lists of their voxels stay in the processor's cache.
+SLAB_MIXED = 1 << 14
+SLAB_CROSSED = 1 << 15  # Noise crosses this many edges along x of a slab, in words that are each crossed many times.
+# All threads share this many slabs or more; one thread is as quick with fewer, as its calls never wait.
+THREADED_SLABS = 8
+DECIDED_SLABS = 8  # Decide the ambiguous voxels of this many slabs at once, if every thread has as many.
+MIXED_ROWS = 16  # Look at one row in this many to estimate both.
 BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
-KEPT_BYTES = (1 << 25) - (1 << 16)  # the most that has an effect; see _keep_freed_pages
+KEPT_BYTES = (1 << 25) - (1 << 16)  # The largest value that has an effect; see _keep_freed_pages.
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
 SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}

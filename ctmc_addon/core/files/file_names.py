@@ -11,10 +11,10 @@ import unicodedata
 from collections.abc import Container, Iterable
 from pathlib import Path
 
-RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
+RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # Windows reserves these names.
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
-MOST_BYTES = 120  # of a name that is made here
-LONGEST_BYTES = 240  # of any stem: systems allow 255 with the suffix
+MOST_BYTES = 120  # A name that is made here has at most this many bytes.
+LONGEST_BYTES = 240  # A stem has at most this many bytes: systems allow 255 with the suffix.
 
 
 def name_problem(name: str) -> str:

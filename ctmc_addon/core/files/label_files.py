@@ -25,8 +25,8 @@ from .atomic_write import refused
 from .file_names import printable
 
 LABEL_SUFFIXES = (".seg.nrrd", ".nrrd", ".nii", ".nii.gz")
-LEVEL = 4  # of gzip; higher ones take much longer and save little of labels
-NIFTI_HEADER = 352  # bytes, with the four that say that no extension follows
+LEVEL = 4  # The level of gzip; higher ones take much longer and save little of labels.
+NIFTI_HEADER = 352  # Bytes, with the four that say that no extension follows.
 
 
 class Segment(NamedTuple):

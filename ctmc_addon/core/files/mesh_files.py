@@ -22,13 +22,13 @@ from ..errors import OutputError
 from ..mesh.face_normals import vertex_normals
 from .atomic_write import whole_file
 
-SPACES = {  # and where their axes run
+SPACES = {  # Names of spaces and the directions of their axes.
     "ras": "x to the patient's right, y to the front, z to the head",
     "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
 }
 PAGE = ".html"
-STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # of files that hold several surfaces, in structures/
-BLENDER_SUFFIXES = (".blend",)  # of files that Blender writes, in blender/export.py
+STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # Files that hold several surfaces, in structures/.
+BLENDER_SUFFIXES = (".blend",)  # Files that Blender writes, in blender/export.py.
 ROWS_AT_ONCE = 1 << 16
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])

@@ -32,10 +32,10 @@ from .mesh_files import (
 
 T = TypeVar("T")
 
-COPIED = 1 << 24  # bytes between two steps
-WRITING_SHARE = 0.9  # of the work is done when the last piece has come
-MOST_NUMBERED = np.iinfo(np.int32).max  # vertices of a PLY
-MOST_FACETS = np.iinfo(np.uint32).max  # of an STL
+COPIED = 1 << 24  # Copy this many bytes between two steps.
+WRITING_SHARE = 0.9  # This share of the work is done when the last piece has come.
+MOST_NUMBERED = np.iinfo(np.int32).max  # A PLY can number this many vertices.
+MOST_FACETS = np.iinfo(np.uint32).max  # An STL can count this many facets.
 
 
 @dataclass(frozen=True)

@@ -18,14 +18,14 @@ VERSION_1_LIMITS: tuple[str, ...] = ("memory.limit_in_bytes",)
 VERSION_2_LIMITS: tuple[str, ...] = (
     "memory.max",
     "memory.high",
-)  # beyond the second a process is slowed down until it hardly runs
-LOOK_AGAIN = 0.2  # seconds between two questions to the system
-_seen: tuple[float, int | None] = (-math.inf, None)  # when it was asked last, and what it said
+)  # Beyond memory.high a process is slowed down until it hardly runs.
+LOOK_AGAIN = 0.2  # Ask the system again after this many seconds.
+_seen: tuple[float, int | None] = (-math.inf, None)  # The time of the last question to the system, and its answer.
 # Parameters of malloc.h where memory is short: one arena for all threads, bytes of free pages that are kept, and of a
 # block that goes back to the system as soon as it is freed.
 LITTLE = {-8: 1, -1: 1 << 26, -3: 1 << 24}
-PLENTY = 1 << 32  # available bytes from which on memory is not short
-NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
+PLENTY = 1 << 32  # Memory is not short from this many available bytes on.
+NO_THREAD = "can't start new thread"  # Python's message if there is no memory for a thread.
 
 
 def available_bytes() -> int | None:

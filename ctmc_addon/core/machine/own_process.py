@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import subprocess
 
 PACKAGE = Path(__file__).resolve().parents[2]
-ENDING_SECONDS = 1.0  # between the end of its output and its own
+ENDING_SECONDS = 1.0  # A process may take this many seconds to end after its output has ended.
 CRASHES = {getattr(signal, name, None) for name in ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV")}
 # For `python -I -S -c`: neither the current folder nor the user's own modules; the first request has the path. It is
 # read without a buffer, which would take the requests behind it too.

@@ -23,7 +23,7 @@ from .memory import NO_THREAD
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 MOST_THREADS = 8
-LOOK = 0.05  # seconds between two looks at works in threads
+LOOK = 0.05  # Look at works in threads every this many seconds.
 
 
 def processors() -> int:

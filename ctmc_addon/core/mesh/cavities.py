@@ -19,7 +19,7 @@ from .triangle_mesh import TriangleMesh
 
 # A point within a triangle that lies over no other triangle's edge, however regular the grid.
 WEIGHTS = (0.4142135, 0.3178372, 0.2679493)
-PAIRS_PER_STEP = 1 << 19  # of a ray and a triangle
+PAIRS_PER_STEP = 1 << 19  # Test this many pairs of a ray and a triangle in a step.
 
 
 def points_within(corners: NDArray[np.float32]) -> NDArray[np.float64]:

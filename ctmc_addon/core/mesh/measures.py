@@ -20,8 +20,8 @@ from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_k
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 SMALL_SHARE = 0.001  # Components that enclose less than this share of the largest one are small.
-MANY = 10  # small components are worth a word
-BLOCK = 1 << 15  # triangles whose volumes are worked out together: what fits the cache
+MANY = 10  # From this number on small components are worth a word.
+BLOCK = 1 << 15  # Work out the volumes of this many triangles at once: they fit the cache.
 
 
 @dataclass(frozen=True)

@@ -15,7 +15,7 @@ from .face_normals import face_vectors, face_vectors_steps
 from .topology import edges_steps
 from .triangle_mesh import TriangleMesh
 
-SAMPLES = 20_000  # points on each of two surfaces whose distance is measured
+SAMPLES = 20_000  # The distance of two surfaces is measured at this many points of each.
 SEED = 0
 
 

@@ -15,7 +15,7 @@ from ..arrays import Ints
 from ..progress import PAUSE, Steps
 
 FACES_PER_STEP = 1 << 17
-BUCKET = 1 << 20  # corners whose edges are sorted together
+BUCKET = 1 << 20  # Sort the edges of this many corners at once.
 
 
 def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:

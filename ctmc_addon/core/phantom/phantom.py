@@ -22,7 +22,7 @@ from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
 from .shapes import grow_tumors, liver_shape
 
-FIELD_MM = 379.0  # the field of view for which the anatomy is drawn; other fields scale it
+FIELD_MM = 379.0  # The anatomy is drawn for this field of view; other fields scale it.
 LIVER, TUMOR = 1, 2
 
 # HU of a portal venous phase

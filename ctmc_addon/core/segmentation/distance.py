@@ -17,8 +17,8 @@ from ..progress import Step, Steps
 
 Spacing = tuple[float, float, float]
 Window = tuple[slice, slice, slice]
-BLOCK = 1 << 18  # samples worked on at once, each with some bytes
-SLACK = 1e-6  # share of a distance that is rounding
+BLOCK = 1 << 18  # Work on this many samples at once, each with some bytes.
+SLACK = 1e-6  # This share of a distance is rounding.
 
 
 def window_of(mask: Flags) -> Window | None:

@@ -28,9 +28,9 @@ from .margin import margin_steps
 
 NOT_AIR = -300.0  # HU; at and above it a sample may belong to the body
 AIR = -1000.0  # HU that what is removed gets
-COARSE_MM = 2.5  # between the samples that are looked at
-CORE_MM = 6.0  # from air: the body has places so far inside, a table top has none
-BODY_MM3, ARM_MM2 = 100_000.0, 600.0  # a smaller core, as of a rail, is not of the body
+COARSE_MM = 2.5  # Look at samples this far apart.
+CORE_MM = 6.0  # Distance from air: the body has places so far inside, a table top has none.
+BODY_MM3, ARM_MM2 = 100_000.0, 600.0  # A core smaller than this, as of a rail, is not part of the body.
 STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 

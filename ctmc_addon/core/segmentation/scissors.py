@@ -21,7 +21,7 @@ from ..volume.volume import SampleGrid
 from .distance import Window, window_of
 
 SAMPLES_PER_STEP = 1 << 18
-SIDES_PER_STEP = 1 << 24  # samples times sides of the lasso
+SIDES_PER_STEP = 1 << 24  # Samples times sides of the lasso in a step.
 
 
 def scissors_steps(

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-VEIL, OUTLINE = 0.22, 0.9  # opacity
+VEIL, OUTLINE = 0.22, 0.9  # Opacities.
 ACTIVE_VEIL = 0.38
 Mask2D = NDArray[np.bool_]
 """Of a slice: (rows, columns)."""

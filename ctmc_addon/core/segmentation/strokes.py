@@ -23,7 +23,7 @@ from .points import Point
 from .range_mask import in_range
 
 Floats3 = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-SAMPLES = 1 << 13  # at once: their distances stay in the processor's cache
+SAMPLES = 1 << 13  # Handle this many samples at once: their distances stay in the processor's cache.
 
 
 def brushed_window(

@@ -21,8 +21,8 @@ from ..mesh.topology import compacted
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import Step, Steps, WithResult
 
-NEW = -1  # number of a vertex that has none yet
-BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
+NEW = -1  # The number of a vertex that has none yet.
+BEYOND_PIECES = 1 << 48  # The number of the first new vertex: larger than the number of vertices in all pieces.
 
 T = TypeVar("T")
 

@@ -34,8 +34,8 @@ from .collapses import TURN, shuffled
 from .policy import POLICY, Policy
 from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
-BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
-ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
+BLOCK = 1 << 15  # Work out the quadrics of this many faces at once: they fit the cache.
+ID_BITS = 21  # Bits of a vertex number: three numbers and a direction fit into 64 bits.
 
 
 @dataclass(eq=False)

@@ -26,10 +26,10 @@ from .crossing_check import crosses_steps
 from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps
 
-Surface = tuple[Indices, Flags]  # numbers of faces, and which of them point inward
+Surface = tuple[Indices, Flags]  # Numbers of faces, and flags of those that point inward.
 
-SAMPLED = 1 << 15  # costs, at least, from which is found how expensive the edges of a round are
-LARGEST = np.finfo(np.float32).max.view(np.int32)  # the bits of the largest cost that is not infinite
+SAMPLED = 1 << 15  # Sample at least this many costs to find how expensive the edges of a round are.
+LARGEST = np.finfo(np.float32).max.view(np.int32)  # The bits of the largest cost that is not infinite.
 
 
 class CollapseRules:

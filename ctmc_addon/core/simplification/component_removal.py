@@ -28,7 +28,7 @@ from .error_check import ErrorCheck
 from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
 
-TETRAHEDRON = 4  # triangles
+TETRAHEDRON = 4  # The fewest triangles of a closed component.
 POINTS_AT_ONCE = 1024
 
 

@@ -41,7 +41,7 @@ from .quadrics import (
     vertex_quadrics_steps,
 )
 
-BLOCK = 8192  # edges whose costs are computed together: what fits the cache
+BLOCK = 8192  # Compute the costs of this many edges at once: they fit the cache.
 
 
 class CollapsingMesh(CollapseRules):

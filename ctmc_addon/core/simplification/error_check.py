@@ -20,7 +20,7 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
 
-Pieces = list[Floats]  # three corners, (3, n) each
+Pieces = list[Floats]  # The three corners, (3, n) each.
 
 BLOCK, ASKED = 4096, 1024  # Examine so many pieces, and ask the tree for so many points, at once: they fit the cache.
 

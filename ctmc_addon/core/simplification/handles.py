@@ -27,9 +27,9 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
 
-SAVED = 4  # triangles fewer for every cut
+SAVED = 4  # Every cut saves this many triangles.
 EVERY = 16  # One of so many edges is measured for the median.
-MOST_FACES = 64  # at a vertex, on one side of a loop
+MOST_FACES = 64  # A vertex has at most this many faces on one side of a loop.
 HALVINGS = 8  # Of the share by which a loop is pulled, at most, where a triangle would turn over.
 
 

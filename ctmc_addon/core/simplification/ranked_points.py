@@ -10,8 +10,8 @@ from ..mesh.distance.triangle_tree import CODE_BITS, morton_codes
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 
-BRANCH = 4  # boxes in a box
-CURVE_NEIGHBORS = 12  # points on either side, in the order along the curve, that bound a distance at first
+BRANCH = 4  # A box has this many children.
+CURVE_NEIGHBORS = 12  # Bound a distance first by this many points on either side along the curve.
 
 
 class RankedPoints:

@@ -24,13 +24,14 @@ from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Places, widened
 
-STIFFNESS = 600.0  # of second differences
-REACH = 1  # nodes beside those with samples of both labels
+STIFFNESS = 600.0  # The weight of second differences.
+REACH = 1  # Use this many nodes around those with samples of both labels.
 # For every coarse grid: the space between nodes in longest sides of the refined samples, and steps along the gradient.
 GRIDS = ((4, 100), (2, 100))
-UNEVEN = 2.0  # longest to shortest side, above which a grid of the longest side follows: the last step is too wide else
-ROUNDS = 100  # the same at all samples
-LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
+# Add a grid of the longest side if it is more than this many times the shortest: the last step is too wide else.
+UNEVEN = 2.0
+ROUNDS = 100  # Rounds at all samples.
+LEAST_DEVIATION = 0.1  # In shortest sides: pairs that the wall almost passes along are not exact.
 NODES_AT_ONCE = 1 << 15
 
 

@@ -18,7 +18,7 @@ from ..arrays import Floats
 from ..machine.parallel import Threads
 from .bricks import WIDTH, Bricks, Places, over_rows
 
-NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
+NEAREST_ZERO = 0.02  # No value of known sign is nearer to zero than this share of a voxel's shortest side.
 
 
 @dataclass(frozen=True, eq=False)

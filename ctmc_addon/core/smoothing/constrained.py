@@ -30,12 +30,12 @@ from .smooth_field import SmoothField
 from .volume_constant import keep_volume_steps
 
 MOST_STEPS = 8
-SAMPLES_AT_ONCE = 1 << 18  # far from the surface
+SAMPLES_AT_ONCE = 1 << 18  # Handle this many samples far from the surface at once.
 BYTES_A_BRICK = 300
-BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
+BYTES_A_VERTEX = 150  # A surface whose volume is measured takes this many bytes for each vertex, with its triangles.
 STAGES = {"Finding the surface": 5, "Smoothing": 65, "Keeping islands": 3, "Keeping the volume": 27}
 WORKING_BYTES = 1 << 23
-REMEDY = "choose a region, fewer slice_steps or smoothing none"  # where memory is too little
+REMEDY = "choose a region, fewer slice_steps or smoothing none"  # The remedy if memory is too small.
 
 
 class _SmoothingGrid(NamedTuple):

@@ -30,16 +30,16 @@ from .label_components import Indices, LabelComponents, label_components_steps
 from .refined_label import RefinedLabel
 from .volume_constant import area_of_ball
 
-WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # to neighbors, along z, y and x
+WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # Steps to neighbors along z, y and x.
 
-LARGEST_ISLAND = 1 << 14  # voxels; one constant for all keeps larger ones within a few percent
-BODY_SHARE = 0.5  # of the samples; a component with more than that makes up for what the islands are off
-CLOSE_ENOUGH = 0.03  # of an island's volume
-FIRST_GUESS = 1.65  # of a voxel's side by the root of the number of voxels; what islands of livers mostly need
+LARGEST_ISLAND = 1 << 14  # In voxels; one constant for all keeps larger ones within a few percent.
+BODY_SHARE = 0.5  # A component with more than this share of the samples makes up for the error of the islands.
+CLOSE_ENOUGH = 0.03  # An island's volume may be off by this share.
+FIRST_GUESS = 1.65  # In voxel sides per root of the number of voxels; islands of livers mostly need this.
 MOST_TRIALS = 12
 MOST_ROUNDS = 3
-STACK_SAMPLES = 1 << 19  # of the boxes whose surfaces are made at once
-SMALLEST_SIDE = 8  # of a box along x and y
+STACK_SAMPLES = 1 << 19  # Boxes whose surfaces are made at once have up to this many samples.
+SMALLEST_SIDE = 8  # A box has at least this side along x and y.
 
 
 @dataclass(frozen=True, eq=False)

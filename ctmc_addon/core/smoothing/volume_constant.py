@@ -24,11 +24,11 @@ from .bricks import ROWS_AT_ONCE, WIDTH, Places, over_rows
 from .refined_label import RefinedLabel
 from .smooth_field import SmoothField, with_closed_ends
 
-PLAIN = (1, 1, 1)  # stride
-EXACT_ENOUGH = 2e-4  # of the volume
+PLAIN = (1, 1, 1)  # The stride.
+EXACT_ENOUGH = 2e-4  # The volume may be off by this share.
 MOST_TRIALS = 10
-FARTHER = 4.0  # times the last step
-FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
+FARTHER = 4.0  # Go this many times the last step.
+FINEST = 2.0**-24  # Sum volumes as whole multiples of this, so that their order does not matter.
 FACES_AT_ONCE = 1 << 14
 PARTS_AT_ONCE = 64
 

@@ -16,7 +16,7 @@ from ..errors import VolumeError
 
 MOST_MM = 1e9
 LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
-ROUNDED = 1e-6  # of a spacing: the limits are in them as float32 too
+ROUNDED = 1e-6  # Allow for this share of a spacing: the limits are in float32 too.
 SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
 
 

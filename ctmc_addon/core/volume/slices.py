@@ -25,7 +25,7 @@ PLANES = {"axial": "IS", "coronal": "PA", "sagittal": "LR"}
 HU_WINDOW = (400.0, 40.0)
 TINT = (1.0, 0.28, 0.12)
 TINT_SHARE = 0.45
-DIM = 0.5  # of the color of a label that no surface is made of
+DIM = 0.5  # Labels that no surface is made of have this share of their color.
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from ...progress import Steps
 
 ROUNDS = 5
 GAINS = (0.3, 2.0)
-EXACT_ENOUGH = 5e-4  # of the volume
+EXACT_ENOUGH = 5e-4  # A volume is exact enough if it is off by less than this share.
 SWEEPS = 200
 FACES_AT_ONCE = 1 << 16
 

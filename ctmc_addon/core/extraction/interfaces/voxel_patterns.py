@@ -32,13 +32,13 @@ from ...mesh.topology import Groups
 from ..case_table import EDGE_BETWEEN, FACES, Loop, closed_loops, roughness, triangulations
 
 CORNER_BITS = 3
-FACE_POINT = 12  # nodes: 12 edges of the voxel, then a point on each of 6 faces, then points inside
+FACE_POINT = 12  # Nodes: 12 edges of the voxel, then a point on each of 6 faces, then points inside.
 INNER_POINT = 18
 FACE_CORNERS = np.array(FACES)
 # Segments: two nodes, then the corners that stand for the label behind it and for the one in front.
 Segment = tuple[int, int, int, int]
 Triangle = tuple[int, int, int]
-Fan = dict[Triangle, tuple[int, int]]  # the labels behind and in front of each triangle
+Fan = dict[Triangle, tuple[int, int]]  # The labels behind and in front of each triangle.
 
 
 @dataclass(frozen=True)

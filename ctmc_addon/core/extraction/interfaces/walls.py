@@ -25,10 +25,10 @@ from ...smoothing.label_components import LabelComponents, label_components_step
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
-LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
-SMALL_ISLAND = 128  # voxels; the smoothest wall would flatten these
-SAMPLES_AT_ONCE = 1 << 17  # of the boxes of walls that are smoothed at once
-LARGEST_ISLAND = 1000  # and these where at least half of their border is with the other label; larger components hardly
+LEAST_WALL = 40  # A wall with fewer sides of voxels than this has a field only around its islands.
+SMALL_ISLAND = 128  # The smoothest wall would flatten islands of fewer voxels than this.
+SAMPLES_AT_ONCE = 1 << 17  # The boxes of walls that are smoothed at once have up to this many samples.
+LARGEST_ISLAND = 1000  # Islands up to this many voxels count if at least half of their border is with the other label.
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 # A sample and its neighbors, along z, y and x.

@@ -22,7 +22,7 @@ from ..order import Runs
 from ..vertices import VertexArrays
 from .decider import NEEDS_DECISION, crossings, decide, interior_points, trilinear_tables
 
-DECIDED_AT_ONCE = 1 << 16  # ambiguous voxels, for little memory: noise has 30,000 in a slab
+DECIDED_AT_ONCE = 1 << 16  # Decide this many ambiguous voxels at once, for little memory: noise has 30,000 in a slab.
 HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3) whether a corner is the high one along x, y, z."""
 

@@ -33,7 +33,7 @@ from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squar
 STEPS = 1000
 """Alphas that are looked at are whole numbers divided by this."""
 ALPHAS_AT_ONCE = 64
-WITNESSES = 64  # triangles that are followed over all alphas at once
+WITNESSES = 64  # Follow this many triangles over all alphas at once.
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,12 @@ from ..topology import FACES_PER_STEP
 from ..triangle_mesh import TriangleMesh
 from ..vectors import cross, dot
 
-BRANCH = 4  # boxes in a box
-BLOCK = 2048  # points that go down the tree together: their pairs stay in the cache
-CROWD = 16  # pairs a point, from which on it pays to improve the bounds
-MARGIN = 2.0**-21  # of the mesh's extent, by which boxes are too large: some units in the last place of float32
-SLACK = 1 + 2.0**-18  # of a squared bound, for the same reason
-CODE_BITS = 21  # a coordinate has in a Morton code
+BRANCH = 4  # A box has this many children.
+BLOCK = 2048  # This many points go down the tree at once: their pairs stay in the cache.
+CROWD = 16  # Improve the bounds once a point has more pairs than this.
+MARGIN = 2.0**-21  # Boxes are too large by this share of the mesh's extent: some units in the last place of float32.
+SLACK = 1 + 2.0**-18  # Widen a squared bound by this factor, for the same reason.
+CODE_BITS = 21  # A coordinate has this many bits in a Morton code.
 
 
 def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ...arrays import Flags, Floats, Ints
 
 SHIFT = 2
-BRANCH = 1 << SHIFT  # boxes in a box
-BLOCK = 1 << 15  # pairs that are compared together
-_FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # of a box with itself every pair of children once
+BRANCH = 1 << SHIFT  # A box has this many children.
+BLOCK = 1 << 15  # Compare this many pairs at once.
+_FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # A box and itself give every pair of children once.
 
 
 class BoxTree:

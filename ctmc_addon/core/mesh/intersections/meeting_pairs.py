@@ -32,9 +32,9 @@ from .triangle_pairs import have_no_area, surely_apart, triangles_at_edge_meet, 
 
 Pairs = Iterator[tuple[Ints, Ints]]
 
-BLOCKS_AT_ONCE = 16  # blocks of pairs whose doubtful ones are decided together
-FEW = 8  # times as many triangles as selected ones, from which on those far away are left out first
-PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
+BLOCKS_AT_ONCE = 16  # Decide the doubtful pairs of this many blocks at once.
+FEW = 8  # Leave out far triangles first if there are this many times as many triangles as selected ones.
+PLANE_ERROR = 64 * EPSILON  # Error per square of a triangle's size times an offset, both in the largest norm.
 
 
 def self_intersections(vertices: NDArray[Any], faces: NDArray[Any], selected: Flags | None = None) -> Indices:
@@ -244,8 +244,9 @@ def _joined(blocks: list[list[Indices]]) -> list[Indices]:
     return [np.concatenate([empty, *(block[number] for block in blocks)], axis=1) for number in range(4)]
 
 
-_COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # bits set
-_OWN = np.array([3, 2, 1, 4], np.uint8)  # corners that are not common; two triangles of the same corners always meet
+_COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # The number of bits set.
+# The number of corners that are not common; two triangles of the same corners always meet.
+_OWN = np.array([3, 2, 1, 4], np.uint8)
 
 
 def _order_steps(columns: Floats, faces: Ints) -> Steps[Indices]:

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ...arrays import Doubles, Signs
 
 EPSILON = 2.0**-53
-SIDE_ERROR = 8 * EPSILON  # of the sum of the absolute products: (7 + 56 eps) eps, rounded up
+SIDE_ERROR = 8 * EPSILON  # Error per sum of the absolute products: (7 + 56 eps) eps, rounded up.
 TURN_ERROR = 4 * EPSILON  # (3 + 16 eps) eps, rounded up
-WHOLE = 2.0**149  # times any float32 is a whole number, which float64 holds
-BITS = 36  # of a difference of coordinates, so that a doubtful volume is below 2^62
+WHOLE = 2.0**149  # Any float32 times this is a whole number, which float64 holds.
+BITS = 36  # A difference of coordinates has this many bits, so that a doubtful volume is below 2^62.
 
 
 def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:

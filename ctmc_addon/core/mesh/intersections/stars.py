@@ -13,7 +13,7 @@ from ...arrays import Doubles, Flags, Floats, Ints
 from ...progress import PAUSE, Steps
 from ..vectors import dot
 
-LEAST = 1e-6  # sine between a triangle and the direction, at least: far above what rounding does
+LEAST = 1e-6  # The sine between a triangle and the direction is at least this: far above what rounding does.
 STEEP = 0.9
 
 

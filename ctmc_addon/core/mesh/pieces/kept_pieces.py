@@ -24,12 +24,12 @@ from .completed_pieces import completed_pieces_steps
 from .piece_links import PieceLinks
 from .spool import Spool
 
-LINKING, WEIGHING, MEASURING, ENCLOSING, KEEPING = range(5)  # passes
+LINKING, WEIGHING, MEASURING, ENCLOSING, KEEPING = range(5)  # The passes.
 TITLES = ("Joining components", "Measuring components", "Measuring components", "Finding cavities", "")
 PASSES = len(TITLES)
-MOST_PAIRS = 1 << 20  # of a ray and a component, before they are summed up
+MOST_PAIRS = 1 << 20  # Sum up pairs of a ray and a component once there are this many.
 
-Decision = tuple[NDArray[np.bool_], NDArray[np.float64]]  # which components stay, and their signed volumes
+Decision = tuple[NDArray[np.bool_], NDArray[np.float64]]  # The components that stay, and their signed volumes.
 
 
 class KeptPieces:

@@ -18,9 +18,9 @@ from ...errors import OutputError
 from ...progress import Step, Steps, WithResult
 from ..triangle_mesh import Pieces, Surface
 
-VERTEX_BYTES = 36  # its two ends of alpha and its normal
-FACE_BYTES = 16  # a triangle's vertices, and the number of its component
-VAR_TMP = Path("/var/tmp")  # on disk where /tmp is memory
+VERTEX_BYTES = 36  # A vertex has two ends of alpha and a normal.
+FACE_BYTES = 16  # A triangle has three vertices and the number of its component.
+VAR_TMP = Path("/var/tmp")  # On disk where /tmp is memory.
 
 
 @dataclass(frozen=True)

@@ -26,8 +26,8 @@ from ...smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, pack
 from ...smoothing.relaxation import relax_steps
 from ..distance import Floats, Spacing, squared_distances
 
-NARROW_PIXELS = 3  # to either side of the surface that are smoothed
-ROUNDS = 24  # of smoothing
+NARROW_PIXELS = 3  # Smooth this many pixels to either side of the surface.
+ROUNDS = 24  # Smooth for this many rounds.
 STAGES = {"Measuring distances": 3, "Filling slices": 2, "Smoothing": 5}
 
 

@@ -16,8 +16,8 @@ from .border import BorderEvidence, drawn_shares, value_ratios
 
 Factors = tuple[int, int, int]
 MOST = 1 << 20
-SIDE_MM = 1.4  # blocks are not made larger than twice this while there are few enough of them
-VALUE = np.float32(0.1)  # of a voxel's own value at the border
+SIDE_MM = 1.4  # Blocks are not larger than twice this while there are few enough of them.
+VALUE = np.float32(0.1)  # A voxel's own value has this weight at the border.
 VOXELS_PER_STEP = 1 << 18
 
 

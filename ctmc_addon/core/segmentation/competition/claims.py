@@ -26,22 +26,23 @@ from ..points import Sample, sample_in, window_around
 from .geodesic import BLOCKED, NEVER, Times, cost_of, sweep_steps
 
 Sides = tuple[float, float, float]
-BINS = 128  # of times, for the sharpest cut
+BINS = 128  # Bins of times, for the sharpest cut.
 # Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
 FAR, FAR_CORRECTION, FAR_BONE = 0.4, 0.6, 0.1
-BONE_SHARE = 0.1  # of a structure, at least, has bone's values where it is a bone: the rest may be marrow
-COHERENT = 0.9  # share of the sharpness that is a rise or a fall alone, around a structure in a larger one
-VALLEY, FLAT = 0.5, 0.25  # sharpness and rise behind its cut, as shares of the rise there
-LEAST_RISE = 4.0  # units of the values from block to block, against noise
-LONGER = 1.5  # times the reach of the first click: its longest time, for what differences of values cost
-BEYOND = 1.5  # times the cut: where the border may lie at most
-BALL_MM = 3.0  # around a click what is like it belongs to it
-ALIKE_MM = 20.0  # of time by difference alone
-SMALLEST = 3  # times the ball of a click, against noise
-REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right, at most
-LEAST_REACH, RADIUS_MM = 2.0, 4.0  # in a small structure as many times as its radius has this length
-LIKE = 30.0  # units of values by which what a correction adds may differ from what is known
-RARE = 0.02  # share of the structure's values, at either end, that it is not known by
+BONE_SHARE = 0.1  # At least this share of a bone has bone's values: the rest may be marrow.
+COHERENT = 0.9  # Around a structure in a larger one this share of the sharpness is only a rise or only a fall.
+VALLEY, FLAT = 0.5, 0.25  # Sharpness and rise behind a structure's cut, as shares of the rise there.
+LEAST_RISE = 4.0  # A rise from block to block in units of the values, against noise.
+LONGER = 1.5  # The first click's longest time is this many times its reach, for what differences of values cost.
+BEYOND = 1.5  # The border lies at most this many times the cut away.
+BALL_MM = 3.0  # Similar values this near to a click belong to it.
+ALIKE_MM = 20.0  # Values that differ from the click's by at most this time are like it.
+SMALLEST = 3  # A claim is at least this many times the ball of a click, against noise.
+# A correction reaches at most this many mm, and this many times its distance from what is right.
+REACH_MM, REACH = 6.0, 6.0
+LEAST_REACH, RADIUS_MM = 2.0, 4.0  # A small structure has the factor radius / RADIUS_MM instead of REACH.
+LIKE = 30.0  # Values that a correction adds differ from the structure's by at most this many units.
+RARE = 0.02  # Ignore this share of the structure's values at either end.
 
 
 class Ground(NamedTuple):

@@ -36,14 +36,15 @@ from .geodesic import BLOCKED, heights_of
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
-LIMITS = (0.01, 10_000.0)  # of both
-CLICKED_MM = 1.5  # around a click that is its own whatever values say
-NOISE_MM = 1.0  # of the values that borders are drawn by
-SIGMA_MM = 1.7  # more, for those that times are counted on
-SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
-BONE_HU, BONE = 150.0, 0.1  # above it so much of that: bone differs more inside than from what is around it
+LIMITS = (0.01, 10_000.0)  # The limits of both.
+CLICKED_MM = 1.5  # Samples this near to a click are its own, whatever their values say.
+NOISE_MM = 1.0  # Smooth the values that borders are drawn by with this sigma.
+SIGMA_MM = 1.7  # Smooth the values that times are counted on by this much more.
+SOFT_HU, MIDDLE_HU = 150.0, 50.0  # Differences count in full near soft tissue, less in bone and air.
+# Above this value differences count by this factor: bone varies more inside than at its border.
+BONE_HU, BONE = 150.0, 0.1
 TABLE_HU = (-1024, 3072)
-GRAY_HU = 120.0  # between the lowest and the highest percent of values that are not HU
+GRAY_HU = 120.0  # HU that the range from the lowest to the highest percent of other values stands for.
 STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
 
 

@@ -18,9 +18,9 @@ from ...progress import Step, Steps
 from ..distance import Spacing
 
 Times = NDArray[np.uint32]
-UNIT = 32  # steps of time in a millimeter
+UNIT = 32  # A millimeter is this many steps of time.
 NEVER = 1 << 30
-BLOCKED = 1 << 28  # a step up or down that no time is left after; a difference of heights
+BLOCKED = 1 << 28  # A difference of heights after which no time is left, up or down.
 ROUNDS = 3
 
 

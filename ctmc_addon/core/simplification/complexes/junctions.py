@@ -29,7 +29,7 @@ from ...arrays import Flags, Ints
 from ...progress import PAUSE, Steps
 from ..collapses import Collapses, shared_neighbors_steps, shuffled
 
-INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # ranks of vertices
+INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # The ranks of vertices.
 
 
 @dataclass(eq=False)

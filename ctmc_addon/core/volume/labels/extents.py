@@ -23,11 +23,11 @@ from ..value_kind import ValueKind
 from ..volume import Box, Volume
 from .whole_labels import NotWholeError
 
-SLAB_VALUES = 1 << 20  # looked at in one go
-ALL = "all"  # the word for every label
-MOST_LABELS = 1 << 16  # more are not labels
-LISTED = 20  # in a message
-CLOSE = 5  # names that are proposed for an unknown one
+SLAB_VALUES = 1 << 20  # Look at this many values in one go.
+ALL = "all"  # The word for every label.
+MOST_LABELS = 1 << 16  # More values than this are not labels.
+LISTED = 20  # A message lists this many labels.
+CLOSE = 5  # Propose this many names for an unknown one.
 
 
 class LabelExtent(NamedTuple):

@@ -10,8 +10,8 @@ LinearColor = tuple[float, float, float]
 
 # Okabe and Ito's colors, sRGB: told apart by color-blind eyes too. https://jfly.uni-koeln.de/color/
 HUES = ((213, 94, 0), (0, 114, 178), (240, 228, 66), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0))
-LIGHTNESS = (1.0, 0.62, 1.35)  # of the first seven labels, the next seven, the third; then all of them again
-BONE: RGB = (226, 215, 191)  # of a surface by threshold
+LIGHTNESS = (1.0, 0.62, 1.35)  # The first seven labels, the next seven, the third; then all of them again.
+BONE: RGB = (226, 215, 191)  # The color of a surface by threshold.
 
 
 def linear(rgb: RGB) -> LinearColor:

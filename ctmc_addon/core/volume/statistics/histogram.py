@@ -14,7 +14,7 @@ from ..value_kind import ValueKind
 from .tissues import TISSUES
 from .values import VolumeStatistics
 
-HU_SHOWN = (-1100.0, 3100.0)  # beyond lie only padding and metal
+HU_SHOWN = (-1100.0, 3100.0)  # Only padding and metal lie beyond.
 
 
 class Limits(NamedTuple):

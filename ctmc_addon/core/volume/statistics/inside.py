@@ -17,8 +17,8 @@ from ..labels.extents import label_extent_steps
 from ..labels.label_sources import moved_box, samples_on_grid, turned_values
 from ..volume import Box, Volume
 
-SLAB_SLICES = 16  # looked at in one go
-SAME_PLACE = 1e-2  # voxels by which the corners of two volumes may differ
+SLAB_SLICES = 16  # Look at this many slices in one go.
+SAME_PLACE = 1e-2  # The corners of two volumes may differ by this many voxels.
 
 
 class InsideValues(NamedTuple):

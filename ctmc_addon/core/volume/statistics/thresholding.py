@@ -22,8 +22,8 @@ from ..volume import Box, Volume
 from .values import Histogram, box_histogram_steps, histogram, is_counted, value_range
 
 WHOLE_VOLUME = "this volume"
-HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
-QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
+HALF_LABEL = 0.5  # A label is extracted from 0 (outside) and 1 (inside).
+QUICK_VALUES = 1 << 22  # This many values are counted in less than 0.1 s.
 _otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
 
 
