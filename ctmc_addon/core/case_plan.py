@@ -27,13 +27,13 @@ CASES_SHARE = 0.85  # All cases may take this share of the available memory.
 
 
 def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = True) -> int:
-    """Return the memory that a case of a batch needs, about, by what its headers tell.
+    """Estimate the memory that a case of a batch needs from its headers.
 
     Parameters
     ----------
     voxels : int
     value_bytes : int, optional
-        Of a voxel, where the case asks for more itself as soon as it knows its label's box: reading is counted alone.
+        Bytes of a voxel, if the case asks for more once it knows its label's box: only reading is counted.
     thumbnails : bool
         Whether Blender is loaded.
     """
@@ -42,14 +42,14 @@ def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = T
 
 
 def asks_for_memory(settings: ReconstructionSettings, several: bool) -> bool:
-    """Return whether a case says what it needs before it takes it: one or `several` labels, smoothed in their boxes."""
+    """Return whether a case requests memory before it takes it: one or `several` labels, smoothed in their boxes."""
     if several and settings.label is None:
         settings = replace(settings, threshold=None, label=1)
     return settings.label is not None and not smoothing_of(settings).by_slabs
 
 
 def asked_bytes(has_bytes: int, needed_bytes: int) -> int:
-    """Return what a case asks for that has so many bytes and needs so many more for its next work."""
+    """Return the bytes that a case asks for: those it has, and those for its next work with a reserve."""
     return has_bytes + int(ASKED_FACTOR * needed_bytes)
 
 
@@ -65,7 +65,7 @@ def cases_bytes(budget: Budget) -> int | None:
 
 
 class _AtOnce(NamedTuple):
-    """How many cases run side by side, and why not more.
+    """Number of cases that run side by side, and why not more.
 
     Parameters
     ----------

@@ -38,7 +38,7 @@ class CostEstimate:
     Parameters
     ----------
     voxels : int
-        To visit.
+        Voxels to visit.
     vertices, faces : int
         Exact, before simplification and before components are dropped.
     memory : int
@@ -46,11 +46,11 @@ class CostEstimate:
     seconds : float
         Within a factor of two.
     counting_seconds : float
-        Of the first passes, among the seconds.
+        Seconds of the first passes, included in `seconds`.
     available : int or None
         Bytes of memory that can be had.
     remedy : str
-        Where it does not fit: what would.
+        Change that would fit, if this does not.
     """
 
     voxels: int
@@ -69,7 +69,7 @@ class CostEstimate:
 
     @property
     def sentence(self) -> str:
-        """Why the surface cannot be made, and what would fit; empty where it fits."""
+        """Return why the surface cannot be made, and what would fit; empty if it fits."""
         if self.fits or self.available is None:
             return ""
         return (
@@ -85,13 +85,13 @@ class Calibration:
     Parameters
     ----------
     vertex, face : float
-        To extract one.
+        Seconds to extract one.
     collapse : float
-        To remove a triangle.
+        Seconds to remove a triangle.
     bounded_face : float
-        To simplify a triangle with a maximum error.
+        Seconds to simplify a triangle with a maximum error.
     blender_face : float
-        To measure a triangle and hand it to Blender.
+        Seconds to measure a triangle and hand it to Blender.
     measured : bool
     """
 
@@ -151,7 +151,7 @@ class FieldCache:
     seconds: float = 0.0
 
     def field_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
-        """Return the field for these settings; what is smoothed is kept where there is room for it."""
+        """Return the field for these settings; keep a smoothed one if there is room for it."""
         smoothing, used = smoothing_of(settings), used_settings(settings)
         own = [name for name in settings_of_stage(FIELD) if name in used and name not in ("smoothing", "smoothing_mm")]
         key = (
@@ -177,12 +177,12 @@ class FieldCache:
 
 
 def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
-    """Return what a surface with these settings will cost.
+    """Estimate the cost of a surface with these settings.
 
     Raises
     ------
     CtmcError
-        Where they give no surface at all.
+        If they give no surface at all.
     """
     stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
     yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())

@@ -171,18 +171,18 @@ def plan_steps(
 
 
 class _PlanRefusal(MemoryLimitError):
-    """A surface does not fit, and the message already says what would."""
+    """A surface does not fit, and the message says which settings would."""
 
 
 def required_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: Field
 ) -> Steps[None]:
-    """Refuse a surface that does not fit before it is made; where nobody tells what fits, no surface is refused.
+    """Refuse a surface that does not fit before it is made; refuse none if the available memory is unknown.
 
     Raises
     ------
     PlanRefusal
-        With settings that were counted to fit, in some slabs of a large volume.
+        With settings that fit, by counting some slabs of a large volume.
     """
     there = budget.available
     voxels = math.prod(field.values.shape) // math.prod(settings.stride)
@@ -357,7 +357,7 @@ def _wider(volume: Volume, plan: Plan, room: int) -> Iterator[tuple[int, int, in
 
 
 def triangle_bytes(suffixes: Iterable[str], blender: bool, figure: bool) -> int:
-    """Return the bytes for each triangle that writing takes beside the surface, and `blender` where it is needed."""
+    """Return the bytes for each triangle that writing takes besides the surface, and `blender` if it is needed."""
     written = max((WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes), default=0)
     return max(written, OBJECT_BYTES, FIGURE_BYTES * figure) if blender else written
 
@@ -373,7 +373,7 @@ def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Bu
 
 
 def fits_in_memory(value_bytes: int, budget: Budget) -> bool:
-    """Return whether the values of a CT that is shown fit in memory, by what its headers say."""
+    """Return whether the values of a CT that is shown fit in memory, by its headers."""
     there = budget.available
     return there is None or value_bytes <= there
 
@@ -384,7 +384,7 @@ def shown_stride(volume: Volume, budget: Budget) -> tuple[int, int, int]:
     Raises
     ------
     MemoryLimitError
-        Where there is none.
+        If there is none.
     """
     there = budget.available
     room = volume.nbytes if there is None else int(SHOWN_SHARE * there)

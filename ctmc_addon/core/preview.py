@@ -36,7 +36,7 @@ Stride = tuple[int, int, int]
 
 
 class _Rung(NamedTuple):
-    """How coarse a surface is: every so many samples, and steps from slice to slice; or as the settings have it."""
+    """Coarseness of a surface: stride, and steps from slice to slice; the settings' own by default."""
 
     stride: Stride
     slice_steps: int
@@ -71,7 +71,7 @@ class Preview:
         self.threshold: float | None = None  # of the last surface
 
     def interactive(self, settings: ReconstructionSettings) -> PreviewResult | None:
-        """Return the finest surface that stays within the budget; None where the settings give none.
+        """Return the finest surface that stays within the budget; None if the settings give none.
 
         None too where Otsu's threshold of many samples is needed and none is known of another region: counting them
         takes longer than a slider may wait, and `refine_steps` does it.
@@ -199,7 +199,7 @@ def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Strid
 
 
 def subsample(volume: Volume, stride: Stride, box: Box) -> Volume:
-    """Return every so many samples of a box of a volume, at their positions; a contiguous copy."""
+    """Return one of every few samples of a box of a volume, at their positions; a contiguous copy."""
     low, high = zip(*box, strict=True)
     part = volume.cropped(low, high)
     values: NDArray[np.generic] = part.values[tuple(slice(None, None, step) for step in stride[::-1])]

@@ -31,11 +31,11 @@ def structures_of(
     Parameters
     ----------
     results : sequence of Reconstruction
-        With their meshes.
+        Results with their meshes.
     names : sequence of str
-        What each is called; by default as its label, or as the volume.
+        Name of each; by default that of its label, or of the volume.
     opacities : sequence of float or None
-        Of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
+        Opacity of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
 
     Examples
     --------
@@ -139,7 +139,7 @@ def _plain(name: str) -> str:
 
 
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
-    """Return what results are called: as their labels, where several have a name with their numbers, or as the volume.
+    """Return names of results: by their labels, with numbers if several have one name, or by the volume.
 
     Names are those of the volume on one line, and 'label 3' for a label without one.
     """
@@ -165,7 +165,7 @@ def save_structures(
     results : sequence of Reconstruction
         Such as `reconstruct_labels(...).surfaces`.
     names : sequence of str
-        What each is called; by default as its label, or as the volume.
+        Name of each; by default that of its label, or of the volume.
     space : {"ras", "lps"}
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
 

@@ -125,7 +125,7 @@ class TriangleTables:
     ----------
     triangle_count : (configurations,) uint8
     first_triangle : (configurations,) intp
-        Where a configuration's triangles begin in `triangle_edges`.
+        Start of a configuration's triangles in `triangle_edges`.
     triangle_edges : (n, 3) intp
         Edges 0 to 11, and 12 to 14 for the vertices inside the voxel.
     interior_count : (configurations,) uint8
@@ -154,7 +154,7 @@ class TriangleTables:
 
 @dataclass(frozen=True, eq=False)
 class CornerLists:
-    """What has to be looked up to write a configuration's triangles: in a fan each edge only once.
+    """Edges to look up for a configuration's triangles: in a fan each edge only once.
 
     Two triangles (4, 0, 1), (4, 1, 2) are a fan about edge 4: the list is 4, 0, 1, 2, the kind 3, and `columns(3)`
     tells that the triangles are made of places 0, 1, 2 and 0, 2, 3 of the list.
@@ -174,7 +174,7 @@ class CornerLists:
     @staticmethod
     @cache
     def columns(kind: int) -> tuple[int, tuple[int, ...]]:
-        """How many corners the list of a kind has, and which of them are the corners of its triangles in turn."""
+        """Return the number of corners in the list of a kind, and the position of each triangle corner in it."""
         triangles = (kind + 1) // 2
         if kind % 2:
             return triangles + 2, tuple(corner for n in range(triangles) for corner in (0, n + 1, n + 2))

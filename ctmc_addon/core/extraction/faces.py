@@ -42,7 +42,7 @@ def fill_faces(
     Parameters
     ----------
     places : SlabPositions
-        Where the slab's vertices and triangles stand.
+        Positions of the slab's vertices and triangles.
     following : (Slab, SlabPositions) or None
         The next slab, or its first layer alone, and where its vertices stand: the edges in this one's top layer of
         samples are that one's.

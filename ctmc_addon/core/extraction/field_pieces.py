@@ -52,7 +52,7 @@ class SlabTask:
     shape, dtype : tuple, str
         Fingerprint of the volume, by which a worker notices that it reads another file.
     settings, window
-        Of the whole surface; the settings have its threshold.
+        Settings and window of the whole surface; the settings have its threshold.
     normals : bool
     slab_bytes : int
         As in `Budget`.
@@ -72,7 +72,7 @@ class SlabTask:
 
 @dataclass(frozen=True, eq=False)
 class SlabResult:
-    """What a worker has extracted: pieces, and how many samples of a label it saw on the wrong side."""
+    """Pieces that a worker has extracted, and the samples of a label that it saw on the wrong side."""
 
     pieces: list[Surface]
     wrong_side: int
@@ -133,7 +133,7 @@ class FieldSlabs:
         return self.field.wrong_side
 
     def counts_steps(self, most_slabs: int | None = None) -> Steps[Counts]:
-        """Numbers of active voxels, vertices and triangles, by the first two passes alone.
+        """Count active voxels, vertices and triangles by the first two passes only.
 
         Parameters
         ----------
@@ -162,7 +162,7 @@ class FieldSlabs:
         return Counts(voxels, active, vertices, faces, share == 1.0, self.axes[2].voxels)
 
     def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
-        """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""
+        """Return the samples of the layers `low` to `high`, with the layer on top and the slices that normals read."""
         x, y, z = self.axes
         part, slices = z.part(low, min(high + 1, z.count)), self.values.shape[0]
         upper, continues = self.field.settings.upper, high < z.count
@@ -241,7 +241,7 @@ def slab_result_steps(volume: Volume, task: SlabTask) -> Steps[SlabResult]:
     ReadError
         If the volume or the version is not that of whoever gave the task.
     VolumeError
-        For NaN beside the surface.
+        If NaN lies next to the surface.
     """
     if task.version != VERSION:
         raise ReadError(f"a worker has ctmc {VERSION} and not {task.version}; install the same version everywhere")

@@ -44,7 +44,7 @@ SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}
 def scan_steps(
     stages: Stages, grid: Grid, threshold: float, threads: int, topology: str
 ) -> Steps[tuple[list[Slab], Slab | None]]:
-    """The active voxels of all slabs, and where the grid continues those of the layer above them, alone."""
+    """Find the active voxels of all slabs, and separately those where the grid continues above."""
     if topology not in TOPOLOGIES:
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
@@ -85,7 +85,7 @@ def slab_threads(slabs: int, threads: int) -> int:
 
 
 def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """Work that the surface is in every layer of some rows, 1 for that of a slab."""
+    """Return the work of the surface in every layer of some rows; a slab has 1."""
     mixed = np.count_nonzero(bits + np.uint64(1) > 1, axis=(1, 2))  # neither no sample of a word inside nor all
     changes = (bits ^ bits >> np.uint64(1)) & np.uint64(2 ** (WORD - 1) - 1)
     crossed = BIT_COUNT.take(changes.view(np.uint8)).sum(axis=(1, 2))

@@ -68,7 +68,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """For every path a place to write it to; all are moved to their paths at the end, none if anything goes wrong.
+    """Yield a temporary name for every path; move all files at the end, or none if anything goes wrong.
 
     The places lie in a hidden folder beside each path, under its name, which errors then show. Where one file cannot
     be moved, those that were are taken back: the older files return, the new ones go.
@@ -168,7 +168,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def refused(path: Path, error: OSError) -> OutputError:
-    """Return an `OutputError` that says what an `OSError` about `path` means, with a remedy."""
+    """Return an `OutputError` that explains an `OSError` about `path`, with a remedy."""
     remedy = REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
     return OutputError(f"{without_temporary(path)} cannot be written: {remedy}")
 
@@ -232,7 +232,7 @@ def write_json(path: str | os.PathLike[str], content: Any) -> None:
 
 
 def write_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> None:
-    """Write rows under their column names as CSV, whole or not at all; what a row does not have stays empty."""
+    """Write rows under their column names as CSV, whole or not at all; missing values stay empty."""
     write_text(path, csv_text(rows, names))
 
 

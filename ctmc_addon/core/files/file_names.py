@@ -37,7 +37,7 @@ def name_problem(name: str) -> str:
 
 
 def file_key(name: str) -> str:
-    """Return what two names share that are one file somewhere.
+    """Return the same text for two names that are one file on some system.
 
     Windows and macOS do not tell upper from lower case, and macOS not one form of an umlaut from the other.
     """
@@ -45,7 +45,7 @@ def file_key(name: str) -> str:
 
 
 def printable(name: str) -> str:
-    r"""Return a name on one line, without what a terminal would obey.
+    r"""Return a name on one line, without control characters that a terminal obeys.
 
     Examples
     --------

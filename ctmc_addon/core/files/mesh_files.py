@@ -71,7 +71,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], norm
 
 
 def write_stl_head(file: IO[bytes], face_count: int) -> None:
-    """The beginning of a binary STL with so many facets."""
+    """Write the beginning of a binary STL with this number of facets."""
     file.write(b"CTMC surface, mm".ljust(80))
     file.write(np.uint32(face_count).astype("<u4").tobytes())
 
@@ -125,7 +125,7 @@ def write_ply_faces(file: IO[bytes], faces: NDArray[np.int32]) -> None:
 
 
 def require_one_surface(path: Path, count: int = 0) -> None:
-    """Raise `OutputError` for several surfaces, so many if that is known, in a file that can hold one."""
+    """Raise `OutputError` for several surfaces in a file that can hold one; the message has their number, if known."""
     if count != 1 and path.suffix.lower() in SUFFIXES:
         asked = f"there are {count}" if count else "2 or more are asked for"
         raise OutputError(

@@ -40,7 +40,7 @@ MOST_FACETS = np.iinfo(np.uint32).max  # An STL can count this many facets.
 
 @dataclass(frozen=True)
 class _WrittenPieces(Generic[T]):
-    """How large the surface is that was written, its measures, and what the maker of its pieces returned."""
+    """Size and measures of a surface that was written, and the result of the maker of its pieces."""
 
     vertices: int
     faces: int

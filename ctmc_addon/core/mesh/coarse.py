@@ -89,7 +89,6 @@ def _numbered(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
 
 
 def _area(columns: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
-    """Return the area of all triangles."""
     area = 0.0
     for at in _pieces(len(faces)):
         a, b, c = (columns[:, corner] for corner in faces[at].T)  # (3, f) each

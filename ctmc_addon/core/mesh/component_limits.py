@@ -12,7 +12,7 @@ from ..errors import MeshError
 
 
 class ComponentLimits(NamedTuple):
-    """What a component must have to stay.
+    """Conditions that a component must meet to stay.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class ComponentLimits(NamedTuple):
         Parameters
         ----------
         volumes : (components,) float64
-            What each encloses, mm3; negative for a cavity.
+            Volume of each, mm3; negative for a cavity.
         owner : (components,) intp
             The component that each is a cavity of, else itself.
 

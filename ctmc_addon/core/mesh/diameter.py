@@ -136,7 +136,7 @@ def _levels(points: Doubles, middle: Doubles) -> tuple[list[_BoxLevel], Doubles]
 
 
 def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices, Indices]:
-    """Return for pairs of boxes all pairs of what is in the one and what is in the other."""
+    """Return for pairs of boxes all pairs of an item of the one and an item of the other."""
     wide = starts[second + 1] - starts[second]
     count = (starts[first + 1] - starts[first]) * wide
     of_pair = np.repeat(np.arange(len(first)), count)
@@ -187,7 +187,6 @@ def _swept(points: Doubles) -> tuple[float, Doubles]:
 
 
 def _squares(points: Doubles, targets: Doubles) -> Doubles:
-    """Return squared distances."""
     return _lengths(points - targets)
 
 

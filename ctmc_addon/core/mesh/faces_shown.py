@@ -33,7 +33,7 @@ def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tu
     Parameters
     ----------
     kind : str
-        What the volume's values mean; skin is looked for in 'HU' only.
+        Meaning of the volume's values; skin is looked for in 'HU' only.
     threshold : float
         HU.
     vertices_ras_mm : (n, 3)

@@ -34,7 +34,7 @@ class Measures:
     area : float
         Sum of the triangles' areas, in the square of the mesh's unit.
     volume : float
-        By the divergence theorem, in the cube of the mesh's unit: positive where the faces point outside.
+        Volume by the divergence theorem, in the cube of the mesh's unit: positive if the faces point outside.
         NaN for an open mesh, which encloses none.
     closed : bool
         Whether there are faces, and every edge has two that run through it in opposite ways.
@@ -43,15 +43,15 @@ class Measures:
     components : int
         Number of connected components.
     small_components : int
-        How many of them enclose less than `small`, cavities among them; 0 where there are fewer than `MANY` components.
+        Components that enclose less than `small`, cavities among them; 0 if there are fewer than `MANY`.
     small : float
         The volume below which a component is small.
     vertices : int
-        In use or not.
+        Vertices, in use or not.
     borders : int
         Connected lines of edges with one face: of a surface from a volume, where the volume or region cuts it.
     quality : TriangleQuality or None
-        How good the triangles are for simulation; None where there are none.
+        Quality of the triangles for simulation; None if there are none.
     size : (x, y, z) float or None
         Sides of the box around the triangles along the axes; None where there are none.
     """

@@ -53,7 +53,7 @@ def neighbors(mesh: TriangleMesh) -> NDArray[np.intp]:
 
 
 def triangle_shapes(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """How near every triangle is to an equilateral one, (F,): 1 is equilateral, 0 has no area.
+    """Return how near every triangle is to an equilateral one, (F,): 1 is equilateral, 0 has no area.
 
     ``4 sqrt(3) area / (sum of the squared sides)`` (Bank and Smith 1997, doi:10.1137/S0036142994265292).
 

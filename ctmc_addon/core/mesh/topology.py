@@ -87,7 +87,7 @@ def edge_keys_steps(
     -------
     keys : (E,) int64
     irregular : (n,) int64
-        Which of them do not have two triangles, one of which runs up; rising.
+        Edges without two triangles, one of which runs up; rising.
     counts : (2, n) int64
         Their triangles, and how many of these run up.
     """

@@ -81,7 +81,7 @@ def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> Volume:
 
 
 def _waves(at: NDArray[Any], pore: int, phase: float, other: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What stands for sine and cosine along an axis; longer waves shift it to and fro."""
+    """Return a pair of waves like sine and cosine along an axis; longer waves shift it to and fro."""
     turns = at / pore + phase + 0.11 * _sine(at / (math.pi * pore) + other)
     return _sine(turns).astype(np.float32), _sine(turns + 0.25).astype(np.float32)
 

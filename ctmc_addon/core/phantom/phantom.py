@@ -52,7 +52,7 @@ class Phantom:
     tumour_centres_ras_mm : tuple of (x, y, z) float
         In the order of the volumes.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     """
 
     volume: Volume

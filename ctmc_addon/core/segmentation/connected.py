@@ -92,7 +92,7 @@ def _around_steps(
 def _cores_steps(
     core: Flags, inner: Flags, clicked: Sequence[Sample], spacing_mm: Spacing, half_mm: float
 ) -> Steps[list[Sample]]:
-    """Return the clicked samples of the core, and for others a sample of it near them that the mask connects."""
+    """Return the clicked samples of the core, and for each other one a core sample near it that the mask connects."""
     samples: list[Sample] = []
     for sample in clicked:
         if core[sample]:

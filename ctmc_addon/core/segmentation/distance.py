@@ -44,7 +44,7 @@ def window_of(mask: Flags) -> Window | None:
 
 
 def grown_window(window: Window, margin_mm: float, spacing_mm: Spacing, shape: tuple[int, ...]) -> Window:
-    """Return a window (z, y, x) that is larger by so many mm on every side, inside a grid of this shape.
+    """Return a window (z, y, x) that is larger by some mm on every side, inside a grid of this shape.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def _in_slices(mask: Flags, spacing_mm: Spacing, limit_mm: float) -> Floats:
 
 
 def _least_along(axis: int, squares: Floats, mm: float, limit_mm: float) -> Floats:
-    """Return the least of squared distance and squared step, over all steps of so many mm along an axis."""
+    """Return the least sum of squared distance and squared step, over all steps along an axis."""
     nearest = squares.copy()
     finite = nearest[np.isfinite(nearest)]
     if not finite.size:

@@ -41,14 +41,14 @@ class _PatientTable:
     Parameters
     ----------
     first : integers
-        For every column of samples that runs front to back, the first that is removed, counted from the front: the
+        First sample that is removed, counted from the front, of every column that runs front to back: the
         volume's samples (slices, rows, columns) without the axis that does so.
     axis : int
-        Which of (slices, rows, columns) runs front to back.
+        Axis of (slices, rows, columns) that runs front to back.
     backwards : bool
         Whether its numbers rise towards the front.
     volume_mm3 : float
-        Of the samples that are removed and are not air, by those that were looked at.
+        Volume of the samples that are removed and are not air, by those that were looked at.
     """
 
     first: NDArray[np.int32]
@@ -58,7 +58,7 @@ class _PatientTable:
 
 
 def without_table_steps(volume: Volume) -> Steps[Volume]:
-    """Return a CT in which what lies behind the body is air, with a note of how much that was.
+    """Return a CT with air behind the body, with a note of how much was removed.
 
     Parameters
     ----------
@@ -122,7 +122,7 @@ def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
 
 
 def _filled_columns(first: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Give columns without the body, 0, what the nearest one of their line has; lines without it, what the next has."""
+    """Give columns without the body, 0, the number of the nearest one of their line; empty lines that of the next."""
     filled = first.copy()
     has = first > 0
     lines = np.flatnonzero(has.any(axis=1))
@@ -135,7 +135,7 @@ def _filled_columns(first: NDArray[np.int32]) -> NDArray[np.int32]:
 
 
 def _enlarged(first: NDArray[np.int32], steps: list[int], shape: list[int]) -> NDArray[np.int32]:
-    """Return numbers of every so many samples along two axes for all of them: of two neighbors the larger."""
+    """Expand the numbers of every few samples along two axes to all samples: of two neighbors the larger."""
     for axis, (step, size) in enumerate(zip(steps, shape, strict=True)):
         low = np.minimum(np.arange(size) // step, first.shape[axis] - 1)
         high = np.minimum(-(-np.arange(size) // step), first.shape[axis] - 1)
@@ -149,7 +149,7 @@ class _WithoutTable(SliceReader):
     Parameters
     ----------
     volume : Volume
-        That it belongs to.
+        Volume that it belongs to.
     table : PatientTable
     """
 
@@ -162,7 +162,7 @@ class _WithoutTable(SliceReader):
 
     @property
     def own_bytes(self) -> int:
-        """Those of the reader below."""
+        """Return the bytes of the reader below."""
         return self.reader.own_bytes
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:

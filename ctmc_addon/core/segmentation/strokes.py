@@ -40,7 +40,7 @@ def brushed_window(
     radius_mm : float
         A sample belongs to the stroke if its center is at most so far from it.
     normal : (x, y, z), optional
-        Of the slice that is drawn on: a disc in this plane, half a sample thick to either side, in place of a ball.
+        Normal of the slice that is drawn on: a disc in this plane, half a sample thick to either side, not a ball.
 
     Returns
     -------

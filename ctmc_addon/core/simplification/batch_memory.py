@@ -28,7 +28,7 @@ class _HeldBatches:
 
 
 def seam_vertices(vertex_count: int, layers: int) -> int:
-    """Return about how many vertices of a surface two batches share, if it has so many layers of voxels."""
+    """Estimate the vertices of a surface that two batches share, for a number of layers of voxels."""
     return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
 
 

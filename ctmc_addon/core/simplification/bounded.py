@@ -20,7 +20,7 @@ from .uncrossing import restored
 
 
 def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
-    """Undo collapses until the bound on the error, if there is one, holds everywhere: last of all."""
+    """Undo collapses until the bound on the error, if there is one, holds everywhere."""
     if mesh.bound is None:
         return
     check, log, mesh.bound = mesh.bound.check, mesh.log, None  # the samples are not needed any more
@@ -49,7 +49,7 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
 
 @dataclass(eq=False)
 class _Checked:
-    """A surface, its original, and what is still to be checked.
+    """A surface, its original, and the parts still to be checked.
 
     check : ErrorCheck
     numbers : (f,) int64
@@ -81,7 +81,7 @@ class _Checked:
 
 
 def _columns(positions: Floats, faces: Ints, surface: Surface) -> tuple[Floats, Ints]:
-    """The vertices and faces of a surface alone, facing outward."""
+    """Return only the vertices and faces of a surface, facing outward."""
     numbers, turned = surface
     corners = np.take(faces, numbers, axis=1)
     corners[1:, turned] = corners[:0:-1, turned]
@@ -92,7 +92,7 @@ def _columns(positions: Floats, faces: Ints, surface: Surface) -> tuple[Floats, 
 
 
 def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked]) -> Steps[int]:
-    """Undo the last change wherever the bound is exceeded or triangles cross, until neither is so anywhere.
+    """Undo the last change wherever the bound is exceeded or triangles cross, until neither occurs.
 
     Returns how many pairs of triangles cross that no change has touched, as in the original.
 

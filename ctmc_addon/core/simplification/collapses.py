@@ -25,13 +25,13 @@ class Collapses:
         The ends: the vertex that stays, and moves to the target, and the one that goes.
     target : (3, n) float32
     faces : (s,) int64
-        With a corner in a collapse.
+        Faces with a corner in a collapse.
     owner : (s,) int32
-        In which.
+        Collapse of each of those faces.
     vanishing : (s,) bool
         Whether the face vanishes: it has two corners there.
     normals : two of (3, f) float32, or None
-        Of the faces that stay, before and after, as long as twice their areas.
+        Normals of the faces that stay, before and after, as long as twice their areas.
     """
 
     edges: Indices
@@ -44,7 +44,7 @@ class Collapses:
     normals: tuple[Floats, Floats] | None = None
 
     def select(self, selected: Flags) -> Collapses:
-        """Return the selected ones, (n,) bool, numbered anew."""
+        """Return the selected collapses, (n,) bool, renumbered."""
         if selected.all():
             return self
         number = np.cumsum(selected, dtype=np.int32) - np.int32(1)
@@ -65,19 +65,19 @@ class Collapses:
         )
 
     def at_vertices(self, vertices: Flags, faces: Ints) -> Flags:
-        """Which of them have one of the vertices (V,) bool at one of their faces, (n,) bool."""
+        """Return which collapses have one of the vertices (V,) bool at one of their faces, (n,) bool."""
         touched = np.zeros(len(self.edges), bool)
         touched[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
         return touched
 
     def slots(self, corners: Ints, vertex_count: int) -> tuple[Flags, Flags]:
-        """Of which faces that stay (3, f) the second corner is in a collapse, of which the third; else the first is."""
+        """Return of which faces that stay (3, f) the second corner is in a collapse, and of which the third."""
         is_end = np.zeros(vertex_count, bool)
         is_end[self.kept] = is_end[self.dropped] = True
         return np.take(is_end, corners[1]), np.take(is_end, corners[2])
 
     def apexes(self, corners: Ints, owner: Ints) -> Ints:
-        """Of faces that vanish (3, f) with these collapses the corners that are in none, (f,)."""
+        """Return the corners of vanishing faces (3, f) that are in none of these collapses, (f,)."""
         return corners.sum(axis=0, dtype=np.int32) - (self.kept[owner] + self.dropped[owner])
 
     def moved(self, positions: Floats) -> Floats:
@@ -89,7 +89,7 @@ class Collapses:
 
 
 def turned(rows: Ints, slots: tuple[Flags, Flags], by: int) -> Ints:
-    """Of every column (3, f) the value so many rows after that of its slot (see `Collapses.slots`), (f,)."""
+    """Return of every column (3, f) the value that many rows after its slot (see `Collapses.slots`), (f,)."""
     second, third = slots
     return np.where(second, rows[(by + 1) % 3], np.where(third, rows[(by + 2) % 3], rows[by]))
 
@@ -105,7 +105,7 @@ def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[t
 def independent_set_steps(
     candidates: Indices, edges: Ints, vertex_count: int, policy: Policy = POLICY
 ) -> Steps[Indices]:
-    """Some of the candidates, no two of which have an end at the same triangle; those that come first win."""
+    """Return candidates, no two of which have an end at the same triangle; the first ones win."""
     a, b = np.take(edges, candidates, axis=1).astype(np.intp)
     waiting = np.zeros(vertex_count, bool)  # ends of candidates
     waiting[a] = waiting[b] = True
@@ -145,7 +145,7 @@ def independent_set_steps(
 def violates_link_condition_steps(
     collapses: Collapses, faces: Ints, face_edges: Ints, counts: tuple[int, int]
 ) -> Steps[Flags]:
-    """Which collapses violate the link condition, (n,) bool: the ends must share two neighbors, no more.
+    """Return which collapses violate the link condition, (n,) bool: the ends must share exactly two neighbors.
 
     And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat. `faces` and
     `face_edges` are (3, F), `counts` the numbers of vertices and edges.
@@ -208,7 +208,7 @@ def shared_neighbors_steps(collapses: Collapses, edges: Ints, vertex_count: int)
 
 
 def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked: Flags) -> Steps[Flags]:
-    """Which collapses would make an edge or a face between vertices of the border alone, (n,) bool.
+    """Return which collapses would make an edge or face between border vertices only, (n,) bool.
 
     Beyond the border there may be the same one, and in a batch of a surface nobody would see it.
     """
@@ -237,7 +237,7 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
 
 
 def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Collapses]:
-    """Return them with the normals of the faces that stay."""
+    """Return the collapses with the normals of the faces that stay."""
     corners = np.take(faces, collapses.faces[~collapses.vanishing], axis=1)
     normals = []
     for places in (positions, collapses.moved(positions)):
@@ -248,7 +248,7 @@ def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> 
 
 
 def flips_normal(collapses: Collapses) -> Flags:
-    """Which collapses, with normals, turn a face too far, or leave it without area, (n,) bool."""
+    """Return which collapses, with normals, turn a face too far or leave it without area, (n,) bool."""
     assert collapses.normals is not None
     before, after = collapses.normals
     along, size = dot(before, after), dot(after, after)
@@ -259,7 +259,7 @@ def flips_normal(collapses: Collapses) -> Flags:
 
 
 def shuffled(numbers: Indices) -> NDArray[np.uint32]:
-    """Another number for every number below 2^32, none twice, in no visible order."""
+    """Return a different number below 2^32 for each number, in no visible order."""
     mixed = numbers.astype(np.uint32)
     for factor in (0x85EBCA6B, 0xC2B2AE35):  # the odd factors of MurmurHash3's last mixing
         mixed ^= mixed >> np.uint32(15)

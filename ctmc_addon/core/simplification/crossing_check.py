@@ -19,7 +19,7 @@ from .collapses import Collapses
 def crosses_steps(
     collapses: Collapses, positions: Floats, faces: Ints, alive: Flags, done: Flags, asked: Flags
 ) -> Steps[Flags]:
-    """Which of the collapses that are done make triangles cross, (n,) bool; of two that do together, one.
+    """Return which collapses make triangles cross, (n,) bool; of two that do so with each other, one.
 
     Parameters
     ----------

@@ -96,7 +96,7 @@ class CollapsingMesh(CollapseRules):
         self.collapsed = 0  # since refused edges were last given another chance
 
     def prepare_steps(self) -> Steps[None]:
-        """Find the edges and what they cost: before anything else."""
+        """Find the edges and their costs; call this before anything else."""
         vertex_count = self.positions.shape[1]
         self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
         yield from self.prepare_vertices_steps()
@@ -158,7 +158,7 @@ class CollapsingMesh(CollapseRules):
         return quadric, step, target
 
     def can_collapse_steps(self) -> Steps[bool]:
-        """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
+        """Return whether it is worth trying; refused edges are tried again after enough collapses."""
         if self.poor_rounds < self.policy.poor_rounds and np.isfinite(self.cost).any():
             return True
         if self.collapsed <= len(self.cost) // 1000:
@@ -261,7 +261,7 @@ class CollapsingMesh(CollapseRules):
         yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
 
     def collapses(self, edges: Indices) -> Collapses:
-        """What collapsing these edges would do; no two have an end at the same triangle."""
+        """Return the result of collapsing these edges; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
         _, _, target = self.merged(first, second)
         swap = self.second_stays(first, second)
@@ -275,7 +275,7 @@ class CollapsingMesh(CollapseRules):
         return Collapses(edges, *ends, target, star, highest[star], (a & (b | c)) | (b & c))
 
     def merge_steps(self, collapses: Collapses, tested: bool) -> Steps[None]:
-        """Collapse; what is gone stands at the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
+        """Collapse; removed items refer to the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
         keep, drop, vanishing = collapses.kept, collapses.dropped, collapses.faces[collapses.vanishing]
         self.collapsed += len(keep)
         remaining = self.face_count - len(vanishing)
@@ -332,7 +332,7 @@ class CollapsingMesh(CollapseRules):
             yield from self.update_costs_steps(incident_edges[moved[ends].any(axis=0)])
 
     def move_steps(self, collapses: Collapses) -> Steps[None]:
-        """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
+        """Move both ends; recompute quadrics of those that stay, and update those of the vertices round them."""
         left, vanishing = np.flatnonzero(~collapses.vanishing), np.flatnonzero(collapses.vanishing)
         faces, lost = (np.take(self.faces, collapses.faces[places], axis=1) for places in (left, vanishing))
         lost_change = -face_quadrics(self.positions, lost)
@@ -360,7 +360,7 @@ class CollapsingMesh(CollapseRules):
             yield PAUSE
 
     def compact_steps(self) -> Steps[Indices]:
-        """Leave out faces, edges and vertices that are gone; which vertices are left."""
+        """Leave out removed faces, edges and vertices; return which vertices are left."""
         face_left = np.flatnonzero(self.faces[0] != self.dummy)
         edge_left = np.flatnonzero(self.edges[0] != self.dummy)
         used = np.zeros(len(self.vertex_becomes), bool)
@@ -395,7 +395,7 @@ class CollapsingMesh(CollapseRules):
         return vertex_left
 
     def begin_log(self, crossing: Ints | None = None) -> None:
-        """Begin a log of what changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
+        """Begin a log of all changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
         self.log = CollapseLog(self, crossing)
 
     @property

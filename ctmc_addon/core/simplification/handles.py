@@ -55,7 +55,7 @@ class Cuts:
     first: Flags
 
     def select(self, selected: Flags) -> Cuts:
-        """Return the selected loops, (n,) bool, numbered anew."""
+        """Return the selected loops, (n,) bool, renumbered."""
         loop, vertex = np.divmod(self.copy, 3)
         number = np.cumsum(selected) - 1
         corners = selected[loop]
@@ -232,7 +232,7 @@ def _loops_steps(
 
 
 def _find(keys: Indices, sought: Indices) -> tuple[Indices, Flags]:
-    """Where each of `sought` is in the sorted `keys`, and whether it is there."""
+    """Return the position of each of `sought` in the sorted `keys`, and whether it is in them."""
     if not len(keys):
         return np.zeros(len(sought), np.int64), np.zeros(len(sought), bool)
     at = np.minimum(np.searchsorted(keys, sought), len(keys) - 1)
@@ -299,7 +299,7 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
 
 
 def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, parting: Flags | None) -> Steps[Flags]:
-    """Which loops, (n,) bool, can be cut together and leave every component in one piece; the shortest come first."""
+    """Return which loops, (n,) bool, can all be cut without splitting a component; the shortest come first."""
     count = len(cuts.loops)
     cut = faces.copy()
     cut[cuts.slots, cuts.faces] = vertex_count + cuts.copy

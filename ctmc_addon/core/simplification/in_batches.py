@@ -67,7 +67,7 @@ def in_batches_steps(
     goal : Goal
     budget : Budget
     face_count : int, optional
-        How many triangles come, if that is known and the steps of `batches` do not say how far they are.
+        Number of triangles, if it is known and the steps of `batches` do not say how far they are.
     """
     passes = _Passes(goal, budget)
     left = yield from passes.batches_steps(batches, face_count)
@@ -101,7 +101,7 @@ class _Passes:
         self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
-        """Simplify the batches; one that comes alone stays as it is."""
+        """Simplify the batches; a single one stays as it is."""
         single: list[Batch] = []
         left: list[Batch] = []
         held: list[_Held] = []  # those after `left`, which may still be merged
@@ -146,7 +146,7 @@ class _Passes:
         return [_Held(self.numbering.completed(reduced.batch), inner_target, below, above)]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
-        """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
+        """Yield the work on each batch when the next has come; a single batch goes to `single`."""
         held: Batch | None = None
         seam = 0  # vertices that the held batch has in common with the one before
         for item in batches:
@@ -166,7 +166,7 @@ class _Passes:
             yield self._work(held, seam, 0)
 
     def _require(self, face_count: int, needed: int) -> None:
-        """Raise if `needed` bytes to simplify so many triangles at once are not available."""
+        """Raise if `needed` bytes to simplify some triangles at once are not available."""
         what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
         if self.budget.bytes is None:
@@ -205,7 +205,7 @@ class _Passes:
     def _again(
         self, batch: Batch, inner_target: float, at_border: int, max_error: float | None = None, whole: bool = False
     ) -> Work:
-        """Return the function that simplifies what batches have left."""
+        """Return the function that simplifies the rest of batches."""
         return partial(
             reduce_batch_steps,
             batch,
@@ -222,13 +222,13 @@ class _Passes:
     def _in_order_steps(
         self, works: Iterable[Step | Work], most: int, other_bytes: int = 0
     ) -> Generator[Step | Reduced, None, None]:
-        """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
+        """Yield the results of works of at most `most` triangles in their order, with numbers for new vertices."""
         threads = self.budget.threads_for(self.goal.policy.thread_factor * self.goal.bytes_at_once(most), other_bytes)
         for item in in_order_steps(works, threads):
             yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
 
     def _count(self, reduced: Reduced) -> None:
-        """Add what went from a batch that is not simplified again in another way."""
+        """Count what a batch lost, if it is not simplified again in another way."""
         self.handles_cut += reduced.handles_cut
         self.collapsed += reduced.collapsed
         if reduced.large is not None and len(reduced.large):
@@ -269,7 +269,7 @@ class _Passes:
         return batches
 
     def _regions_steps(self, parts: list[Batch], goal: int, max_error: float | None) -> Steps[list[Reduced]]:
-        """Simplify regions side by side to so many triangles in all; those that then cross each other, as one."""
+        """Simplify regions side by side to a number of triangles in all; those that then cross each other, as one."""
         inner_target = _shares(goal, [part.face_count for part in parts])
         results: list[Reduced | None] = [None] * len(parts)
         while True:
@@ -323,7 +323,7 @@ def _groups(pairs: Indices, counts: list[int], most: int) -> list[list[int]]:
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:
-    """What to leave of each of so many triangles, in all `goal`; they go by twos, so an odd one is left to the next.
+    """Return the number to leave of each count of triangles, `goal` in all; pairs go, so an odd one is passed on.
 
     Examples
     --------
@@ -339,7 +339,7 @@ def _shares(goal: int, counts: list[int]) -> list[int]:
 
 
 def _after_batches_steps(steps: Steps[Simplification]) -> Steps[Simplification]:
-    """The same steps in the time that is left after the batches."""
+    """Map the steps to the time that is left after the batches."""
     try:
         while True:
             try:

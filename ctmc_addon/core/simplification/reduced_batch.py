@@ -21,7 +21,7 @@ from .whole import collapse_steps
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A simplified batch, and what went.
+    """A simplified batch, and what it lost.
 
     batch : Batch
     face_count : int
@@ -53,7 +53,7 @@ def reduce_batch_steps(
     protected: Indices | None = None,
     policy: Policy = POLICY,
 ) -> Steps[Reduced]:
-    """Simplify a batch whose border stays.
+    """Simplify a batch, except for its border.
 
     Parameters
     ----------

@@ -23,14 +23,14 @@ from .quadrics import renew_quadrics_steps
 
 
 def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
-    """Undo what has made triangles cross since the last call, but for those that crossed when the mesh was made.
+    """Undo changes since the last call that made triangles cross which did not cross in the original mesh.
 
     Parameters
     ----------
     mesh : CollapsingMesh
         Its `crossing_count` then tells how many pairs still cross.
     hold : bool
-        From now on test collapses if something is undone because of a crossing; lock the vertices of what is undone
+        Test collapses from now on if something is undone because of a crossing; lock the vertices of what is undone
         for the second time.
 
     Returns
@@ -50,12 +50,12 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
 
 
 def _may_have_separated(log: CollapseLog) -> bool:
-    """Return whether triangles that crossed before may be gone by changes that were tested, and are to be counted."""
+    """Return whether tested changes may have separated triangles that crossed before, so that they must be counted."""
     return log.crossing is not None and bool(log.crossing.shape[1]) and bool(log.rounds)
 
 
 def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[tuple[Ints, bool]]:
-    """Do so; returns the faces of the mesh that cross as before, (2, n), and whether anything was undone."""
+    """Undo crossings; return the faces that cross as before, (2, n), and whether anything was undone."""
     left, selected = [np.zeros((2, 0), np.int32)], None
     if log.crossing is not None:
         touched = log.touched()
@@ -93,7 +93,7 @@ def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indic
 
 
 def restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved: Flags) -> tuple[Flags, Flags]:
-    """Bring back what these changes have changed; which faces of the mesh are as before, and which vertices moved."""
+    """Restore what these changes changed; return which faces are as before, and which vertices moved."""
     corners, sides = np.empty((3, log.faces), np.int32), np.empty((3, log.faces), np.int32)
     positions = np.empty((3, log.vertices), np.float32)
     normals = None if mesh.normals is None else np.empty((3, log.vertices), np.float32)
@@ -168,7 +168,7 @@ def _append(
 
 
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
-    """Work out anew what hangs on the positions, where vertices have moved back."""
+    """Recompute everything that depends on the positions of vertices that moved back."""
     mesh.was_undone()
     yield from renew_quadrics_steps(mesh.quadrics, mesh.positions, mesh.faces, moved)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))

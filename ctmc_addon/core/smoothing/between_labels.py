@@ -36,14 +36,14 @@ NODES_AT_ONCE = 1 << 15
 
 
 class _Pairs(NamedTuple):
-    """Samples of one label that are beside one of the other, each of both.
+    """Samples of one label with a neighbor in the other label, for both labels.
 
     Parameters
     ----------
     place : (3, n) intp
         On the refined grid, along z, y and x.
     normal : (3, n) float64
-        Of the wall there, where the field rises.
+        Normal of the wall there, in the direction in which the field rises.
     expected : (n,) float64
         The field, mm.
     weight : (n,) float64
@@ -59,7 +59,7 @@ class _Pairs(NamedTuple):
 def between_labels_steps(
     walls: Sequence[tuple[Floats, Signs]], spacing_mm: tuple[float, float, float], slice_steps: int, budget: Budget
 ) -> Steps[list[Floats]]:
-    """Smooth fields near where their known signs change, within these signs: each as if alone, all in one list.
+    """Smooth fields near changes of their known signs, within these signs, each by itself, all in one list.
 
     Parameters
     ----------
@@ -68,7 +68,7 @@ def between_labels_steps(
         to its surface. And (slices, rows, columns) int8: 1 or -1 where the field must be above or below 0, and 0 where
         it is free.
     spacing_mm : (x, y, z) float
-        Of the samples that have signs.
+        Spacing of the samples that have signs.
     slice_steps : int
         Steps from slice to slice.
 
@@ -112,7 +112,7 @@ def between_labels_steps(
 
 
 def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
-    """Find the samples of each label that are beside one of the other, along each axis."""
+    """Find the samples of each label with a neighbor in the other label, along each axis."""
     parts = []
     for axis in range(3):
         first, second = (
@@ -149,7 +149,7 @@ def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, flo
 
 
 def _refined_signs(sign: Signs, slice_steps: int) -> Signs:
-    """The signs on the refined grid; between slices where both are alike."""
+    """Return the signs on the refined grid; between slices only where both agree."""
     refined = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
     refined[::slice_steps] = sign
     for step in range(1, slice_steps):
@@ -158,7 +158,7 @@ def _refined_signs(sign: Signs, slice_steps: int) -> Signs:
 
 
 class _Nodes(NamedTuple):
-    """The nodes of a grid near one wall, and what each is pulled to.
+    """The nodes of a grid near one wall, and the values to which each is pulled.
 
     Parameters
     ----------

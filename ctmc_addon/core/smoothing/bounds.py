@@ -32,7 +32,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Inside:
-    """Which samples of a padded grid are the label's own: (first, stop) along x, y, z."""
+    """Samples of a padded grid that are the label's own: (first, stop) along x, y, z."""
 
     x: tuple[int, int]
     y: tuple[int, int]
@@ -54,9 +54,9 @@ def refined_start(
     Parameters
     ----------
     label, refined : Bricks
-        Of the label's grid and of the refined one, every `slice_steps`-th slice of which is the label's.
+        Bricks of the label's grid and of the refined one, every `slice_steps`-th slice of which is the label's.
     distance : (len(label), 8) float32
-        To the nearest sample on the other side.
+        Distance to the nearest sample on the other side.
     inside : Inside
         Samples of the label's grid outside it have no bounds.
     every : int
@@ -108,7 +108,7 @@ def refined_start(
 
 
 def halfway_mm(spacing_mm: tuple[float, float, float]) -> float:
-    """The mean of pixel and slice gap, about half of which the surface may be from a sample beside it."""
+    """Return the mean of pixel and slice gap, about half of which the surface may be away from a sample."""
     return ((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2
 
 
@@ -125,9 +125,9 @@ def carried(
     before, after : Bricks
     values : (len(before), 8) float32
     start : Start
-        Of the finer grid.
+        Start of the finer grid.
     every : (xy, z) int
-        How many samples of the finer grid one of the other has along x and y, 1 or 2, and along z.
+        Samples of the finer grid for each of the coarser one along x and y, 1 or 2, and along z.
     """
     if every[0] == 2:
         values = _doubled_along_x(before, values, pool)

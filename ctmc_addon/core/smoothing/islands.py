@@ -57,7 +57,7 @@ class _Samples:
     core : (voxels, 2 steps - 1) int32
         The sample at each place of each voxel, n beyond the ends of the grid.
     rim_place, rim, rim_way : (m,) int32, int32, int8
-        For every neighbor outside of a place: the place, the neighbor's sample, and where it lies, of `WAYS`. From
+        Place, neighbor's sample and direction, of `WAYS`, of every neighbor outside of a place. From
         n + 1 on it is a sample that is read as outside, because another component or the border is there.
     """
 
@@ -213,7 +213,7 @@ class _Solving:
         return constant.astype(np.float32)
 
     def _sharing(self) -> Flags:
-        """Which components read samples that another one moves."""
+        """Return which components read samples that another one moves."""
         samples = self.samples
         component = samples.component[samples.rim_place // samples.core.shape[1]]
         # A sample beyond the last is one that is read as outside; the two at n are none.
@@ -225,7 +225,7 @@ class _Solving:
     def _round_steps(
         self, constant: Doubles, open_: Flags, bounds: tuple[Floats, Floats, Floats], budget: Budget
     ) -> Steps[Doubles]:
-        """Constants at which the open components are close enough, from these on; the others keep theirs."""
+        """Find constants at which the open components are close enough, from these on; closed ones keep theirs."""
         field, low, high = bounds
         best, best_off = constant.copy(), np.full(len(constant), np.inf)
         below, above = np.full(len(constant), np.nan), np.full(len(constant), np.nan)  # on either side of the goal

@@ -41,11 +41,11 @@ def relax_steps(
     low, high : (active bricks or more, 8) float32
         Bounds, infinite where there are none.
     spacing_mm : (x, y, z)
-        Of the grid of these bricks.
+        Spacing of the grid of these bricks.
     rounds : int
         Steps along the gradient.
     inertia : float
-        That the momentum begins with: 1 for none, more where the field is nearly smooth already.
+        Inertia that the momentum begins with: 1 for none, more if the field is nearly smooth already.
     """
     weights = [1.0 / (side * side) for side in spacing_mm]
     total = weights[0] + weights[1] + weights[2]
@@ -100,7 +100,7 @@ def relax_steps(
 
 
 def _neighbors(bricks: Bricks, pool: Threads | None) -> tuple[list[Places], list[Places]]:
-    """For every active brick those before and after along y and z; samples before and after along x.
+    """Return for active bricks their neighbors along y and z, and for samples their neighbors along x.
 
     At the border a brick is its own neighbor, a sample its own.
     """

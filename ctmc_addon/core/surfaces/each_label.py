@@ -65,7 +65,7 @@ def each_label_steps(
     ----------
     volume : Volume
     region : Box
-        Of the settings.
+        Region of the settings.
     runs : sequence of ReconstructionSettings
         Alike but for their labels.
     work_steps : function
@@ -73,12 +73,12 @@ def each_label_steps(
         threads of its own.
     budget : Budget
     sink : Sink
-        Where surfaces go, for what is advised.
+        Sink that receives the surfaces, for the advice.
 
     Raises
     ------
     MemoryLimitError
-        Of the first label that does not fit alone.
+        For the first label that does not fit by itself.
     """
     workers = budget.thread_count
     extents = yield from label_extents_steps(volume, region, budget.threads)  # Look through the volume once.

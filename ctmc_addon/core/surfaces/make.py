@@ -52,7 +52,7 @@ def make_surfaces_steps(
     Returns
     -------
     list of MadeSurface or CtmcError
-        In the order of the requests.
+        Outcomes in the order of the requests.
 
     Raises
     ------
@@ -76,7 +76,7 @@ def make_surfaces_steps(
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
-    """Return the numbers of requests made together: labels with the same settings; others each by itself."""
+    """Return the numbers of requests made at once: labels with the same settings; each other one by itself."""
     groups: dict[object, list[int]] = {}
     for at, request in enumerate(requests):
         is_own = request.settings.label is None or request.full is not None
@@ -87,7 +87,6 @@ def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
 def _group_steps(
     volume: Volume | None, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
 ) -> Steps[list[Outcome]]:
-    """Make the surfaces of one group."""
     if len(requests) == 1:
         return [(yield from _single_steps(volume, requests[0], budget, all_needed))]
     assert volume is not None, "labels are extracted"

@@ -44,7 +44,7 @@ WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 
 
 
 class TouchingLabels(Finish):
-    """Make surfaces of labels of one layer together."""
+    """Make surfaces of the labels of one layer that share walls."""
 
     extracted: LabelComplex
 

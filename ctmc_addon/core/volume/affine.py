@@ -21,7 +21,7 @@ SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
-    """Return `affine` as a read-only (4, 4) float64 array; raise a `VolumeError` that says what is wrong with it."""
+    """Return `affine` as a read-only (4, 4) float64 array; raise a `VolumeError` that explains what is wrong."""
     matrix = np.array(affine, dtype=np.float64)
     if matrix.shape != (4, 4):
         raise VolumeError(f"an affine is a (4, 4) matrix, not {matrix.shape}")

@@ -20,14 +20,14 @@ _VESSELS = (
 
 
 def finish_of(label: int | None, name: str = "") -> str:
-    """Return what a structure is like to look at.
+    """Return the appearance of a structure.
 
     Parameters
     ----------
     label : int or None
         Its number; None for a surface by threshold, which is of bone.
     name : str
-        What it is called.
+        Name of the structure.
 
     Returns
     -------

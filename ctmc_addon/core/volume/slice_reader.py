@@ -66,7 +66,7 @@ class SliceReader(ABC):
         return range(slices), range(rows), range(columns)
 
     def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
-        """Return values (slices, rows, columns): a copy in C order, or a view of what is in memory."""
+        """Return values (slices, rows, columns): a copy in C order, or a view of values in memory."""
         out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
         self.fill(out, slices, rows, columns)
         return out

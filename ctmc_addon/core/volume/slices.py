@@ -125,9 +125,9 @@ def where_ray_meets(corners: NDArray[np.float64], origin: Sequence[float], direc
     Parameters
     ----------
     corners : (4, 3) ndarray of float64
-        Of the slice, as `slice_corners` returns them; any unit.
+        Corners of the slice, as `slice_corners` returns them; any unit.
     origin, direction : three floats
-        Of the ray, in the same space and unit.
+        Origin and direction of the ray, in the same space and unit.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def windowed(
     labels: tuple[int, ...] = (),
     upper: float | None = None,
 ) -> NDArray[np.float32]:
-    """Return gray values as colors, (rows, columns, 4) float32 in 0..1; what will be inside the surface is tinted.
+    """Return gray values as colors, (rows, columns, 4) float32 in 0..1; values inside the surface are tinted.
 
     Parameters
     ----------
@@ -206,7 +206,7 @@ def windowed(
 def in_label_colors(
     values: NDArray[Any], colors: Mapping[int, Sequence[float]], chosen: Collection[int]
 ) -> NDArray[np.float32]:
-    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: those chosen bright, others dim, 0 black.
+    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: chosen ones bright, the rest dim, 0 black.
 
     Examples
     --------

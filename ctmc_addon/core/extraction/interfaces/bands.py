@@ -38,7 +38,7 @@ FACE_EDGES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The layers `low` to `high` of voxels, and what belongs to them.
+    """The layers `low` to `high` of voxels, and their crossings.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class Band:
     mixed : (m,) intp
         Flat samples of voxels with three owners or more.
     owners : (m, 8)
-        Of the corners of those.
+        Owners of the corners of those.
     has_point : (m, 6) bool
         On which faces of those three or more owners meet.
     pattern : (m,) intp
-        Which of the patterns of `tables` those have.
+        Patterns of those, as numbered in `tables`.
     tables : PatternTables
     touching : (t, 2) intp
         Pairs of labels that share a voxel, each once.
@@ -73,7 +73,7 @@ class Band:
 
     @property
     def counts(self) -> list[int]:
-        """How many vertices each list has."""
+        """Return the number of vertices in each list."""
         points = [int(np.count_nonzero(self.has_point[:, face])) for face in OWN_FACES]
         inner = int(np.diff(self.tables.first_inner)[self.pattern].sum())
         return [*map(len, self.edges), *points, inner]
@@ -94,7 +94,7 @@ class BandFaces:
     point_edges : (e,) int32
         Vertices on edges that the points on faces, then inside voxels, are means of.
     point_first : (p + 1,) intp
-        Where those of each point begin.
+        Start of the edges of each point.
     """
 
     faces: NDArray[np.int32]
@@ -112,7 +112,7 @@ def band_ranges(shape: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def find_band(owners: Owners, low: int, high: int) -> Band:
-    """Find what is crossed in the layers `low` to `high` of voxels."""
+    """Find the crossed edges and voxels in the layers `low` to `high` of voxels."""
     number = owners.number[low : high + 1]
     rows, columns = number.shape[1:]
     layer = rows * columns
@@ -198,7 +198,7 @@ def fill_band(
     Parameters
     ----------
     starts, above_starts : sequence of 7 int
-        Where each list of vertices of this band and of the one above begins.
+        Start of each list of vertices of this band and of the one above.
     """
     rows, columns = owners.number.shape[1:]
     layer = rows * columns

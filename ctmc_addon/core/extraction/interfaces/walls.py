@@ -36,7 +36,7 @@ AROUND = ((0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (
 
 
 class Wall(NamedTuple):
-    """Where two labels touch.
+    """The contact of two labels.
 
     Parameters
     ----------
@@ -112,9 +112,9 @@ class _Between(NamedTuple):
     wall : Wall
     between : float32
     sign : int8
-        Of the samples: 1 in the first label, -1 in the second.
+        Sign of the samples: 1 in the first label, -1 in the second.
     islands : two of Positions
-        Where the own field of each label holds.
+        Positions where the own field of each label holds.
     along : (x, y, z)
         Positions on the common grid.
     """
@@ -141,13 +141,13 @@ def walls_samples_steps(
     Parameters
     ----------
     owners : (slices, rows, columns)
-        As `find_walls` takes them.
+        Owners as `find_walls` takes them.
     small : LabelComponents
-        What `islands_steps` returned of them.
+        Result of `islands_steps` for the owners.
     origin : (x, y, z) int
         The volume's index of the first of them.
     fields : LabelSamples
-        Of all labels.
+        Fields of all labels.
     """
     starts = []
     for wall in walls:
@@ -179,7 +179,7 @@ def _between_steps(
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
 ) -> Steps[_Between | None]:
-    """Return half the difference of both labels' fields; None where nothing else is looked for."""
+    """Return half the difference of both labels' fields; None if only the labels' own fields are used."""
     reach = reach_of(spacing_mm)
     x, y, z = (
         (max(0, low - more), min(size, high + more))
@@ -211,7 +211,7 @@ def _between_steps(
 
 
 def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
-    """Return the small components of all labels, of which a wall's islands are some; takes what `find_walls` does."""
+    """Return the small components of all labels, among them the islands of walls; `owners` is as for `find_walls`."""
     components = yield from label_components_steps(owners)
     return components.some(components.voxels <= LARGEST_ISLAND)
 
@@ -219,7 +219,7 @@ def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
 def _around_islands(
     components: LabelComponents, sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int
 ) -> Positions:
-    """Return where on the refined grid the samples of islands and those beside them lie, along z, y and x.
+    """Return the refined positions of the samples of islands and of their neighbors, along z, y and x.
 
     Parameters
     ----------

@@ -224,7 +224,7 @@ def _connected_around(
 
 
 def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Where the threshold crosses the voxels' edges, (n, 12), as a share of the edge from its low corner.
+    """Return the threshold's crossings of the voxels' edges, (n, 12), as shares of the edge from its low corner.
 
     Edges that are not crossed, and those of a closed border, have 0.5.
     """
@@ -243,9 +243,9 @@ def interior_points(
     ----------
     configuration : (n,) intp
     number : (n,) intp
-        Which of the vertices inside the voxel: below `interior_count`.
+        Number of the vertex inside the voxel, below `interior_count`.
     share : (n, 12) float64
-        Where the vertices stand on the voxel's edges: `crossings`.
+        Positions of the vertices on the voxel's edges: `crossings`.
     """
     tables = trilinear_tables()
     return _moved(tables.interior_weights[configuration, number], tables.interior_offset[configuration, number], share)

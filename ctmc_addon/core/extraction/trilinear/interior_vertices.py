@@ -28,7 +28,7 @@ HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8
 
 
 def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler, threshold: float) -> list[Slab]:
-    """The slabs with the configuration of the trilinear interpolant's surface in every ambiguous voxel.
+    """Return the slabs with the trilinear interpolant's surface in every ambiguous voxel.
 
     Most slabs have few of them, so several slabs are decided at once: it is a hundred calls either way.
     """
@@ -44,7 +44,7 @@ def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler,
 def _decided(
     slabs: Sequence[Slab], of_slabs: Sequence[NDArray[np.intp]], grid: Grid, sampler: Sampler, threshold: float
 ) -> list[Slab]:
-    """The slabs with their ambiguous voxels `of_slabs` decided together."""
+    """Return the slabs with their ambiguous voxels `of_slabs` decided at once."""
     samples = zip(*(slab.samples(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)), strict=True)
     x, y, z = map(np.concatenate, samples)
     values = corner_values((x, y, z), grid, sampler)
@@ -72,7 +72,7 @@ def _decided(
 
 
 def _ambiguous_voxels(slab: Slab) -> NDArray[np.intp]:
-    """Which of the voxels that are no ghost cells have more than one surface."""
+    """Return the voxels with more than one possible surface, without ghost cells."""
     needs_decision = NEEDS_DECISION.take(slab.configuration)
     needs_decision[slab.ghosts] = False
     return np.flatnonzero(needs_decision)

@@ -28,7 +28,7 @@ MOST_SHORT = 65535  # 16 bits number this many vertices; the last number is kept
 
 
 def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
-    """Write a GLB: the base color is linear, as glTF has it; what is not opaque is blended."""
+    """Write a GLB: the base color is linear, as glTF has it; transparent structures are blended."""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
     offset = 0

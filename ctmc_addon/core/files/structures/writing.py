@@ -49,7 +49,7 @@ def write_structures(path: str | os.PathLike[str], structures: Sequence[Structur
 
 
 def write_structures_steps(path: Path, structures: Sequence[Structure], space: str = "ras") -> Steps[None]:
-    """`write_structures` as steps, straight to a path: that the files are whole is up to the caller."""
+    """Do what `write_structures` does as steps, straight to a path; the caller makes sure that files are whole."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         formats = ", ".join(STRUCTURE_SUFFIXES)

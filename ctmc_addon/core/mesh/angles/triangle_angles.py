@@ -27,7 +27,7 @@ BINS = OCTAVES << (23 - DROPPED_BITS)
 
 @dataclass(frozen=True)
 class TriangleQuality:
-    """How good the triangles of a surface are.
+    """Quality of the triangles of a surface.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class QualitySums:
         ----------
         corners : three (n, 3) float64
         vectors : (n, 3) float64
-            Of length twice the area, as `face_vectors` returns them.
+            Vectors of length twice the area, as `face_vectors` returns them.
         """
         if not len(vectors):
             return

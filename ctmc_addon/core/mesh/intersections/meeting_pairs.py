@@ -130,7 +130,7 @@ def _used(columns: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 class _Triangles:
-    """Triangles in columns, and what is known of each.
+    """Triangles in columns, and facts about each.
 
     columns : (3, V) float32
     faces : (3, F) int32
@@ -166,7 +166,7 @@ class _Triangles:
         yield PAUSE
 
     def doubtful(self, first: Ints, second: Ints) -> list[Indices]:
-        """Of pairs of triangles whose boxes overlap those that may meet: (2, n) for 0, 1, 2 and 3 common vertices."""
+        """Return the pairs that may meet, of boxes that overlap: (2, n) each for 0, 1, 2 and 3 common vertices."""
         if len(self.flat):
             solid = ~(np.take(self.is_flat, first) | np.take(self.is_flat, second))
             first, second = first[solid], second[solid]
@@ -192,7 +192,7 @@ class _Triangles:
         return _doubles(self.corners, triangles)
 
     def _one_side(self, planes: Ints, triangles: Ints, own: NDArray[np.uint8]) -> Flags:
-        """Whether so many corners of triangles are surely on one side of planes: all but those that it is through."""
+        """Return whether the corners of triangles, but for those in `own` planes, are surely on one side."""
         x, y, z = np.take(self.normals, planes, axis=1)
         least, error = np.take(self.offsets, planes), np.take(self.errors, planes)
         most = least + error
@@ -206,14 +206,14 @@ class _Triangles:
         return (np.maximum(above, below) == own) & (np.minimum(above, below) == 0)
 
     def _meet(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs without a common vertex meet."""
+        """Return whether each pair without a common vertex meets."""
         met = ~surely_apart(self._corners(first), self._corners(second))
         left = np.flatnonzero(met)
         met[left] = triangles_meet(self._corners(first[left]), self._corners(second[left]))
         return met
 
     def _meet_beyond_vertex(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs with one common vertex meet elsewhere."""
+        """Return whether each pair with one common vertex meets elsewhere."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         turned = []
@@ -224,7 +224,7 @@ class _Triangles:
         return triangles_at_vertex_meet(*sides)
 
     def _meet_beyond_edge(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs with a common edge lie on each other."""
+        """Return whether the triangles of each pair with a common edge lie on each other."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         column = np.arange(len(first))
@@ -250,7 +250,7 @@ _OWN = np.array([3, 2, 1, 4], np.uint8)
 
 
 def _order_steps(columns: Floats, faces: Ints) -> Steps[Indices]:
-    """The order of the triangles (3, F) along a curve that keeps neighbors together, (F,)."""
+    """Return the order of the triangles (3, F) along a curve that keeps neighbors close, (F,)."""
     low, high = columns.min(axis=1), columns.max(axis=1)
     extent = float((high.astype(np.float64) - low).max()) or 1.0
     corner = np.take(columns, faces[0], axis=1).T

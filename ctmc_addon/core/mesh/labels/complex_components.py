@@ -30,9 +30,9 @@ def keep_complex_components_steps(
     ----------
     surface : ComplexSurface
     labels : sequence of int
-        Those whose components are looked at, each for itself.
+        Labels whose components are looked at, each by itself.
     alpha : float
-        At which to measure.
+        Alpha at which to measure.
     limits : ComponentLimits
 
     Returns
@@ -40,7 +40,7 @@ def keep_complex_components_steps(
     surface : ComplexSurface
         Triangles whose two sides are now the same are dropped; vertices are renumbered in their order.
     errors : dict of int to MeshError
-        For every label of which nothing is left.
+        Error for every label of which nothing is left.
     """
     sides, errors = surface.sides.copy(), {}
     borders = borders_of(surface.faces, surface.sides)

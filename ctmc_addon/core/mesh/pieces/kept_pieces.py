@@ -40,7 +40,7 @@ class KeptPieces:
     one_pass : callable
         Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
     limits : ComponentLimits
-        Which components stay.
+        Limits that decide which components stay.
     spool : Spool, optional
         Keeps the component of each triangle; by default they stay in memory.
     """
@@ -246,7 +246,7 @@ def keep_components_steps(surface: Surface, alpha: float, limits: ComponentLimit
 
 
 def kept_and_removed_steps(surface: Surface, alpha: float, limits: ComponentLimits) -> Steps[tuple[Surface, int]]:
-    """Return what `keep_components_steps` returns, and how many components were removed, cavities among them."""
+    """Do what `keep_components_steps` does, and count the removed components, cavities among them."""
     kept = KeptPieces(lambda _: replayed_steps([surface]), limits)
     for item in kept.pieces_steps(alpha):
         if isinstance(item, Step):

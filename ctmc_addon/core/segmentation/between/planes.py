@@ -74,12 +74,12 @@ class _BetweenPlanes:
 
 
 def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, float]) -> Steps[_BetweenPlanes]:
-    """Measure what lies between two planes.
+    """Measure the body between two planes.
 
     Parameters
     ----------
     below, above : Outline
-        Of one shape.
+        Outlines of one shape.
     sides_mm : (rows, columns) float
         Distances between samples.
 

@@ -122,7 +122,7 @@ class Distances:
     Parameters
     ----------
     numbers : (drawn,) intp
-        Of the drawn slices, from 0.
+        Numbers of the drawn slices, from 0.
     values : (drawn, rows, columns) float32
         Millimeters, positive inside.
     slopes : (drawn, rows, columns) float32

@@ -80,7 +80,7 @@ def drawn_steps(
     tissue : (slices, rows, columns) float32
     permitted : (slices, rows, columns) bool, optional
     borders : mapping of int to BorderEvidence
-        By structure; of two that want a voxel, the surer one has it.
+        Evidence by structure; of two that claim a voxel, the surer one has it.
     factors : (z, y, x) int
         Voxels of a block.
     """

@@ -46,7 +46,7 @@ STEP, DUAL_STEP = np.float32(0.3), np.float32(0.27)  # Their product is below 1/
 
 
 class BorderEvidence(NamedTuple):
-    """How sure each block of a window belongs to a structure, 0 to 1, and what values say, for voxels at the border.
+    """Certainty that a block belongs to a structure, 0 to 1, and evidence of values for voxels at the border.
 
     Parameters
     ----------
@@ -75,7 +75,7 @@ def border_steps(
     values : (slices, rows, columns) float32
         Means of blocks, little smoothed.
     sides_mm : (z, y, x) float
-        Of a block.
+        Sides of a block.
     clicks : sequence of ((slice, row, column), int)
         Blocks, and the structure of each; 0 for the surroundings.
     structure : int
@@ -136,7 +136,7 @@ def _log(frequencies: NDArray[np.float64]) -> Floats:
 
 
 def _prices(values: Floats) -> Floats:
-    """Return what a border costs in each block: less where values change."""
+    """Return the cost of a border in each block: less where values change."""
     squares = np.zeros_like(values)
     for axis, count in enumerate(values.shape):
         if count > 1:

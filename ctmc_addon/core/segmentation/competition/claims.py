@@ -46,7 +46,7 @@ RARE = 0.02  # Ignore this share of the structure's values at either end.
 
 
 class Ground(NamedTuple):
-    """What times are counted on.
+    """Blocks on which times are counted.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ class Ground(NamedTuple):
     heights : (slices, rows, columns) int32
         As of `geodesic.heights_of`.
     sides_mm : (z, y, x) float
-        Of a block.
+        Sides of a block.
     bone : float
         Values above it are bone's; infinite where values are not HU.
     """
@@ -67,14 +67,14 @@ class Ground(NamedTuple):
 
 
 class Claims(NamedTuple):
-    """What clicks have claimed of a grid of blocks.
+    """Blocks of a grid that clicks have claimed.
 
     Parameters
     ----------
     labels : (slices, rows, columns) uint8
         Numbers of structures; 0 for the surroundings and for what no click has claimed.
     times : (slices, rows, columns) uint32
-        From the click that has claimed a block, `NEVER` where none has.
+        Time from the click that has claimed a block, `NEVER` if none has.
     left : (slices, rows, columns) int32
         Time that was left to the click that has claimed a block; below 0 where no click has, by how much it is missed.
     reached : (slices, rows, columns) bool
@@ -98,7 +98,7 @@ def no_claims(shape: tuple[int, ...]) -> Claims:
 
 
 def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, max_mm: float) -> Steps[None]:
-    """Let a click in a block claim what is around it, in place.
+    """Let a click in a block claim the blocks around it, in place.
 
     Parameters
     ----------
@@ -190,7 +190,7 @@ def _ball(heights: Ints, block: Sample, sides_mm: Sides) -> tuple[Window, Flags]
 
 
 def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, longest: int, far: float) -> int:
-    """Return the time to cut off at: where values differ most across the border of what is inside, on average.
+    """Return the time to cut off at: where values differ most across the border of the inside, on average.
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts
     are compared in one look at the pairs.
@@ -203,7 +203,7 @@ def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, long
         `NEVER` where another click is nearer.
     values : (slices, rows, columns) float32
     same : (slices, rows, columns) bool
-        What is the structure's already; a border with it does not count.
+        Blocks of the structure already; a border with them does not count.
     smallest : int
         Blocks that are inside at least.
     longest : int

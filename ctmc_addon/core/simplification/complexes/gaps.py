@@ -117,7 +117,7 @@ def gaps_filled_steps(
 
 
 def _near_lines_steps(mesh: ComplexMesh, rings: int) -> Steps[Indices]:
-    """The triangles up to `rings` away from a vertex of two interfaces: those of small gaps, and few of the others."""
+    """Find the triangles up to `rings` away from a vertex of two interfaces: all of small gaps, and few more."""
     near = junction_vertices(mesh.faces, mesh.sides)
     yield PAUSE
     for _ in range(rings):
@@ -151,14 +151,13 @@ def _euler(wall: Indices, corners: Ints, around: Ints) -> Indices:
 
 
 def _area(mesh: ComplexMesh) -> float:
-    """Area of all triangles."""
     a, b, c = (np.take(mesh.vertices.T, corner, axis=1) for corner in mesh.faces.T)
     normal = cross(b - a, c - a)
     return float(np.sqrt(dot(normal, normal)).sum(dtype=np.float64)) / 2.0
 
 
 def _volumes(mesh: ComplexMesh, outer: Indices, wall: Indices, walls: int) -> NDArray[np.float64]:
-    """What every wall adds to the volume that lies around the labels, which is positive in a gap."""
+    """Return the share of every wall in the volume around the labels, which is positive in a gap."""
     corners = np.take(mesh.faces, outer, axis=0)
     origin = mesh.vertices[0].astype(np.float64)
     a, b, c = (mesh.vertices[corner].astype(np.float64).T - origin[:, None] for corner in corners.T)

@@ -34,10 +34,10 @@ INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # The ranks of vertices.
 
 @dataclass(eq=False)
 class Junctions:
-    """What is a junction in a complex.
+    """Junctions of a complex.
 
     edges : (E,) bool
-        Which edges are junction edges.
+        Edges that are junction edges.
     interface : (E,) int32
         Number of an interface that each edge is in, between two labels where there is one.
     rank : (V,) int8
@@ -135,7 +135,7 @@ def junctions_steps(
 
 
 def _contacts_steps(faces: Ints, interface: Ints, labels: Ints, vertex_count: int) -> Steps[Flags]:
-    """Vertices at which two labels and what has none meet, and nothing else, (V,) bool."""
+    """Return the vertices at which only two labels and the outside meet, (V,) bool."""
     of_vertex = np.zeros(vertex_count, np.int32)
     for corner in faces:
         of_vertex[corner] = interface
@@ -158,7 +158,7 @@ def _contacts_steps(faces: Ints, interface: Ints, labels: Ints, vertex_count: in
 def violates_link_condition_steps(
     collapses: Collapses, faces: Ints, edges: Ints, face_edges: Ints, junctions: Junctions, walls: Flags
 ) -> Steps[Flags]:
-    """Which collapses would change how the labels are connected, (n,) bool.
+    """Return which collapses would change how the labels are connected, (n,) bool.
 
     `edges` are (2, E), the other arrays (3, F); `walls` says which faces are between two labels.
     """

@@ -44,7 +44,7 @@ class Shares:
         self.least = policy.least_share * asked
 
     def update(self, interface: Ints) -> None:
-        """Weigh the interfaces anew for the triangles there are now, (f,) numbers of interfaces."""
+        """Weigh the interfaces by the present triangles, (f,) numbers of interfaces."""
         if len(self.labels) == 1:
             return
         now = np.bincount(interface, minlength=len(self.weight))

@@ -45,7 +45,7 @@ Collapsed = dict[int, CollapsedComponents]
 
 @dataclass(frozen=True, eq=False)
 class ComplexSimplification:
-    """A simplified complex, and what went.
+    """A simplified complex, and the components removed.
 
     mesh : ComplexMesh
     full_faces, faces : mapping of int to int
@@ -53,7 +53,7 @@ class ComplexSimplification:
     collapsed : CollapsedComponents
         Small components that went as a whole, what touches being one.
     collapsed_of : mapping of int to CollapsedComponents
-        Of every label's own surface, for the labels that lost some; what lies within a label counts for both.
+        Components that each label's own surface lost, if any; those inside a label count for both.
     handles_cut : int
     self_intersections : int or None
         Pairs of triangles that cross each other, of one label or two; None where that was not tested.
@@ -125,7 +125,7 @@ def simplify_complex_steps(
     largest_component: float = math.inf,
     policy: Policy = POLICY,
 ) -> Steps[ComplexSimplification]:
-    """Do what `simplify_complex` does, as steps; also return how many triangles each label has, and what went.
+    """Do what `simplify_complex` does, as steps; also return each label's triangles and lost components.
 
     No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
     """
@@ -162,7 +162,7 @@ def simplify_complex_steps(
 def _parts_steps(
     mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget
 ) -> Steps[tuple[ComplexMesh, list[tuple[Simplification, Collapsed]]]]:
-    """Simplify each part; the largest comes last, and makes good what others could not remove."""
+    """Simplify each part; the largest comes last, and makes good what the rest could not remove."""
     touching = max((len(part.faces) for part in parts if not part.isolated), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
     policy = goal.policy
@@ -189,7 +189,7 @@ def _parts_steps(
 
 
 def _faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
-    """How many triangles border each label, without 0."""
+    """Return the number of triangles that border each label, without 0."""
     labels, interface = interfaces_of(mesh.sides)
     counts = np.bincount(interface, minlength=labels.shape[1])
     return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
@@ -218,7 +218,7 @@ def label_distances_steps(
 def _part_steps(
     mesh: ComplexMesh, isolated: bool, goal: Goal, budget: Budget
 ) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
-    """Simplify labels that touch, or a label as if there were no other; also return what each label lost."""
+    """Simplify labels that touch, or an isolated label; also return the components that each label lost."""
     if not isolated:
         target = goal.target(len(mesh.faces))
         filled: Collapsed = {}

@@ -25,7 +25,7 @@ PLURALS = ("s", "es", "n", "en", "e")
 
 
 class Anatomy(NamedTuple):
-    """How a structure is shown.
+    """Appearance of a structure.
 
     Parameters
     ----------
@@ -85,7 +85,7 @@ def _folded(name: str) -> str:
 
 
 def _listed(words: list[str]) -> Anatomy | None:
-    """The entry of the table for these words: as they are, without sides, and without where they lie."""
+    """Return the entry of the table for these words: as they are, without sides, and without position."""
     long = [word for word in words if len(word) > 1]
     sides = set(_table()["sides"])
     for chosen in (words, long, [word for word in long if word not in sides], _without_fillers(long)):

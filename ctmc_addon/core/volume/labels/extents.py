@@ -48,7 +48,7 @@ Extents = dict[int, LabelExtent]
 
 
 class _BoxExtents(NamedTuple):
-    """The labels of a box, and what was changed of the values to find them."""
+    """The labels of a box, and notes on changes of values made to find them."""
 
     extents: Extents
     notes: tuple[str, ...]
@@ -87,7 +87,7 @@ def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | N
 
 
 def label_notes(volume: Volume, box: Box) -> tuple[str, ...]:
-    """Return what was changed of values to find the labels of a box: more than the volume's own notes say.
+    """Return notes on changes of values that finding the labels of a box made, besides the volume's own notes.
 
     It is the same whatever was read of other boxes since, if all labels of this one were looked for.
     """
@@ -293,7 +293,7 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
 
 
 def _mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) where none is.
+    """Do what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) if none is.
 
     Examples
     --------

@@ -35,7 +35,7 @@ class _Renumbered(SliceReader):
 
     @property
     def is_whole(self) -> bool:
-        """Whether those of the other reader are whole numbers."""
+        """Return whether the labels of the other reader are whole numbers."""
         return self.reader.is_whole
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
@@ -153,7 +153,7 @@ def _on_grid(layer: Volume, ct: Volume, axes: NDArray[np.int64], shift: NDArray[
 
 
 def free_offset(used: Collection[int], values: Collection[int]) -> int:
-    """Return what to add to labels so that none has a number that is used: 0 where none has.
+    """Return the number to add to labels so that none has a used number: 0 if none has.
 
     Examples
     --------

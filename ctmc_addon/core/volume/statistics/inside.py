@@ -48,7 +48,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
         Their samples are samples of the CT, in any order and direction of the axes, of all of it or of a part.
     label : int
     box : ((x, stop), (y, stop), (z, stop)), optional
-        In the labels; by default the whole volume.
+        Box in the labels; by default the whole volume.
 
     Raises
     ------
@@ -112,7 +112,6 @@ def range_values_steps(
 
 
 def _whole_box(volume: Volume) -> Box:
-    """Return the box of all samples."""
     x, y, z = volume.size
     return (0, x), (0, y), (0, z)
 

@@ -95,7 +95,6 @@ def otsu(values: NDArray[Any]) -> float:
 
 
 def _otsu_of_histogram(histogram: Histogram) -> float:
-    """Return Otsu's threshold of a histogram."""
     counts, start, width = histogram
     counts = _without_padding(counts)
     filled = np.flatnonzero(counts)
@@ -145,9 +144,9 @@ def check_threshold(
     values : (slices, rows, columns)
         NaN and infinite values are ignored.
     kind : ValueKind
-        As in `Volume`: what the values mean.
+        Meaning of the values, as in `Volume`.
     place : str
-        Whose values they are, for the message.
+        Owner of the values, for the message.
     """
     low, high = value_range(values)
     if upper is not None and threshold > upper:  # Otsu's threshold; settings that contradict each other are refused

@@ -166,7 +166,7 @@ class VolumeStatistics:
     non_finite : int
         Voxels that are NaN or infinite.
     labels : tuple of (value, voxels)
-        Of a label volume, without 0, in the order of their values.
+        Labels of a label volume, without 0, in the order of their values.
     fingerprint : str
         The same for the same values at the same position.
     """
