@@ -86,9 +86,9 @@ def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> _A
     Examples
     --------
     >>> cases_at_once(4, [1 << 30, 2 << 30, 2 << 30], Budget(bytes=6 << 30))
-    AtOnce(jobs=3, reason='as many as there are cases')
+    _AtOnce(jobs=3, reason='as many as there are cases')
     >>> cases_at_once(4, [2 << 30] * 5, Budget(bytes=6 << 30))
-    AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
+    _AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
     """
     limits = [(processors(), "as many as there are processors"), (max(len(needs), 1), "as many as there are cases")]
     if asked is not None:

@@ -186,7 +186,7 @@ def _as_fan(triangles: list[Triangle]) -> Loop:
 
     Examples
     --------
-    >>> as_fan([(0, 3, 4), (2, 3, 0)])
+    >>> _as_fan([(0, 3, 4), (2, 3, 0)])
     (0, 2, 3, 4)
     """
     for center in sorted(set.intersection(*map(set, triangles))) if triangles else ():

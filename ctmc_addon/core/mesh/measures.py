@@ -234,7 +234,7 @@ def _small_below(largest: float) -> float:
 
     Examples
     --------
-    >>> small_below(5000.0), small_below(6.9), small_below(0.0)
+    >>> _small_below(5000.0), _small_below(6.9), _small_below(0.0)
     (5.0, 0.006, 0.0)
     """
     if not largest:

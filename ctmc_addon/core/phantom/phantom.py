@@ -241,7 +241,7 @@ def _share_near_whole(low: NDArray[np.float64], high: NDArray[np.float64], dista
 
     Examples
     --------
-    >>> share_near_whole(np.array([0.0, 0.1]), np.array([3.0, 0.3]), 0.2).round(9).tolist()
+    >>> _share_near_whole(np.array([0.0, 0.1]), np.array([3.0, 0.3]), 0.2).round(9).tolist()
     [0.4, 0.5]
     """
     below_low, below_high = (

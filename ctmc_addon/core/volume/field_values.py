@@ -197,7 +197,7 @@ def _runs_of(numbers: list[int]) -> Iterator[range]:
 
     Examples
     --------
-    >>> list(runs_of([0, 4, 8, 10]))
+    >>> list(_runs_of([0, 4, 8, 10]))
     [range(0, 9, 4), range(10, 11)]
     """
     start = 0

@@ -130,7 +130,7 @@ def _radius_ratios(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     Examples
     --------
     >>> corners = np.array([[[0.0, 0, 0]], [[4, 0, 0]], [[0, 3, 0]]])
-    >>> radius_ratios(doubled_areas(corners), squared_sides(corners))
+    >>> _radius_ratios(doubled_areas(corners), squared_sides(corners))
     array([1.25])
     """
     a, b, c = (np.sqrt(square) for square in squares)

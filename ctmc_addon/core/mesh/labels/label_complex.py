@@ -53,7 +53,7 @@ def neighbors_of(label: int, interfaces: Iterable[_Interface]) -> tuple[Neighbor
 
     Examples
     --------
-    >>> neighbors_of(2, [Interface(1, 0, 4, 8.0), Interface(2, 0, 9, 7.0), Interface(2, 1, 5, 3.5)])
+    >>> neighbors_of(2, [_Interface(1, 0, 4, 8.0), _Interface(2, 0, 9, 7.0), _Interface(2, 1, 5, 3.5)])
     (Neighbor(label=1, triangles=5, area_mm2=3.5),)
     """
     both = ((each, other) for each in interfaces for other in (each.behind, each.front))

@@ -75,7 +75,7 @@ def _power_of_two(octave: Doubles) -> Doubles:
 
     Examples
     --------
-    >>> power_of_two(np.array([-1.0, 0.0, 0.5, 1.0])).tolist()
+    >>> _power_of_two(np.array([-1.0, 0.0, 0.5, 1.0])).tolist()
     [0.5, 1.0, 1.5, 2.0]
     """
     whole = np.floor(octave)

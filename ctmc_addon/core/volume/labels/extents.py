@@ -299,7 +299,7 @@ def _mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
     --------
     >>> mask = np.zeros((4, 5, 6), bool)
     >>> mask[1, 2, 3:5] = True
-    >>> mask_extent(mask).tolist()
+    >>> _mask_extent(mask).tolist()
     [[2, 3, 2, 1, 5, 3, 2]]
     """
     voxels = np.count_nonzero(mask)

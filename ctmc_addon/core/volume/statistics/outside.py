@@ -74,7 +74,7 @@ def _run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
 
     Examples
     --------
-    >>> run_numbers(np.array([[True, True, False, True], [True, False, False, True]])).tolist()
+    >>> _run_numbers(np.array([[True, True, False, True], [True, False, False, True]])).tolist()
     [[1, 1, 1, 2], [3, 3, 3, 4]]
     """
     begins = mask.copy()
