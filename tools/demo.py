@@ -36,7 +36,7 @@ from ctmc_addon.core import (
     finish,
     reconstruct_steps,
 )
-from ctmc_addon.core.files.atomic_write import made_folder, write_json
+from ctmc_addon.core.files.atomic_write import create_folder, write_json
 from ctmc_addon.core.phantom.phantom import Phantom, phantom_steps
 from ctmc_addon.core.segmentation import without_table_steps
 from ctmc_addon.core.volume import ValueKind
@@ -91,7 +91,7 @@ def main() -> int:
 
 def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
     """Make the phantom, reconstruct its tumors, write everything to `folder` and print the table."""
-    made_folder(folder)
+    create_folder(folder)
     require_own_slices(folder, list(WRITERS), slices)
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
@@ -106,7 +106,7 @@ def demo(folder: Path, slices: int = 29, size: int = 512) -> None:
 
 def demo_of_ct(folder: Path, ct: Path) -> None:
     """Do the same with a CT: read it, choose what to reconstruct, write everything to `folder` and print the table."""
-    made_folder(folder)
+    create_folder(folder)
     with Progress(lines=True) as progress:
         reconstructed(folder, ct, Stages({name: STAGES[name] for name in list(STAGES)[2:]}), progress, None)
 

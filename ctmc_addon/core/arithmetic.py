@@ -17,7 +17,7 @@ TERMS = 12  # Of the series; at 60 degrees the next one is below 1e-24.
 
 
 def cube_root(values: NDArray[np.float64] | float) -> NDArray[np.float64]:
-    """Return the cube roots of numbers from 0 on, exact but for the last bits.
+    """Return the cube roots of non-negative numbers, exact except for the last bits.
 
     Examples
     --------

@@ -19,20 +19,21 @@ from .smoothing.methods import smoothing_of
 PROCESS_BYTES, BLENDER_PROCESS_BYTES = 130 << 20, 420 << 20
 # The most that was measured, on 52 million voxels with 5.3 million triangles and a thumbnail (docs/batch.md).
 CASE_VOXEL_BYTES = 32
-READING_COPIES = 2  # of the values, while they are read
-ASKED_FACTOR = 1.4  # of what smoothing is predicted to take: a label of noise took 1.3, for its triangles
-KEPT_BYTES = 256 << 20  # beyond those of the process: one that keeps more between two cases is replaced
-CASES_SHARE = 0.85  # of the memory that is there
+READING_COPIES = 2  # Reading takes the values this many times.
+# Ask for this many times the predicted bytes of smoothing: a label of noise took 1.3 times, for its triangles.
+ASKED_FACTOR = 1.4
+KEPT_BYTES = 256 << 20  # A process that keeps more bytes than this between two cases, beyond its own, is replaced.
+CASES_SHARE = 0.85  # All cases may take this share of the available memory.
 
 
 def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = True) -> int:
-    """Return the memory that a case of a batch needs, about, by what its headers tell.
+    """Estimate the memory that a case of a batch needs from its headers.
 
     Parameters
     ----------
     voxels : int
     value_bytes : int, optional
-        Of a voxel, where the case asks for more itself as soon as it knows its label's box: reading is counted alone.
+        Bytes of a voxel, if the case asks for more once it knows its label's box: only reading is counted.
     thumbnails : bool
         Whether Blender is loaded.
     """
@@ -41,14 +42,14 @@ def case_bytes(voxels: int, value_bytes: int | None = None, thumbnails: bool = T
 
 
 def asks_for_memory(settings: ReconstructionSettings, several: bool) -> bool:
-    """Return whether a case says what it needs before it takes it: one or `several` labels, smoothed in their boxes."""
+    """Return whether a case requests memory before it takes it: one or `several` labels, smoothed in their boxes."""
     if several and settings.label is None:
         settings = replace(settings, threshold=None, label=1)
     return settings.label is not None and not smoothing_of(settings).by_slabs
 
 
 def asked_bytes(has_bytes: int, needed_bytes: int) -> int:
-    """Return what a case asks for that has so many bytes and needs so many more for its next work."""
+    """Return the bytes that a case asks for: those it has, and those for its next work with a reserve."""
     return has_bytes + int(ASKED_FACTOR * needed_bytes)
 
 
@@ -64,7 +65,7 @@ def cases_bytes(budget: Budget) -> int | None:
 
 
 class _AtOnce(NamedTuple):
-    """How many cases run side by side, and why not more.
+    """Number of cases that run side by side, and why not more.
 
     Parameters
     ----------
@@ -85,9 +86,9 @@ def cases_at_once(asked: int | None, needs: Sequence[int], budget: Budget) -> _A
     Examples
     --------
     >>> cases_at_once(4, [1 << 30, 2 << 30, 2 << 30], Budget(bytes=6 << 30))
-    AtOnce(jobs=3, reason='as many as there are cases')
+    _AtOnce(jobs=3, reason='as many as there are cases')
     >>> cases_at_once(4, [2 << 30] * 5, Budget(bytes=6 << 30))
-    AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
+    _AtOnce(jobs=2, reason='as memory allows: a case begins with 2.0 GiB, and 5.1 GiB may be used')
     """
     limits = [(processors(), "as many as there are processors"), (max(len(needs), 1), "as many as there are cases")]
     if asked is not None:

@@ -27,8 +27,8 @@ from .volume.field import Field, held_steps
 from .volume.volume import Volume
 
 WHOLE_MACHINE = Budget()
-BOUNDED_COLLAPSES = 20  # collapses that a triangle costs with a maximum error: 10 on smooth surfaces, 35 on bone
-BALL_SAMPLES = 112  # along an axis of the ball that a fresh process is measured on
+BOUNDED_COLLAPSES = 20  # A triangle costs this many collapses with a maximum error: 10 on smooth surfaces, 35 on bone.
+BALL_SAMPLES = 112  # The ball that a fresh process is measured on has this many samples along an axis.
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class CostEstimate:
     Parameters
     ----------
     voxels : int
-        To visit.
+        Voxels to visit.
     vertices, faces : int
         Exact, before simplification and before components are dropped.
     memory : int
@@ -46,11 +46,11 @@ class CostEstimate:
     seconds : float
         Within a factor of two.
     counting_seconds : float
-        Of the first passes, among the seconds.
+        Seconds of the first passes, included in `seconds`.
     available : int or None
         Bytes of memory that can be had.
     remedy : str
-        Where it does not fit: what would.
+        Change that would fit, if this does not.
     """
 
     voxels: int
@@ -69,7 +69,7 @@ class CostEstimate:
 
     @property
     def sentence(self) -> str:
-        """Why the surface cannot be made, and what would fit; empty where it fits."""
+        """Return why the surface cannot be made, and what would fit; empty if it fits."""
         if self.fits or self.available is None:
             return ""
         return (
@@ -85,13 +85,13 @@ class Calibration:
     Parameters
     ----------
     vertex, face : float
-        To extract one.
+        Seconds to extract one.
     collapse : float
-        To remove a triangle.
+        Seconds to remove a triangle.
     bounded_face : float
-        To simplify a triangle with a maximum error.
+        Seconds to simplify a triangle with a maximum error.
     blender_face : float
-        To measure a triangle and hand it to Blender.
+        Seconds to measure a triangle and hand it to Blender.
     measured : bool
     """
 
@@ -151,7 +151,7 @@ class FieldCache:
     seconds: float = 0.0
 
     def field_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
-        """Return the field for these settings; what is smoothed is kept where there is room for it."""
+        """Return the field for these settings; keep a smoothed one if there is room for it."""
         smoothing, used = smoothing_of(settings), used_settings(settings)
         own = [name for name in settings_of_stage(FIELD) if name in used and name not in ("smoothing", "smoothing_mm")]
         key = (
@@ -162,14 +162,14 @@ class FieldCache:
             *(getattr(settings, name) for name in (*own, *smoothing.reads)),
         )
         if self.field is None or key != self.key:
-            self.field, self.seconds = yield from timed_steps(self._made_steps(settings))
+            self.field, self.seconds = yield from timed_steps(self._make_steps(settings))
             self.key = key
         elif settings.threshold is not None:
             self.field = self.field.at_threshold(settings.threshold)
         self.field = replace(self.field, settings=settings)
         return self.field
 
-    def _made_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
+    def _make_steps(self, settings: ReconstructionSettings) -> Steps[Field]:
         field = yield from field_steps(self.volume, settings, self.budget)
         there, needed = self.budget.available, 4 * math.prod(field.values.shape)
         keeps = self.volume.reader.own_bytes == 0 and (there is None or needed <= READ_SHARE * there)
@@ -177,12 +177,12 @@ class FieldCache:
 
 
 def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> Steps[CostEstimate]:
-    """Return what a surface with these settings will cost.
+    """Estimate the cost of a surface with these settings.
 
     Raises
     ------
     CtmcError
-        Where they give no surface at all.
+        If they give no surface at all.
     """
     stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
     yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())

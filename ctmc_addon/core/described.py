@@ -39,19 +39,19 @@ class Setting:
     choice_labels, choice_texts : mapping of str to str
         The name and the explanation of a choice, where it needs them.
     size : int
-        How many numbers the value has.
+        Number of numbers in the value.
     many : bool
         Whether the value is a tuple of any length, each item as the rest of the description says.
     type : type
-        Of the value, or of each of its numbers. `str` without choices is any text.
+        Type of the value, or of each of its numbers. `str` without choices is any text.
     flag : str
         On the command line, without dashes; by default the field's name with dashes.
     note : str
-        What the command line's help says beside the text.
+        Addition to the text in the command line's help.
     start : optional
-        For a field that is None by default: the value that the panel and the settings file offer.
+        Value that the panel and the settings file offer for a field that is None by default.
     without : str
-        For a field that is None by default: what holds then, such as 'as the files say'.
+        Meaning of None for a field that is None by default, such as 'as the files say'.
     kept : bool
         Whether manifests, settings files and reports hold it; what is not kept is given anew each time.
     stage : str
@@ -160,15 +160,15 @@ class Described:
     @classmethod
     def from_dict(cls: type[Kind], values: Mapping[str, Any]) -> Kind:
         """Return the object of a dictionary as `to_dict` makes it; an unknown name is a `SettingsError`."""
-        known = descriptions(cls)
-        unknown = sorted(set(values) - set(known))
+        described = descriptions(cls)
+        unknown = sorted(set(values) - set(described))
         if unknown:
-            raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(known)}")
+            raise SettingsError(f"unknown setting {unknown[0]!r}; the settings are {', '.join(described)}")
         return cls(**values)
 
 
 def plain(value: Any) -> Any:
-    """Return a value with lists in place of tuples."""
+    """Return a value with lists instead of tuples."""
     return [plain(item) for item in value] if isinstance(value, tuple) else value
 
 

@@ -7,7 +7,7 @@ any other exception is a defect and stays a traceback.
 
 
 def one_line(text: str) -> str:
-    r"""Text that a file had a hand in, for a terminal: what is no visible letter becomes a space.
+    r"""Replace non-printable characters by spaces, in text from files that a terminal shows.
 
     Examples
     --------

@@ -67,7 +67,7 @@ class FinishedSurface:
     self_intersections : int
         Pairs of triangles that cross, touch or overlap.
     distance : SurfaceDistance
-        To the full surface, mm.
+        Distance to the full surface, mm.
     largest_diameter_mm : float
     inside : InsideValues
         The gray values inside.
@@ -99,7 +99,7 @@ class Measure:
         The way to it from a `FinishedSurface`, such as `measures.area`.
     where : Place
     summed : str
-        How those of several surfaces combine: `sum`, `all`, or `none`, where only that of a single one is known.
+        Combination of several surfaces' values: `sum`, `all`, or `none` if only a single one's is known.
     shown : callable, optional
         Returns the text of a value that is known; by default by its type and unit.
     columns : mapping of str to int or str
@@ -118,12 +118,12 @@ class Measure:
 
     def value(self, surface: FinishedSurface) -> Any:
         """Return the value for JSON; None where it is not known, or infinite, which JSON does not have."""
-        found: Any = surface
+        value: Any = surface
         for step in self.of.split("."):
-            found = None if found is None else getattr(found, step)
-        if isinstance(found, float) and not math.isfinite(found):
+            value = None if value is None else getattr(value, step)
+        if isinstance(value, float) and not math.isfinite(value):
             return None
-        return list(found) if isinstance(found, tuple) else found
+        return list(value) if isinstance(value, tuple) else value
 
     def cells(self, value: Any) -> dict[str, Any]:
         """Return the parts of a value by their columns.
@@ -287,12 +287,12 @@ def measure(name: str) -> Measure:
 
 
 def values_in(place: Place, surface: FinishedSurface) -> dict[str, Any]:
-    """Return what a place shows of a surface, by the names of the measures."""
+    """Return the values of a surface that a place shows, by the names of the measures."""
     return {each.name: each.value(surface) for each in measures_in(place)}
 
 
 def columns_in(place: Place, first: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return the columns of a place: `first` in this order, then all others.
+    """Return the columns of a place: `first` in this order, then all the rest.
 
     Examples
     --------
@@ -303,7 +303,7 @@ def columns_in(place: Place, first: Iterable[str] = ()) -> tuple[str, ...]:
 
 
 def combined(about: Measure, values: Sequence[Any]) -> Any:
-    """Return the value of several surfaces together; None where that of one is not known.
+    """Return the value of several surfaces combined; None if one of them is not known.
 
     Examples
     --------

@@ -34,19 +34,20 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 
-FACE_BYTES = 128  # of a triangle that is held: 36, and 92 to measure it; a mesh in Blender takes less, after that
-BOUNDED_REDUCTION = 0.9  # share of the triangles that a maximum error is taken to remove
+FACE_BYTES = 128  # A held triangle takes 36 bytes, and 92 to measure it; a mesh in Blender takes less, after that.
+BOUNDED_REDUCTION = 0.9  # A maximum error is taken to remove this share of the triangles.
 # Bytes that Blender was seen to take for each triangle of a foam of 1.7 million: as an object, and in a figure.
 OBJECT_BYTES, FIGURE_BYTES = 240, 600
 # Bytes that writing was seen to take for each triangle of a structure of 1.2 million, beside it.
 WRITTEN_BYTES = {".obj": 12, ".glb": 130, ".3mf": 14, ".html": 120}
-READ_SHARE = 0.25  # of the memory, that values which are read at once may take beside the surface
-SMALL_BYTES = 1 << 26  # that are read at once even under a stride
-SHOWN_SHARE = 0.25  # of the memory, for a copy of a CT that is shown: previews and surfaces need the rest
+READ_SHARE = 0.25  # Values that are read at once may take this share of the memory besides the surface.
+SMALL_BYTES = 1 << 26  # Values of up to this many bytes are read at once even under a stride.
+# A copy of a CT that is shown may take this share of the memory: previews and surfaces need the rest.
+SHOWN_SHARE = 0.25
 MOST_STRIDE = 16
-LEAST_PROPOSED = 1000  # triangles to leave, and in steps of which they are proposed
-ROUNDED = 0.9  # of the triangles that would fit are proposed
-COUNTED_SHARE = 0.9  # of the memory may be taken by a surface of which some slabs were counted
+LEAST_PROPOSED = 1000  # Propose to leave at least this many triangles, in steps of as many.
+ROUNDED = 0.9  # Propose this share of the triangles that would fit.
+COUNTED_SHARE = 0.9  # A surface may take this share of the memory if some of its slabs were counted.
 LOOKING = "Finding settings that fit in memory"
 
 
@@ -170,18 +171,18 @@ def plan_steps(
 
 
 class _PlanRefusal(MemoryLimitError):
-    """A surface does not fit, and the message already says what would."""
+    """A surface does not fit, and the message says which settings would."""
 
 
 def required_steps(
     volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: Field
 ) -> Steps[None]:
-    """Refuse a surface that does not fit before it is made; where nobody tells what fits, no surface is refused.
+    """Refuse a surface that does not fit before it is made; refuse none if the available memory is unknown.
 
     Raises
     ------
     PlanRefusal
-        With settings that were counted to fit, in some slabs of a large volume.
+        With settings that fit, by counting some slabs of a large volume.
     """
     there = budget.available
     voxels = math.prod(field.values.shape) // math.prod(settings.stride)
@@ -266,10 +267,10 @@ def _refusal_steps(
     proposals = yield from stages.run(LOOKING, proposals_steps(volume, plan, room))
     if fits and not proposals:
         return ""
-    together = f"{smoothing} with " if smoothing else ""
+    prefix = f"{smoothing} with " if smoothing else ""
     what = what or f"a surface of {plan.counts.faces} triangles"
     if fits or smoothing:
-        return _refused(what, there, together + advice_of(proposals) if proposals else advice_of([]))
+        return _refused(what, there, prefix + advice_of(proposals) if proposals else advice_of([]))
     return _unfitting(plan, there, proposals)
 
 
@@ -356,7 +357,7 @@ def _wider(volume: Volume, plan: Plan, room: int) -> Iterator[tuple[int, int, in
 
 
 def triangle_bytes(suffixes: Iterable[str], blender: bool, figure: bool) -> int:
-    """Return the bytes for each triangle that writing takes beside the surface, and `blender` where it is needed."""
+    """Return the bytes for each triangle that writing takes besides the surface, and `blender` if it is needed."""
     written = max((WRITTEN_BYTES.get(suffix, 0) for suffix in suffixes), default=0)
     return max(written, OBJECT_BYTES, FIGURE_BYTES * figure) if blender else written
 
@@ -372,7 +373,7 @@ def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Bu
 
 
 def fits_in_memory(value_bytes: int, budget: Budget) -> bool:
-    """Return whether the values of a CT that is shown fit in memory, by what its headers say."""
+    """Return whether the values of a CT that is shown fit in memory, by its headers."""
     there = budget.available
     return there is None or value_bytes <= there
 
@@ -383,7 +384,7 @@ def shown_stride(volume: Volume, budget: Budget) -> tuple[int, int, int]:
     Raises
     ------
     MemoryLimitError
-        Where there is none.
+        If there is none.
     """
     there = budget.available
     room = volume.nbytes if there is None else int(SHOWN_SHARE * there)

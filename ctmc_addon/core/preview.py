@@ -26,17 +26,17 @@ from .volume.region import region_box
 from .volume.statistics.thresholding import quick_threshold, used_threshold_steps
 from .volume.volume import Box, Volume
 
-REFINED = 12.0  # budgets that a refined surface may take; it can be stopped at any step
-GROWTH = 0.75  # the time grows with the number of voxels to about this power: between a surface's and a volume's
-SAFETY_FACTOR = 0.7  # of the budget is planned: the last surface may have been an easy one
-FEWEST_SAMPLES = 8  # samples along an axis
+REFINED = 12.0  # A refined surface may take this many budgets; it can be stopped at any step.
+GROWTH = 0.75  # The time grows with the number of voxels to about this power: between a surface's and a volume's.
+SAFETY_FACTOR = 0.7  # Plan this share of the budget: the last surface may have been an easy one.
+FEWEST_SAMPLES = 8  # Keep at least this many samples along an axis.
 LEAVE_IT = {*settings_of_stage(ALPHA), *settings_of_stage(SIMPLIFICATION)}
 """Settings that leave a preview as it is: it is the full surface, with both ends of alpha."""
 Stride = tuple[int, int, int]
 
 
 class _Rung(NamedTuple):
-    """How coarse a surface is: every so many samples, and steps from slice to slice; or as the settings have it."""
+    """Coarseness of a surface: stride, and steps from slice to slice; the settings' own by default."""
 
     stride: Stride
     slice_steps: int
@@ -71,7 +71,7 @@ class Preview:
         self.threshold: float | None = None  # of the last surface
 
     def interactive(self, settings: ReconstructionSettings) -> PreviewResult | None:
-        """Return the finest surface that stays within the budget; None where the settings give none.
+        """Return the finest surface that stays within the budget; None if the settings give none.
 
         None too where Otsu's threshold of many samples is needed and none is known of another region: counting them
         takes longer than a slider may wait, and `refine_steps` does it.
@@ -199,7 +199,7 @@ def strides(volume: Volume, finest: Stride, size: tuple[int, ...]) -> list[Strid
 
 
 def subsample(volume: Volume, stride: Stride, box: Box) -> Volume:
-    """Return every so many samples of a box of a volume, at their positions; a contiguous copy."""
+    """Return one of every few samples of a box of a volume, at their positions; a contiguous copy."""
     low, high = zip(*box, strict=True)
     part = volume.cropped(low, high)
     values: NDArray[np.generic] = part.values[tuple(slice(None, None, step) for step in stride[::-1])]

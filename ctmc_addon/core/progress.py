@@ -50,7 +50,7 @@ def finish(steps: Steps[T], report: Callable[[Step], None] | None = None) -> T:
 
 
 class WithResult(Generic[Item, T]):
-    """A generator to loop over once, and in `result` what it returned; a loop that is left closes it.
+    """A generator to loop over once, and its return value in `result`; leaving the loop closes it.
 
     Examples
     --------
@@ -80,7 +80,7 @@ class Stages:
     Parameters
     ----------
     weights : mapping of str to float
-        What a user reads while a stage runs, and its usual share of the time; the sum does not matter.
+        Name that a user reads while a stage runs, and its usual share of the time; the sum does not matter.
 
     Examples
     --------

@@ -51,7 +51,7 @@ class Reconstruction:
     spacing_mm : (x, y, z) float
         Spacing of the volume, millimeters.
     notes : tuple of str
-        What the reader and the reconstruction assumed, in sentences.
+        Assumptions of the reader and the reconstruction, in sentences.
     name : str
         The volume's name.
     removed_components : int
@@ -59,13 +59,13 @@ class Reconstruction:
     collapsed_components : int
         Small components that the built-in simplifier removed as a whole.
     collapsed_mm3 : float
-        What these enclosed together when they went; of a surface of millions of triangles they have shrunk before.
+        Volume that these enclosed when they went; in a surface of millions of triangles they shrank before.
     slice_steps : int
         Steps from slice to slice that smoothing has made.
     wrong_side : int or None
         Samples of the label on the wrong side of the surface at stride 1, before simplification; None for a threshold.
     label_name : str
-        What the volume calls the label; empty where it has no name.
+        Name of the label in the volume; empty if it has none.
     label_color : (red, green, blue) int or None
         sRGB from 0 to 255, where the volume has one for the label.
     self_intersections : int or None
@@ -80,7 +80,7 @@ class Reconstruction:
     neighbors : tuple of Neighbor
         The labels that the surface borders on, with triangles and area.
     alpha_choice : AlphaChoice or None
-        How alpha was chosen from the surface; None where it was given.
+        Choice of alpha from the surface; None if alpha was given.
     """
 
     mesh: TriangleMesh
@@ -113,7 +113,7 @@ class Reconstruction:
 
     @property
     def finished(self) -> FinishedSurface:
-        """What is known of the surface."""
+        """Return the known measures of the surface."""
         return FinishedSurface(
             measures=self.measures,
             full_faces=self.full_faces,

@@ -26,19 +26,19 @@ from .volume.statistics.inside import InsideValues, inside_values_steps, range_v
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
 
-DIGITS = 9  # of a number in a CSV
+DIGITS = 9  # A number in a CSV has this many digits.
 
 
 @dataclass(frozen=True)
 class StructureRow:
-    """A structure and what was measured of it.
+    """Measures of a structure.
 
     Parameters
     ----------
     name : str
     label : int or None
     threshold : float or None
-        Of a structure that is not a label.
+        Threshold of a structure that is not a label.
     surface : FinishedSurface
         Without gray values where there is no CT, or no sample.
     """
@@ -49,7 +49,7 @@ class StructureRow:
     surface: FinishedSurface
 
     def columns(self, unit: str = "hu") -> dict[str, Any]:
-        """Return what stands in each column; `unit` of the gray values is part of the names."""
+        """Return the columns by their contents; `unit` of the gray values is part of the names."""
         measured = [each.table_cells(each.value(self.surface), unit) for each in measures_in(Place.TABLE)]
         own = {"name": self.name, "label": self.label, f"threshold_{unit}": self.threshold}
         return own | {head: cell for cells in measured for head, cell in cells.items()}
@@ -63,13 +63,13 @@ def measure_structures(
     Parameters
     ----------
     results : sequence of Reconstruction
-        With their meshes.
+        Results with their meshes.
     ct : Volume, optional
-        Whose values are measured. Of a threshold it is the volume that the surface was made from.
+        CT whose values are measured. For a threshold it is the volume that the surface was made from.
     labels : Volume, optional
-        That the labels were made from; needed for the gray values of labels.
+        Volume that the labels were made from; needed for the gray values of labels.
     names : sequence of str
-        What each is called; by default as its label, or as the volume.
+        Name of each; by default that of its label, or of the volume.
 
     Raises
     ------
@@ -124,9 +124,9 @@ def structure_row_steps(
     mesh : TriangleMesh
     measures : Measures
     settings : ReconstructionSettings
-        That it was made with.
+        Settings that it was made with.
     threshold : float
-        That was used.
+        Threshold that was used.
     ct, labels : Volume, optional
         As in `measure_structures`.
     """
@@ -164,13 +164,13 @@ def table_heads(kind: ValueKind | str = ValueKind.HU) -> tuple[str, ...]:
 
 
 def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> str:
-    """Return the table as CSV; what is not known stays empty."""
+    """Return the table as CSV; unknown values stay empty."""
     lines = [{head: _written(cell) for head, cell in row.columns(_unit(kind)).items()} for row in rows]
     return csv_text(lines, table_heads(kind))
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
-    """Return the table for a person, its heads first; a dash for what is not known."""
+    """Return the table for a person, its heads first; unknown values are a dash."""
     return [table_heads(kind), *(tuple(map(_shown, row.columns(_unit(kind)).values())) for row in rows)]
 
 

@@ -31,11 +31,11 @@ def structures_of(
     Parameters
     ----------
     results : sequence of Reconstruction
-        With their meshes.
+        Results with their meshes.
     names : sequence of str
-        What each is called; by default as its label, or as the volume.
+        Name of each; by default that of its label, or of the volume.
     opacities : sequence of float or None
-        Of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
+        Opacity of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
 
     Examples
     --------
@@ -75,9 +75,9 @@ def opacities_of(
         of the same anatomy, and that before 'all'. Others are of the anatomical name, and None for a surface alone.
     """
     out: list[float | None] = []
-    for result, found in zip(results, chosen_opacities(results, chosen), strict=True):
+    for result, opacity in zip(results, chosen_opacities(results, chosen), strict=True):
         own = structure_color(result.settings.label, None, result.label_name).opacity if len(results) > 1 else 1.0
-        out.append(found if found is not None else own if own < 1.0 else None)
+        out.append(opacity if opacity is not None else own if own < 1.0 else None)
     return tuple(out)
 
 
@@ -97,25 +97,29 @@ def require_opacities(chosen: Sequence[tuple[int | str, float]], labels: Iterabl
     chosen : sequence of (label number, name or 'all', float)
     labels : iterable of (int, str)
     """
-    known = [name for _, name in labels if name]
+    label_names = [name for _, name in labels if name]
     for choice, _ in chosen:
-        if isinstance(choice, str) and choice != ALL and not any(_fit(choice, None, name) for name in known):
-            there = f"; there are {', '.join(known[:8])}" if known else "; the labels here have no names: give a number"
+        if isinstance(choice, str) and choice != ALL and not any(_fit(choice, None, name) for name in label_names):
+            there = (
+                f"; there are {', '.join(label_names[:8])}"
+                if label_names
+                else "; the labels here have no names: give a number"
+            )
             raise AbsentLabelError(f"--opacity names {choice!r}, but no structure has that name{there}")
 
 
 def _chosen_opacity(
     chosen: Sequence[tuple[int | str, float]], label: int | None, name: str, names: Set[str]
 ) -> float | None:
-    found, best = None, 0
+    best_opacity, best = None, 0
     for choice, opacity in chosen:
         fit = _fit(choice, label, name)
         # What a structure is called goes to that one alone: of two kidneys the anatomy is the same.
         if fit == 2 and isinstance(choice, str) and _plain(choice) in names:
             continue
         if fit and fit >= best:
-            found, best = opacity, fit
-    return found
+            best_opacity, best = opacity, fit
+    return best_opacity
 
 
 def _fit(choice: int | str, label: int | None, name: str) -> int:
@@ -126,8 +130,8 @@ def _fit(choice: int | str, label: int | None, name: str) -> int:
         return 3 if choice == label else 0
     if _plain(choice) == _plain(name):
         return 3
-    wanted = anatomy_of(choice)
-    return 2 if wanted is not None and wanted == anatomy_of(name) else 0
+    anatomy = anatomy_of(choice)
+    return 2 if anatomy is not None and anatomy == anatomy_of(name) else 0
 
 
 def _plain(name: str) -> str:
@@ -135,7 +139,7 @@ def _plain(name: str) -> str:
 
 
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
-    """Return what results are called: as their labels, where several have a name with their numbers, or as the volume.
+    """Return names of results: by their labels, with numbers if several have one name, or by the volume.
 
     Names are those of the volume on one line, and 'label 3' for a label without one.
     """
@@ -161,7 +165,7 @@ def save_structures(
     results : sequence of Reconstruction
         Such as `reconstruct_labels(...).surfaces`.
     names : sequence of str
-        What each is called; by default as its label, or as the volume.
+        Name of each; by default that of its label, or of the volume.
     space : {"ras", "lps"}
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
 

@@ -39,7 +39,7 @@ def unit_of(number: float, unit: str) -> Unit:
 
 
 def number_text(number: float, digits: int = DIGITS) -> str:
-    """Return a number with so many digits, and all of those before the point.
+    """Return a number with a number of digits, and all digits before the point.
 
     No comma is between thousands, which half of the world reads as a decimal point.
 

@@ -21,7 +21,7 @@ from typing import Any
 import bpy
 
 from ...core import VERSION, OutputError, Step, Steps
-from ...core.files.atomic_write import made_folder, refused, whole_file, write_json
+from ...core.files.atomic_write import create_folder, refused, whole_file, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import remove_leftovers
 from ..surface import mesh_data as meshes
@@ -82,7 +82,7 @@ def turntable_steps(
     try:
         pivot = _add_pivot(figure, turn)
         note = _note_of(figure, page, style, turn)
-        made_folder(folder)
+        create_folder(folder)
         _require_same(folder, note, overwrite)
         for each in {folder, *(file.resolve().parent for file in (target, Path(blend or target)))}:
             remove_leftovers(each)

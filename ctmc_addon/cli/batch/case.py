@@ -32,7 +32,7 @@ from ...core import (
     peak_bytes,
     resident_bytes,
 )
-from ...core.files.atomic_write import made_folder, write_json
+from ...core.files.atomic_write import create_folder, write_json
 from ...core.files.mesh_files import PAGE, SUFFIXES
 from ...core.volume import (
     InsideValues,
@@ -267,10 +267,10 @@ class CaseWork:
         name, suffix = output["name"], self.task["format"]
         with CHANGING_FOLDERS:
             require_batch(self.task)  # or its hidden folder would come again
-            own = made_folder(self.unfinished)
+            own = create_folder(self.unfinished)
             pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
             if output["labels"] and suffix in SUFFIXES:
-                return {"folder": made_folder(own / name), "suffix": suffix, "surfaces": pages}
+                return {"folder": create_folder(own / name), "suffix": suffix, "surfaces": pages}
         return {"surfaces": (own / f"{name}{suffix}", *pages)}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:

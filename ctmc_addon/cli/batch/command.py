@@ -29,7 +29,7 @@ from ...core import (
     measures_in,
     processors,
 )
-from ...core.files.atomic_write import made_folder, require_writable
+from ...core.files.atomic_write import create_folder, require_writable
 from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
@@ -137,7 +137,7 @@ def run(args: argparse.Namespace) -> None:
         require_empty(folder, "go on with --resume, start again with --overwrite, or choose another")
     cluster = _connected(args.scheduler) if args.scheduler else None
     try:
-        made_folder(folder)
+        create_folder(folder)
         require_writable(folder / "summary.json")
         _plan_outputs(cases, folder, [f".{args.output_format}", *([PAGE] if args.html else [])])
         remove_unfinished(folder)

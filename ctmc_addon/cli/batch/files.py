@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, descriptions, finish
-from ...core.files.atomic_write import made_folder, refused, write_json
+from ...core.files.atomic_write import create_folder, refused, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
@@ -115,7 +115,7 @@ def put_output(
     try:
         target.unlink(missing_ok=True)
         for path, target in moves:
-            made_folder(target.parent)
+            create_folder(target.parent)
             path.replace(target)
         _remove_older(folder, name, older, {target for _, target in moves})
         if thumbnail is None:
@@ -163,7 +163,7 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
     OutputError
         If another run is at work in `folder`, or it cannot be written to.
     """
-    own = made_folder(folder / temporary_name(UNFINISHED))
+    own = create_folder(folder / temporary_name(UNFINISHED))
     try:
         # Made first, asked then: of two that start together at least one sees the other.
         for other in folder.glob(UNFINISHED + "*"):

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ...core import Stages, Step, Steps, descriptions, equal_part, volume_text
-from ...core.files.atomic_write import made_folder, require_writable, write_json
+from ...core.files.atomic_write import create_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
 from ...readers import ReadingOptions
 from ..arguments import add_quiet, at_least
@@ -48,7 +48,7 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Make the phantom, write it and print its truth."""
-    folder = made_folder(args.folder)
+    folder = create_folder(args.folder)
     require_writable(folder / "truth.json")
     formats = list(WRITERS) if args.format == "all" else [args.format]
     require_own_slices(folder, formats, args.slices)

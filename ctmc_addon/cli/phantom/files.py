@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import VERSION, CtmcError, OutputError, Step, Steps
-from ...core.files.atomic_write import made_folder, whole_file
+from ...core.files.atomic_write import create_folder, whole_file
 from ...core.phantom import Phantom
 from ...core.volume import Volume, transform_points
 
@@ -65,7 +65,7 @@ def require_own_slices(folder: Path, formats: list[str], slices: int) -> None:
 def _write_png_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """Write 8 bit gray slices from the feet to the head, HU -160 to 240."""
     image = library("PIL.Image", "Pillow")
-    png_folder = made_folder(folder / "png")
+    png_folder = create_folder(folder / "png")
     low, high = WINDOW
     for k, plane in enumerate(phantom.volume.values):
         yield Step(k / len(phantom.volume.values), "Writing PNG")
@@ -96,7 +96,7 @@ def write_nifti_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
 def write_dicom_steps(phantom: Phantom, folder: Path) -> Steps[list[str]]:
     """Write CT Image Storage (PS3.3 A.3), explicit VR little endian, with identifiers derived from the content."""
     pydicom = library("pydicom", "pydicom")
-    dicom_folder = made_folder(folder / "dicom")
+    dicom_folder = create_folder(folder / "dicom")
     # Phantoms of one seed but another grid are other series.
     root = f"ctmc phantom {phantom.seed} {phantom.volume.size} {phantom.volume.spacing}"
     for k, plane in enumerate(phantom.volume.values):

@@ -31,13 +31,13 @@ from numpy.typing import NDArray
 from .case_table import CLASSIC, TriangleTables
 from .grid import WORD, Grid
 
-BYTE = 8  # samples in a byte
+BYTE = 8  # A byte holds the bits of this many samples.
 ALL_INSIDE = np.uint64(2**WORD - 1)
 
 
 @dataclass(frozen=True, eq=False)
 class Segments:
-    """Runs of layers of a slab, each within one unit, and what is in each of them.
+    """Runs of layers of a slab, each within one unit, and the contents of each.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Segments:
     vertices : (4, s) intp
         On edges along x, y and z, and inside voxels.
     voxels : (kinds, s) intp
-        Of each kind; those of kind 0 have no triangle.
+        Voxels of each kind; those of kind 0 have no triangle.
     """
 
     unit: NDArray[np.intp]
@@ -68,18 +68,18 @@ class Slab:
     rows, pitch : int
         Rows of samples in a layer, and samples in a row, with what is repeated or left over beyond the last.
     byte : (m,) intp
-        Which bytes of the bits of (high - low, rows, pitch) samples have an active voxel, ascending.
+        Bytes of the bits of (high - low, rows, pitch) samples that have an active voxel, ascending.
     slot : (n,) intp
         The active voxels, ascending: 8 times the rank of its byte in `byte`, and its place in the byte.
     configuration : (n,) int16
         Configuration number in `tables`: the case, or one of the surfaces that the trilinear interpolant may have
         in its stead.
     ghosts : (n_ghosts,) intp
-        Which of the voxels are ghost cells, ascending.
+        Voxels that are ghost cells, ascending.
     edge_slots : three (n_axis,) intp
         Slots of the voxels that own a crossed edge along x, y, z, ascending: one vertex each.
     with_interior : (n_interior,) intp
-        Which of the voxels have vertices inside them; none in the classic topology.
+        Voxels that have vertices inside them; none in the classic topology.
     corner_values : (n_interior, 8) float64
         Gray values at the corners of those.
     tables : TriangleTables
@@ -141,7 +141,7 @@ class Slab:
 
     @property
     def interior_counts(self) -> NDArray[Any]:
-        """How many vertices each of the voxels `with_interior` has inside."""
+        """Return the number of vertices inside each of the voxels `with_interior`."""
         return self.tables.interior_count.take(self.configuration.take(self.with_interior))
 
     def samples(self, voxels: NDArray[np.intp]) -> tuple[NDArray[np.intp], ...]:
@@ -223,7 +223,7 @@ def find_active(grid: Grid, bits: NDArray[np.uint64], low: int, high: int) -> Sl
 
 
 def _mixed_words(slab_words: NDArray[np.uint64], rows: int, words: int) -> NDArray[np.intp]:
-    """Which words may have an active voxel: not all samples of it and of its neighbors are equal."""
+    """Return the words that may have an active voxel: not all samples of it and its neighbors are equal."""
     layer = rows * words
     mixed = _any_neighbor(slab_words != 0, words, layer)
     mixed &= _any_neighbor(slab_words != ALL_INSIDE, words, layer)
@@ -240,7 +240,7 @@ def _any_neighbor(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np
 
 
 def _border_masks(grid: Grid, rows: int, words: int) -> tuple[NDArray[np.uint64], NDArray[np.uint64]]:
-    """For the words of a layer (rows, words): the last sample of every row, and all the ghost cells."""
+    """Return two masks for the words of a layer (rows, words): the last sample of every row, and all ghost cells."""
     last_sample_bits = np.zeros((rows, words), np.uint64)
     last_sample_bits[:, -1] = np.uint64(1 << (grid.x.count - 1) % WORD)
     ghost_bits = last_sample_bits.copy()

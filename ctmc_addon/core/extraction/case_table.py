@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from .classic_cases import CLASSIC_CASES
 
-NEAREST = 2.0**-10  # share of an edge that a crossing keeps from the edge's ends, so that no two vertices meet
+NEAREST = 2.0**-10  # A crossing keeps this share of an edge from the edge's ends, so that no two vertices meet.
 Loop = tuple[int, ...]
 Triangle = tuple[int, int, int]
 
@@ -125,7 +125,7 @@ class TriangleTables:
     ----------
     triangle_count : (configurations,) uint8
     first_triangle : (configurations,) intp
-        Where a configuration's triangles begin in `triangle_edges`.
+        Start of a configuration's triangles in `triangle_edges`.
     triangle_edges : (n, 3) intp
         Edges 0 to 11, and 12 to 14 for the vertices inside the voxel.
     interior_count : (configurations,) uint8
@@ -154,7 +154,7 @@ class TriangleTables:
 
 @dataclass(frozen=True, eq=False)
 class CornerLists:
-    """What has to be looked up to write a configuration's triangles: in a fan each edge only once.
+    """Edges to look up for a configuration's triangles: in a fan each edge only once.
 
     Two triangles (4, 0, 1), (4, 1, 2) are a fan about edge 4: the list is 4, 0, 1, 2, the kind 3, and `columns(3)`
     tells that the triangles are made of places 0, 1, 2 and 0, 2, 3 of the list.
@@ -174,7 +174,7 @@ class CornerLists:
     @staticmethod
     @cache
     def columns(kind: int) -> tuple[int, tuple[int, ...]]:
-        """How many corners the list of a kind has, and which of them are the corners of its triangles in turn."""
+        """Return the number of corners in the list of a kind, and the position of each triangle corner in it."""
         triangles = (kind + 1) // 2
         if kind % 2:
             return triangles + 2, tuple(corner for n in range(triangles) for corner in (0, n + 1, n + 2))
@@ -186,7 +186,7 @@ def _as_fan(triangles: list[Triangle]) -> Loop:
 
     Examples
     --------
-    >>> as_fan([(0, 3, 4), (2, 3, 0)])
+    >>> _as_fan([(0, 3, 4), (2, 3, 0)])
     (0, 2, 3, 4)
     """
     for center in sorted(set.intersection(*map(set, triangles))) if triangles else ():

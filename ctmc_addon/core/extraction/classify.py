@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from .grid import WORD, Axis, Grid
 
-ROWS_WORTH_READING = 4  # of which one is used: reading memory in one run is faster than skipping so few
-CHUNK_SAMPLES = 1 << 20  # compared at once: the results stay in the processor's cache
+# Read all rows if at least one in this many is used: one run is faster than skipping so few.
+ROWS_WORTH_READING = 4
+CHUNK_SAMPLES = 1 << 20  # Compare this many samples at once: the results stay in the processor's cache.
 
 
 def lowest_inside(threshold: float, dtype: np.dtype[Any]) -> Any:

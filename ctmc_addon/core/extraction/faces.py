@@ -28,9 +28,10 @@ from .active_voxels import BYTE, Slab
 from .case_table import EDGES, CornerLists
 from .order import SlabPositions
 
-MAP_BYTES = 1 << 17  # bytes of samples whose ranks are looked up at once: the map stays in the cache
-VOXELS_AT_ONCE = 1 << 15  # whose corners are looked up at once, for the same reason
-FEW_VOXELS = 1 << 9  # whose corners are written in one call, as the calls take longer than what they write
+MAP_BYTES = 1 << 17  # Look up the ranks of this many bytes of samples at once: the map stays in the cache.
+VOXELS_AT_ONCE = 1 << 15  # Look up the corners of this many voxels at once, for the same reason.
+# Write the corners of up to this many voxels in one call: more calls would take longer than the writing.
+FEW_VOXELS = 1 << 9
 
 
 def fill_faces(
@@ -41,7 +42,7 @@ def fill_faces(
     Parameters
     ----------
     places : SlabPositions
-        Where the slab's vertices and triangles stand.
+        Positions of the slab's vertices and triangles.
     following : (Slab, SlabPositions) or None
         The next slab, or its first layer alone, and where its vertices stand: the edges in this one's top layer of
         samples are that one's.

@@ -31,12 +31,13 @@ from .grid import Grid, layers_in_unit, make_axes
 from .marching_cubes import Counts, piece_steps
 from .scan import SCAN_STAGES, scan_steps
 
-WORK_BYTES, WORK_FACTOR = 32 << 20, 4  # of memory while a slab is extracted: these and so many times its values
-KEPT_SLICES = 3  # that two slabs share at most: the layer between them, and one to either side for normals
+# Extracting a slab takes these bytes and this many times the bytes of its values.
+WORK_BYTES, WORK_FACTOR = 32 << 20, 4
+KEPT_SLICES = 3  # Two slabs share at most this many slices: the layer between them, and one to either side for normals.
 GOLDEN_RATIO = (math.sqrt(5.0) - 1.0) / 2.0
-POINTS_AT_ONCE = 1 << 16  # moved to millimeters in one go, so the float64 in between stays small
-TASK_SLABS = 4  # slabs in a task of a worker, at most
-TASKS_PER_WORKER = 4  # at least, so that a lost one costs little and all are busy to the end
+POINTS_AT_ONCE = 1 << 16  # Move this many points to millimeters in one go, so that the float64 in between stays small.
+TASK_SLABS = 4  # A task of a worker has at most this many slabs.
+TASKS_PER_WORKER = 4  # A worker gets at least this many tasks: a lost one costs little, and all are busy to the end.
 EXTRACTING, COUNTING = "Extracting the surface", "Counting triangles"
 
 
@@ -51,7 +52,7 @@ class SlabTask:
     shape, dtype : tuple, str
         Fingerprint of the volume, by which a worker notices that it reads another file.
     settings, window
-        Of the whole surface; the settings have its threshold.
+        Settings and window of the whole surface; the settings have its threshold.
     normals : bool
     slab_bytes : int
         As in `Budget`.
@@ -71,7 +72,7 @@ class SlabTask:
 
 @dataclass(frozen=True, eq=False)
 class SlabResult:
-    """What a worker has extracted: pieces, and how many samples of a label it saw on the wrong side."""
+    """Pieces that a worker has extracted, and the samples of a label that it saw on the wrong side."""
 
     pieces: list[Surface]
     wrong_side: int
@@ -118,10 +119,10 @@ class FieldSlabs:
 
     def pieces_steps(self, low: int = 0, high: int | None = None) -> Pieces:
         """Yield the pieces of the slabs in index space, and steps between."""
-        made = self.field.surface
-        if made is not None and not self.normals and (low, high) == (0, None):
+        surface = self.field.surface
+        if surface is not None and not self.normals and (low, high) == (0, None):
             yield PAUSE
-            yield Surface(made.midpoints.copy(), made.linear.copy(), made.faces)
+            yield Surface(surface.midpoints.copy(), surface.linear.copy(), surface.faces)
             return self.field.wrong_side
         ranges, level = self.ranges(low, high), float(self.field.level)
         stages = Stages(dict.fromkeys(map(str, range(len(ranges))), 1))
@@ -132,7 +133,7 @@ class FieldSlabs:
         return self.field.wrong_side
 
     def counts_steps(self, most_slabs: int | None = None) -> Steps[Counts]:
-        """Numbers of active voxels, vertices and triangles, by the first two passes alone.
+        """Count active voxels, vertices and triangles by the first two passes only.
 
         Parameters
         ----------
@@ -161,7 +162,7 @@ class FieldSlabs:
         return Counts(voxels, active, vertices, faces, share == 1.0, self.axes[2].voxels)
 
     def _grid_steps(self, low: int, high: int) -> Steps[Grid]:
-        """The samples of the layers `low` to `high`, with the layer on top and what normals read beyond."""
+        """Return the samples of the layers `low` to `high`, with the layer on top and the slices that normals read."""
         x, y, z = self.axes
         part, slices = z.part(low, min(high + 1, z.count)), self.values.shape[0]
         upper, continues = self.field.settings.upper, high < z.count
@@ -240,7 +241,7 @@ def slab_result_steps(volume: Volume, task: SlabTask) -> Steps[SlabResult]:
     ReadError
         If the volume or the version is not that of whoever gave the task.
     VolumeError
-        For NaN beside the surface.
+        If NaN lies next to the surface.
     """
     if task.version != VERSION:
         raise ReadError(f"a worker has ctmc {VERSION} and not {task.version}; install the same version everywhere")

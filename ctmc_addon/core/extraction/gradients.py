@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from ..mesh.face_normals import vertex_normals_steps
 from ..progress import Step, Steps
 
-NOWHERE = np.zeros(0, np.intp)  # no flat indices
+NOWHERE = np.zeros(0, np.intp)  # No flat indices.
 
 
 class Sampler:
@@ -34,7 +34,7 @@ class Sampler:
         Seen as one flat array, in which column x, row y, slice z stands at the flat index
         ``x * steps[0] + y * steps[1] + z * steps[2]``, counted from the first value in memory.
     first_slice, slices : int
-        Which slice of the volume the values begin with, and how many it has; by default the values are all.
+        First slice of the values, and number of slices of the volume; by default the values are all.
     """
 
     def __init__(self, values: NDArray[Any], first_slice: int = 0, slices: int | None = None) -> None:
@@ -94,7 +94,7 @@ class Sampler:
         first: NDArray[np.intp],
         last: NDArray[np.intp],
     ) -> tuple[NDArray[Any], NDArray[Any]]:
-        """The same along an axis at the low and the high ends of edges along it, whose values are known.
+        """Return central differences at the low and high ends of edges along an axis, whose values are given.
 
         `first` and `last` are the edges that begin in the volume's first plane, and that end in its last one.
         """
@@ -130,7 +130,7 @@ def fill_normals(
     axis : int
         0, 1, 2 for points between values along x, y, z.
     share : (n,) float
-        Where between the two values each point is, 0 to 1, in the sampler's working type.
+        Position of each point between the two values, 0 to 1, in the sampler's working type.
     out : (n, 3) float32
         Zero where the gradient vanishes, or a voxel it is taken from is NaN or infinite.
     """

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from ..errors import SettingsError
 
 WORD = 64
-UNIT_SAMPLES = 1 << 22  # of a unit (order.py), or those of one layer
+UNIT_SAMPLES = 1 << 22  # A unit (order.py) has this many samples, or those of one layer.
 WIDER = 8
 
 
@@ -36,9 +36,9 @@ class Axis:
     Parameters
     ----------
     position : (n,) float32
-        Where the samples lie, in index space.
+        Positions of the samples, in index space.
     index : (n,) intp
-        Which values of the volume they are; a closed border's outside samples repeat the outermost.
+        Indices of the samples in the volume; a closed border's outside samples repeat the outermost.
     start, stop, stride : int
         The volume's indices that are sampled: range(start, stop, stride), then `stop - 1`.
     closed : bool
@@ -98,9 +98,9 @@ class Grid:
         All slices of the volume, or some that follow one another.
     x, y, z : Axis
     first_slice : int
-        Which slice of the volume the values begin with.
+        First slice of the values in the volume.
     slices : int, optional
-        How many the volume has; by default as many as the values.
+        Number of slices of the volume; by default that of the values.
     continues : bool
         Whether the last layer of samples is only the upper side of voxels, as more layers follow in the volume.
     upper : float, optional
@@ -133,7 +133,7 @@ class Grid:
 
     @property
     def unit(self) -> int:
-        """How many layers of samples are a unit of the order of vertices and triangles."""
+        """Return the number of layers of samples in a unit of the order of vertices and triangles."""
         return layers_in_unit(self.x, self.y, self.z)
 
     @property

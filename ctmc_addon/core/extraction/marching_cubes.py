@@ -48,8 +48,8 @@ from .vertices import VertexArrays, fill_edge_vertices
 PLACING, COMPLETING = "Placing vertices and triangles", "Completing normals"
 STAGES = SCAN_STAGES | {PLACING: 4.5}
 STAGES_WEIGHT = sum(STAGES.values())
-INTERIOR_SLABS = 8  # whose vertices inside voxels are placed at once
-ENDS: tuple[float | None, ...] = (0.0, None)  # of alpha: the midpoint, and the linear crossing itself
+INTERIOR_SLABS = 8  # Place the vertices inside voxels of this many slabs at once.
+ENDS: tuple[float | None, ...] = (0.0, None)  # The ends of alpha: the midpoint, and the linear crossing itself.
 
 
 @dataclass(frozen=True)
@@ -89,7 +89,7 @@ def marching_cubes(
     Parameters
     ----------
     values : (slices, rows, columns) bool, integers, float32 or float64
-        At least two along every axis, in any byte order and memory layout; never copied.
+        Values, at least two along every axis, in any byte order and memory layout; never copied.
     threshold : float
         Inside is ``value >= threshold``.
     stride : (x, y, z) int
@@ -152,7 +152,7 @@ def extract_steps(
     Raises
     ------
     ThresholdError, MeshError
-        Where there is no surface.
+        If there is no surface.
     """
     stages = Stages({"": STAGES_WEIGHT, COMPLETING: 0.5})
     surface = yield from stages.run("", piece_steps(grid, threshold, normals, budget or Budget(), topology, alphas))
@@ -166,7 +166,7 @@ def extract_steps(
 
 
 def count_steps(grid: Grid, threshold: float, budget: Budget | None = None, topology: str = "classic") -> Steps[Counts]:
-    """Exact numbers of active voxels, vertices and triangles, by the first two passes alone."""
+    """Count active voxels, vertices and triangles exactly by the first two passes only."""
     stages = Stages(SCAN_STAGES)
     slabs, _ = yield from scan_steps(stages, grid, float(threshold), (budget or Budget()).thread_count, topology)
     return Counts(

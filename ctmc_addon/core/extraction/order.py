@@ -24,19 +24,19 @@ from numpy.typing import NDArray
 
 from .active_voxels import Slab
 
-INSIDE = 5  # the last of the lists of vertices
-Pieces: TypeAlias = list[tuple[slice, slice]]  # some of the items of a list, and the rows where they stand
+INSIDE = 5  # The last list of vertices: those inside voxels.
+Pieces: TypeAlias = list[tuple[slice, slice]]  # Some items of a list, and the rows where they stand.
 
 
 class Runs(NamedTuple):
-    """Where the items of a list stand in an array, a few runs of them one after the other.
+    """Positions of a list's items in an array, a few runs of them one after the other.
 
     Parameters
     ----------
     ends : list of int
-        Which of the items each run begins with, and the end.
+        First item of each run, and the end.
     starts : list of int
-        Where in the array each run begins.
+        Start of each run in the array.
     size : int
         Rows of the array for each item.
     """
@@ -46,14 +46,14 @@ class Runs(NamedTuple):
     size: int = 1
 
     def places(self) -> NDArray[np.int32]:
-        """Where in the array every item stands, (items,)."""
+        """Return the position of every item in the array, (items,)."""
         places = np.empty(self.ends[-1], np.int32)
         for (begin, end), start in zip(pairwise(self.ends), self.starts, strict=True):
             places[begin:end] = np.arange(start, start + end - begin, dtype=np.int32)
         return places
 
     def pieces(self, low: int, count: int) -> Pieces:
-        """Return where so many items from `low` on stand: which of them, counted from `low`, and in which rows.
+        """Return the runs of `count` items from `low` on: their numbers, counted from `low`, and their rows.
 
         Examples
         --------
@@ -73,14 +73,14 @@ class Runs(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class SlabPositions:
-    """Where the vertices and the triangles of a slab stand.
+    """Positions of a slab's vertices and triangles.
 
     Parameters
     ----------
     vertices : four Runs
-        Of the vertices on edges along x, y and z, and of those inside voxels.
+        Runs of the vertices on edges along x, y and z, and of those inside voxels.
     faces : tuple of Runs
-        Of the voxels of each kind, from kind 1 on.
+        Runs of the voxels of each kind, from kind 1 on.
     """
 
     vertices: tuple[Runs, ...]
@@ -89,7 +89,7 @@ class SlabPositions:
 
 @dataclass(frozen=True, eq=False)
 class Order:
-    """The places of all slabs, and how many vertices and triangles they have together."""
+    """The positions of all slabs, and the numbers of all vertices and triangles."""
 
     places: list[SlabPositions]
     vertex_count: int
@@ -97,7 +97,7 @@ class Order:
 
 
 def order_of(slabs: Sequence[Slab], top: Slab | None = None) -> Order:
-    """Return where everything stands, from the lowest layer of the first slab on, which is that of a unit.
+    """Return the position of everything, from the lowest layer of the first slab on, which starts a unit.
 
     Parameters
     ----------
@@ -160,7 +160,7 @@ def _runs(
 
 
 def _joined(counts: list[int], starts: list[int], size: int) -> Runs:
-    """The runs of so many items each, those that follow one another in the array as one; at least one."""
+    """Return runs with these numbers of items; runs that follow one another in the array become one; at least one."""
     ends, firsts, follows = [0], [], -1
     for count, start in zip(counts, starts, strict=True):
         if not count:

@@ -25,15 +25,17 @@ from .grid import WORD, Grid
 from .trilinear.decider import trilinear_tables
 from .trilinear.interior_vertices import with_trilinear_topology
 
-SLAB_SAMPLES = 1 << 22  # samples compared at a time: enough to outweigh the cost of a call
-SLAB_WORDS = 1 << 20  # words of 64 samples in a slab, for little memory
-SLAB_MIXED = 1 << 14  # and those that a surface crosses: the lists of so many voxels stay in the processor's cache
-SLAB_CROSSED = 1 << 15  # edges along x that noise crosses, in words that are each crossed many times
-THREADED_SLABS = 8  # and more are shared by all threads; with fewer one alone is as quick: its calls wait for no other
-DECIDED_SLABS = 8  # whose ambiguous voxels are decided together, where there are so many for every thread
-MIXED_ROWS = 16  # of which one is looked at to estimate both
+SLAB_SAMPLES = 1 << 22  # Compare this many samples at a time: enough to outweigh the cost of a call.
+SLAB_WORDS = 1 << 20  # A slab has this many words of 64 samples, for little memory.
+# The surface crosses this many words of a slab: lists of their voxels stay in the processor's cache.
+SLAB_MIXED = 1 << 14
+SLAB_CROSSED = 1 << 15  # Noise crosses this many edges along x of a slab, in words that are each crossed many times.
+# All threads share this many slabs or more; one thread is as quick with fewer, as its calls never wait.
+THREADED_SLABS = 8
+DECIDED_SLABS = 8  # Decide the ambiguous voxels of this many slabs at once, if every thread has as many.
+MIXED_ROWS = 16  # Look at one row in this many to estimate both.
 BIT_COUNT = np.array([number.bit_count() for number in range(256)], np.uint8)
-KEPT_BYTES = (1 << 25) - (1 << 16)  # the most that has an effect; see _keep_freed_pages
+KEPT_BYTES = (1 << 25) - (1 << 16)  # The largest value that has an effect; see _keep_freed_pages.
 TOPOLOGIES = ("classic", "trilinear")
 COMPARING, FINDING = "Comparing with the threshold", "Finding active voxels"
 SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}
@@ -42,7 +44,7 @@ SCAN_STAGES = {COMPARING: 3.0, FINDING: 2.0}
 def scan_steps(
     stages: Stages, grid: Grid, threshold: float, threads: int, topology: str
 ) -> Steps[tuple[list[Slab], Slab | None]]:
-    """The active voxels of all slabs, and where the grid continues those of the layer above them, alone."""
+    """Find the active voxels of all slabs, and separately those where the grid continues above."""
     if topology not in TOPOLOGIES:
         raise SettingsError(f"topology is one of {', '.join(TOPOLOGIES)}, not {topology!r}")
     if not math.isfinite(threshold):
@@ -72,8 +74,8 @@ def scan_steps(
     threads = slab_threads(len(ranges), threads)
     at_once = max(1, min(DECIDED_SLABS, len(ranges) // (2 * threads))) if topology == "trilinear" else 1
     groups = [ranges[first : first + at_once] for first in range(0, len(ranges), at_once)]
-    found = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
-    slabs = [slab for some in found for slab in some]
+    slab_groups = yield from stages.run(FINDING, map_steps(find, groups, threads, ""))
+    slabs = [slab for some in slab_groups for slab in some]
     return slabs, find_active(grid, bits, grid.layers, grid.z.count) if grid.continues else None
 
 
@@ -83,7 +85,7 @@ def slab_threads(slabs: int, threads: int) -> int:
 
 
 def _surface_work(bits: NDArray[np.uint64]) -> NDArray[np.float64]:
-    """Work that the surface is in every layer of some rows, 1 for that of a slab."""
+    """Return the work of the surface in every layer of some rows; a slab has 1."""
     mixed = np.count_nonzero(bits + np.uint64(1) > 1, axis=(1, 2))  # neither no sample of a word inside nor all
     changes = (bits ^ bits >> np.uint64(1)) & np.uint64(2 ** (WORD - 1) - 1)
     crossed = BIT_COUNT.take(changes.view(np.uint8)).sum(axis=(1, 2))

@@ -26,7 +26,7 @@ from .gradients import NOWHERE, Sampler, fill_normals
 from .grid import Axis, Grid
 from .order import Pieces, Runs
 
-EDGES_AT_ONCE = 1 << 16  # filled in together: their arrays stay in the cache
+EDGES_AT_ONCE = 1 << 16  # Fill in this many edges at once: their arrays stay in the cache.
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +52,8 @@ class _ByteSamples(NamedTuple):
 
     sample: tuple[NDArray[np.intp], ...]  # three (m,): number along x, y, z
     position: tuple[NDArray[np.float32], ...]  # two (m,): along y, z
-    flat: NDArray[np.intp]  # (m,), the sampler's, at column 0
-    reach: tuple[tuple[int, int], ...]  # lowest and highest index of the values at both ends of edges, along x, y, z
+    flat: NDArray[np.intp]  # (m,): the sampler's flat indices at column 0.
+    reach: tuple[tuple[int, int], ...]  # Lowest and highest index of the values at both ends of edges, along x, y, z.
 
 
 def fill_edge_vertices(

@@ -68,7 +68,7 @@ def whole_file(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 @contextmanager
 def whole_files(paths: Iterable[Path]) -> Iterator[dict[Path, Path]]:
-    """For every path a place to write it to; all are moved to their paths at the end, none if anything goes wrong.
+    """Yield a temporary name for every path; move all files at the end, or none if anything goes wrong.
 
     The places lie in a hidden folder beside each path, under its name, which errors then show. Where one file cannot
     be moved, those that were are taken back: the older files return, the new ones go.
@@ -168,7 +168,7 @@ def _refusing(path: Path) -> Iterator[None]:
 
 
 def refused(path: Path, error: OSError) -> OutputError:
-    """Return an `OutputError` that says what an `OSError` about `path` means, with a remedy."""
+    """Return an `OutputError` that explains an `OSError` about `path`, with a remedy."""
     remedy = REMEDIES.get(error.errno or 0, f"{error.strerror or error}; choose another place")
     return OutputError(f"{without_temporary(path)} cannot be written: {remedy}")
 
@@ -197,7 +197,7 @@ def require_writable(path: str | os.PathLike[str], suffixes: tuple[str, ...] = (
     return target
 
 
-def made_folder(path: str | os.PathLike[str]) -> Path:
+def create_folder(path: str | os.PathLike[str]) -> Path:
     """Make the folder `path` and its parents where they do not exist, and return it; else raise an `OutputError`."""
     folder = Path(path)
     try:
@@ -209,11 +209,11 @@ def made_folder(path: str | os.PathLike[str]) -> Path:
 
 @contextmanager
 def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
-    """`made_folder`, and remove at the end the new folders that are still empty."""
+    """`create_folder`, and remove at the end the new folders that are still empty."""
     folder = Path(path)
     missing = [parent for parent in (folder, *folder.parents) if not parent.exists()]
     try:
-        yield made_folder(folder)
+        yield create_folder(folder)
     finally:
         with suppress(OSError):  # rmdir removes no folder that holds something
             for parent in missing:
@@ -222,8 +222,8 @@ def own_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 
 def write_text(path: str | os.PathLike[str], text: str) -> None:
     """Write UTF-8 text with the line ends it has, whole or not at all."""
-    with whole_file(path) as beside:
-        beside.write_bytes(text.encode())
+    with whole_file(path) as temporary:
+        temporary.write_bytes(text.encode())
 
 
 def write_json(path: str | os.PathLike[str], content: Any) -> None:
@@ -232,7 +232,7 @@ def write_json(path: str | os.PathLike[str], content: Any) -> None:
 
 
 def write_csv(path: str | os.PathLike[str], rows: Sequence[Mapping[str, Any]], names: Sequence[str]) -> None:
-    """Write rows under their column names as CSV, whole or not at all; what a row does not have stays empty."""
+    """Write rows under their column names as CSV, whole or not at all; missing values stay empty."""
     write_text(path, csv_text(rows, names))
 
 

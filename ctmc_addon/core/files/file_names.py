@@ -11,10 +11,10 @@ import unicodedata
 from collections.abc import Container, Iterable
 from pathlib import Path
 
-RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # on Windows
+RESERVED = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)  # Windows reserves these names.
 FORBIDDEN = re.compile(r'[<>:"/\\|?*\x00-\x1f]')
-MOST_BYTES = 120  # of a name that is made here
-LONGEST_BYTES = 240  # of any stem: systems allow 255 with the suffix
+MOST_BYTES = 120  # A name that is made here has at most this many bytes.
+LONGEST_BYTES = 240  # A stem has at most this many bytes: systems allow 255 with the suffix.
 
 
 def name_problem(name: str) -> str:
@@ -37,7 +37,7 @@ def name_problem(name: str) -> str:
 
 
 def file_key(name: str) -> str:
-    """Return what two names share that are one file somewhere.
+    """Return the same text for two names that are one file on some system.
 
     Windows and macOS do not tell upper from lower case, and macOS not one form of an umlaut from the other.
     """
@@ -45,7 +45,7 @@ def file_key(name: str) -> str:
 
 
 def printable(name: str) -> str:
-    r"""Return a name on one line, without what a terminal would obey.
+    r"""Return a name on one line, without control characters that a terminal obeys.
 
     Examples
     --------
@@ -88,10 +88,10 @@ def file_names(names: Iterable[str]) -> list[str]:
     return out
 
 
-def with_suffix(path: str, suffix: str, known: Container[str] = ()) -> str:
+def with_suffix(path: str, suffix: str, allowed: Container[str] = ()) -> str:
     """Return a path with `suffix` if its file has a name without one.
 
-    A suffix is one of the `known` (in small letters), or begins with a letter: one that no writer knows is refused
+    A suffix is one of the `allowed` (in small letters), or begins with a letter: one that no writer knows is refused
     later. What else follows a dot is a part of the name.
 
     Examples
@@ -101,4 +101,4 @@ def with_suffix(path: str, suffix: str, known: Container[str] = ()) -> str:
     """
     name = "" if path.endswith(("/", "\\")) else Path(path).name
     own = Path(name).suffix.lower()
-    return path + suffix if name and own not in known and not own[1:2].isalpha() else path
+    return path + suffix if name and own not in allowed and not own[1:2].isalpha() else path

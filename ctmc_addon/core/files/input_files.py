@@ -41,16 +41,16 @@ class _InputFiles:
         self._look_up()
         if _real(path) in self.paths:
             return True
-        known_path = self.identities.get(identity)
+        input_path = self.identities.get(identity)
         # A file that was removed may have left its number to another.
-        return known_path is not None and _identity(known_path) == identity
+        return input_path is not None and _identity(input_path) == identity
 
     def _look_up(self) -> None:
-        for known_path in self.added:
-            self.paths.add(_real(known_path))
-            identity = _identity(known_path)
+        for input_path in self.added:
+            self.paths.add(_real(input_path))
+            identity = _identity(input_path)
             if identity is not None and identity[1]:  # some network disks number no files
-                self.identities[identity] = known_path
+                self.identities[identity] = input_path
         self.added = {}
 
 

@@ -25,8 +25,8 @@ from .atomic_write import refused
 from .file_names import printable
 
 LABEL_SUFFIXES = (".seg.nrrd", ".nrrd", ".nii", ".nii.gz")
-LEVEL = 4  # of gzip; higher ones take much longer and save little of labels
-NIFTI_HEADER = 352  # bytes, with the four that say that no extension follows
+LEVEL = 4  # The level of gzip; higher ones take much longer and save little of labels.
+NIFTI_HEADER = 352  # Bytes, with the four that say that no extension follows.
 
 
 class Segment(NamedTuple):
@@ -46,7 +46,7 @@ def write_labels_steps(
     Parameters
     ----------
     path : Path
-        To a temporary name; `atomic_write` moves it.
+        Path to a temporary name; `atomic_write` moves the file.
     layers : sequence of (slices, rows, columns) uint8
         Such as `segmentation.Layers` has them.
     segments : sequence of Segment
@@ -79,7 +79,7 @@ def _nifti_steps(path: Path, labels: Bytes, affine: NDArray[np.float64]) -> Step
 
 
 def _packing(file: BinaryIO, path: Path) -> gzip.GzipFile | nullcontext[BinaryIO]:
-    """Return what packs the bytes for a file where its suffix says so, or the file."""
+    """Return a file that compresses the bytes if the suffix says so, or the file itself."""
     return gzip.GzipFile("", "wb", LEVEL, file, mtime=0) if path.suffix.lower() == ".gz" else nullcontext(file)
 
 

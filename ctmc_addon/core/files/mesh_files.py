@@ -22,13 +22,13 @@ from ..errors import OutputError
 from ..mesh.face_normals import vertex_normals
 from .atomic_write import whole_file
 
-SPACES = {  # and where their axes run
+SPACES = {  # Names of spaces and the directions of their axes.
     "ras": "x to the patient's right, y to the front, z to the head",
     "lps": "x to the patient's left, y to the back, z to the head, as in DICOM",
 }
 PAGE = ".html"
-STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # of files that hold several surfaces, in structures/
-BLENDER_SUFFIXES = (".blend",)  # of files that Blender writes, in blender/export.py
+STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # Files that hold several surfaces, in structures/.
+BLENDER_SUFFIXES = (".blend",)  # Files that Blender writes, in blender/export.py.
 ROWS_AT_ONCE = 1 << 16
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
@@ -59,7 +59,7 @@ def write_mesh(
             f"{target.name or 'an empty name'} is neither .stl nor .ply; {', '.join(STRUCTURE_SUFFIXES)} are written "
             "by save_structures, a .blend by the command line and the panel"
         )
-    with whole_file(target) as beside, beside.open("wb") as file:
+    with whole_file(target) as temporary, temporary.open("wb") as file:
         writer(file, vertices, faces, normals)
 
 
@@ -71,7 +71,7 @@ def _write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], norm
 
 
 def write_stl_head(file: IO[bytes], face_count: int) -> None:
-    """The beginning of a binary STL with so many facets."""
+    """Write the beginning of a binary STL with this number of facets."""
     file.write(b"CTMC surface, mm".ljust(80))
     file.write(np.uint32(face_count).astype("<u4").tobytes())
 
@@ -125,7 +125,7 @@ def write_ply_faces(file: IO[bytes], faces: NDArray[np.int32]) -> None:
 
 
 def require_one_surface(path: Path, count: int = 0) -> None:
-    """Raise `OutputError` for several surfaces, so many if that is known, in a file that can hold one."""
+    """Raise `OutputError` for several surfaces in a file that can hold one; the message has their number, if known."""
     if count != 1 and path.suffix.lower() in SUFFIXES:
         asked = f"there are {count}" if count else "2 or more are asked for"
         raise OutputError(

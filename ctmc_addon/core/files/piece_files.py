@@ -32,15 +32,15 @@ from .mesh_files import (
 
 T = TypeVar("T")
 
-COPIED = 1 << 24  # bytes between two steps
-WRITING_SHARE = 0.9  # of the work is done when the last piece has come
-MOST_NUMBERED = np.iinfo(np.int32).max  # vertices of a PLY
-MOST_FACETS = np.iinfo(np.uint32).max  # of an STL
+COPIED = 1 << 24  # Copy this many bytes between two steps.
+WRITING_SHARE = 0.9  # This share of the work is done when the last piece has come.
+MOST_NUMBERED = np.iinfo(np.int32).max  # A PLY can number this many vertices.
+MOST_FACETS = np.iinfo(np.uint32).max  # An STL can count this many facets.
 
 
 @dataclass(frozen=True)
 class _WrittenPieces(Generic[T]):
-    """How large the surface is that was written, its measures, and what the maker of its pieces returned."""
+    """Size and measures of a surface that was written, and the result of the maker of its pieces."""
 
     vertices: int
     faces: int
@@ -74,7 +74,7 @@ def write_pieces_steps(
     try:
         if writer is None:
             raise OutputError(f"{target.name or 'an empty name'} is neither .stl nor .ply")
-        with whole_file(target) as beside, beside.open("wb") as file:
+        with whole_file(target) as temporary, temporary.open("wb") as file:
             return (yield from writer(file, pieces, space))
     finally:
         pieces.close()

@@ -44,7 +44,7 @@ def may_be_in_use(name: str) -> bool:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Remove from a folder what processes of this machine left there when they were killed."""
+    """Remove the files from a folder that killed processes of this machine left in it."""
     for path in folder.glob(PREFIX + "*"):
         if may_be_in_use(path.name):
             continue

@@ -21,7 +21,7 @@ class SlabWorkers(Protocol):
 
     @property
     def count(self) -> int:
-        """How many workers there are now."""
+        """Return the present number of workers."""
 
     def results(self, tasks: Sequence[Any]) -> Generator[Any | None, None, None]:
         """The results in the order of the tasks, and None while nothing happens."""
@@ -50,7 +50,7 @@ class Budget:
         slabs of a foam of 2 GiB, 1.7 % fewer were counted than there are, in 1.7 s of processor time with what is
         advised.
     spool_share : float
-        Of the memory, that pieces which are looked at several times may take; the others wait in a file.
+        Share of the memory for pieces that are read several times; the rest wait in a file.
     small_label : int
         Voxels of work that each of several labels has besides those of its box.
 
@@ -73,7 +73,7 @@ class Budget:
 
     @property
     def thread_count(self) -> int:
-        """How many threads to use."""
+        """Return the number of threads to use."""
         return worker_count(self.threads)
 
     @property
@@ -83,7 +83,7 @@ class Budget:
 
     @property
     def spool_bytes(self) -> int:
-        """Bytes of pieces that may stay in memory for another look."""
+        """Return the bytes of pieces that may stay in memory for another pass."""
         there = self.available
         return self.work_bytes if there is None else int(self.spool_share * there)
 
@@ -107,7 +107,7 @@ class Budget:
         require(needed_bytes, what, remedy, self.bytes)
 
     def refusal(self, what: str, remedy: str) -> AbstractContextManager[None]:
-        """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
+        """Raise `MemoryLimitError` if the system refuses memory to `what`, whose need is not known beforehand."""
         return refusal(what, remedy, self.bytes)
 
     def threads_for(self, bytes_each: int, other_bytes: int = 0) -> int:

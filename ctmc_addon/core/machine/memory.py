@@ -18,14 +18,14 @@ VERSION_1_LIMITS: tuple[str, ...] = ("memory.limit_in_bytes",)
 VERSION_2_LIMITS: tuple[str, ...] = (
     "memory.max",
     "memory.high",
-)  # beyond the second a process is slowed down until it hardly runs
-LOOK_AGAIN = 0.2  # seconds between two questions to the system
-_seen: tuple[float, int | None] = (-math.inf, None)  # when it was asked last, and what it said
+)  # Beyond memory.high a process is slowed down until it hardly runs.
+LOOK_AGAIN = 0.2  # Ask the system again after this many seconds.
+_seen: tuple[float, int | None] = (-math.inf, None)  # The time of the last question to the system, and its answer.
 # Parameters of malloc.h where memory is short: one arena for all threads, bytes of free pages that are kept, and of a
 # block that goes back to the system as soon as it is freed.
 LITTLE = {-8: 1, -1: 1 << 26, -3: 1 << 24}
-PLENTY = 1 << 32  # available bytes from which on memory is not short
-NO_THREAD = "can't start new thread"  # says Python where there is no memory for one
+PLENTY = 1 << 32  # Memory is not short from this many available bytes on.
+NO_THREAD = "can't start new thread"  # Python's message if there is no memory for a thread.
 
 
 def available_bytes() -> int | None:
@@ -49,7 +49,7 @@ def _available() -> int | None:
 
 
 def linux_available(root: Path, address_space: bool = True) -> int | None:
-    """Return the least of what the machine has left, what the control groups allow and what the process may address.
+    """Return the least of the machine's rest, the control groups' limits and the process's address space.
 
     In a container or a batch system's job (SLURM) the control group's limit is below the machine's memory.
 
@@ -62,8 +62,8 @@ def linux_available(root: Path, address_space: bool = True) -> int | None:
     """
     limits = [_meminfo_available(root), *_cgroups_available(root)]
     limits += [address_space_available(root)] if address_space else []
-    known = [limit for limit in limits if limit is not None]
-    return max(0, min(known)) if known else _half_of_physical()
+    bounds = [limit for limit in limits if limit is not None]
+    return max(0, min(bounds)) if bounds else _half_of_physical()
 
 
 def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], limit_bytes: int | None = None) -> None:
@@ -80,7 +80,7 @@ def require(needed_bytes: int, what: str, remedy: str | Callable[[int], str], li
 
 
 def require_or_killed(needed_bytes: int, what: str, remedy: str) -> None:
-    """`require` before memory is taken that nobody refuses: beyond what is there, Linux kills the process instead.
+    """Do what `require` does before memory is taken that Linux does not refuse but kills for.
 
     A limit of the address space is left out: it refuses, and what was asked for is often less than was expected.
     """
@@ -93,7 +93,7 @@ def _unrefused() -> int | None:
 
 
 def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | None:
-    """Return what is available; where that is too little, without freed pages that the C library keeps."""
+    """Return the available bytes; if they are too few, without the freed pages that the C library keeps."""
     global _seen
     limit = available()
     if limit is None or needed_bytes <= limit:
@@ -105,7 +105,7 @@ def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | 
 
 @contextmanager
 def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[None]:
-    """Raise `MemoryLimitError` where the system refuses memory to `what`, whose need is not known beforehand."""
+    """Raise `MemoryLimitError` if the system refuses memory to `what`, whose need is not known beforehand."""
     limit = available_bytes() if limit_bytes is None else limit_bytes
     try:
         yield
@@ -118,7 +118,7 @@ def refusal(what: str, remedy: str, limit_bytes: int | None = None) -> Iterator[
 
 
 def give_back() -> None:
-    """Give what was freed back to the system, where the C library keeps it and it counts as used."""
+    """Give freed pages that the C library keeps back to the system, because they count as used."""
     if sys.platform == "win32":
         return
     with suppress(OSError, AttributeError):  # in glibc alone
@@ -158,7 +158,7 @@ def peak_bytes() -> int | None:
 
 
 def reset_peak_bytes() -> None:
-    """Let `peak_bytes` begin anew, where the system can."""
+    """Let `peak_bytes` begin again, if the system can."""
     with suppress(OSError):
         Path("/proc/self/clear_refs").write_text("5", "ascii")
 
@@ -184,7 +184,7 @@ def _meminfo_available(root: Path) -> int | None:
 
 
 def _cgroups_available(root: Path) -> list[int]:
-    """What is left to each control group of this process and to the groups around it; groups without limit left out."""
+    """Return the rest of each control group of this process and of those around it; without limit, none."""
     left = []
     groups = root / "sys/fs/cgroup"
     for line in _lines(root / "proc/self/cgroup"):
@@ -220,7 +220,7 @@ def _reclaimable(stat: Path, names: Sequence[str]) -> int:
 
 
 def address_space_available(root: Path = Path("/")) -> int | None:
-    """What `ulimit -v` leaves to this process; None without such a limit."""
+    """Return the rest that `ulimit -v` leaves to this process; None without such a limit."""
     if sys.platform == "win32":
         return None
     import resource

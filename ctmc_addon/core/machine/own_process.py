@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import subprocess
 
 PACKAGE = Path(__file__).resolve().parents[2]
-ENDING_SECONDS = 1.0  # between the end of its output and its own
+ENDING_SECONDS = 1.0  # A process may take this many seconds to end after its output has ended.
 CRASHES = {getattr(signal, name, None) for name in ("SIGABRT", "SIGBUS", "SIGFPE", "SIGILL", "SIGSEGV")}
 # For `python -I -S -c`: neither the current folder nor the user's own modules; the first request has the path. It is
 # read without a buffer, which would take the requests behind it too.
@@ -123,7 +123,7 @@ def how_it_ended(status: int, printed: str = "", remedy: str = "") -> str:
 
 
 def requests() -> Iterator[Any]:
-    """Yield what the other side asks, from inside the process, until standard input ends.
+    """Yield the requests of the other side, from inside the process, until standard input ends.
 
     Nothing here holds the lock of a buffer: a thread that waits with one would have Python abort at its end.
     """
@@ -134,7 +134,7 @@ def requests() -> Iterator[Any]:
 
 
 def own_output() -> int:
-    """Return standard output for the other side alone, and lead what others print there nowhere."""
+    """Return standard output for the other side only, and discard what other code prints there."""
     output = os.dup(1)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     os.dup2(nowhere, 1)

@@ -23,7 +23,7 @@ from .memory import NO_THREAD
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 MOST_THREADS = 8
-LOOK = 0.05  # seconds between two looks at works in threads
+LOOK = 0.05  # Look at works in threads every this many seconds.
 
 
 def processors() -> int:
@@ -45,7 +45,7 @@ def worker_count(threads: int | None) -> int:
 def map_steps(
     work: Callable[[Item], Result], items: Sequence[Item], threads: int, message: str = "", batches: int = 16
 ) -> Steps[list[Result]]:
-    """Return `work` of every item, in the items' order, in about `batches` steps.
+    """Apply `work` to every item; return the results in the items' order, in about `batches` steps.
 
     The error of the earliest item is raised, whichever thread met one first.
     """
@@ -73,7 +73,7 @@ class Threads(ThreadPoolExecutor):
         self._ended = False
 
     def mapped(self, work: Callable[[Item], Result], items: Sequence[Item]) -> Iterator[Result]:
-        """What `map` returns; without memory for another thread, this one does what is left, now and later."""
+        """Return the result of `map`; without memory for another thread this one does the rest, now and later."""
         if self._ended:
             return map(work, items)
         done: dict[int, Result] = {}
@@ -106,7 +106,7 @@ def threads_of(count: int) -> Iterator[Threads | None]:
 
 
 def parts_of(count: int, at_once: int) -> list[slice]:
-    """Return slices of at most so many rows each; where they are cut does not depend on the threads."""
+    """Return slices of at most this many rows each; the cuts do not depend on the threads."""
     return [slice(start, min(start + at_once, count)) for start in range(0, count, at_once)]
 
 
@@ -132,7 +132,7 @@ def spread(pool: Threads | None, work: Callable[[slice], None], parts: Sequence[
 def side_by_side_steps(
     works: Sequence[Callable[[], Steps[Result]]], weights: Sequence[float], threads: int, message: str = ""
 ) -> Steps[list[Result]]:
-    """Return the results of works that are steps themselves, in their order; so many are at work at a time.
+    """Return the results of works that are steps themselves, in their order; some are at work at a time.
 
     They are begun in their order. Closing these steps closes those at work at their next step.
 
@@ -172,10 +172,10 @@ def side_by_side_steps(
             steps.close()
 
     def here_steps() -> Steps[list[Result]]:
-        made = []
+        results = []
         for number in range(len(works)):
-            made.append((yield from driven_steps(number)))
-        return made
+            results.append((yield from driven_steps(number)))
+        return results
 
     waiting = deque(range(len(works)))
     results: dict[int, Result] = {}
@@ -213,7 +213,7 @@ def side_by_side_steps(
 
 
 def _drivers(pool: Threads, drive: Callable[[], None], count: int) -> set[Future[None]]:
-    """So many threads that drive works, or as many as there is memory for; perhaps none."""
+    """Start up to `count` threads that drive works, fewer if memory runs out, perhaps none."""
     drivers = set()
     for _ in range(count):
         try:
@@ -228,7 +228,7 @@ def _drivers(pool: Threads, drive: Callable[[], None], count: int) -> set[Future
 def in_order_steps(
     works: Iterable[Step | Callable[[], Steps[Result]]], threads: int
 ) -> Generator[Step | Result, None, None]:
-    """Yield the results of works that come one by one, in their order, and steps; so many are at work at a time.
+    """Yield the results of works in their order, and steps; up to `threads` are at work at a time.
 
     Each work is steps too, and has a thread of its own as long as it lasts; where the system gives none, it is driven
     here. Closing these steps closes those at work at their next step.
@@ -296,7 +296,7 @@ def _begun(steps: Steps[Result], stopped: threading.Event) -> tuple[Threads, Fut
 
 
 def _without_fractions_steps(steps: Steps[Result]) -> Steps[Result]:
-    """Yield the same steps without fractions, as their share of the whole is not known."""
+    """Yield the same steps without fractions, because their share of the whole is not known."""
     try:
         while True:
             try:

@@ -19,7 +19,7 @@ from .triangle_mesh import TriangleMesh
 
 # A point within a triangle that lies over no other triangle's edge, however regular the grid.
 WEIGHTS = (0.4142135, 0.3178372, 0.2679493)
-PAIRS_PER_STEP = 1 << 19  # of a ray and a triangle
+PAIRS_PER_STEP = 1 << 19  # Test this many pairs of a ray and a triangle in a step.
 
 
 def points_within(corners: NDArray[np.float32]) -> NDArray[np.float64]:
@@ -46,7 +46,7 @@ def smallest_around(
     volumes : (components,) float64
         Signed, below zero for cavities.
     ray, component, leaves : (n,)
-        How many times more each ray leaves a component than it enters it; repeated pairs are added up.
+        Number of times that each ray leaves a component less those it enters it; repeated pairs are added up.
     """
     owner = np.arange(len(volumes))
     around, times = summed_pairs(ray * len(volumes) + component, leaves)
@@ -67,7 +67,7 @@ def summed_pairs(pairs: NDArray[np.int64], leaves: NDArray[Any]) -> tuple[NDArra
 def crossings_steps(
     mesh: TriangleMesh, points: NDArray[np.float64]
 ) -> Steps[tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.int8]]]:
-    """Which ray from `points` along +x meets which face, and whether it leaves (1) or enters (-1) there."""
+    """Find the pairs of a ray from `points` along +x and a face, and whether it leaves (1) or enters (-1)."""
     faces, starts, stops = yield from _faces_near_rays_steps(mesh, points)
     counts = stops - starts  # (rays, 2)
     done = np.cumsum(counts.sum(axis=1))

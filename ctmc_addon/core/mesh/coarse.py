@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from .triangle_mesh import TriangleMesh
 from .vectors import cross, dot
 
-GROWTH = 1.1  # of a cube's side, at least, from one try to the next
+GROWTH = 1.1  # A cube's side grows at least this many times from one try to the next.
 PIECE = 1 << 16  # triangles
-MOST_SIDE = 1 << 20  # cubes along an axis: three numbers of so many are one of 64 bits
+MOST_SIDE = 1 << 20  # Cubes along an axis: three such numbers fit into 64 bits.
 
 
 def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
@@ -89,7 +89,6 @@ def _numbered(key: NDArray[np.int64]) -> tuple[NDArray[np.int64], int]:
 
 
 def _area(columns: NDArray[np.float64], faces: NDArray[np.int32]) -> float:
-    """Return the area of all triangles."""
     area = 0.0
     for at in _pieces(len(faces)):
         a, b, c = (columns[:, corner] for corner in faces[at].T)  # (3, f) each

@@ -12,7 +12,7 @@ from ..errors import MeshError
 
 
 class ComponentLimits(NamedTuple):
-    """What a component must have to stay.
+    """Conditions that a component must meet to stay.
 
     Parameters
     ----------
@@ -36,10 +36,10 @@ class ComponentLimits(NamedTuple):
         """Return whether `count` components all stay without measuring them."""
         return self.min_volume <= 0 and count <= self.largest
 
-    def ask_more_than(self, others: ComponentLimits) -> bool:
-        """Return whether a surface that was kept by `others` may lose components by these."""
-        fewer = bool(self.largest) and not 0 < others.largest <= self.largest
-        return others.min_volume < self.min_volume or fewer
+    def ask_more_than(self, applied: ComponentLimits) -> bool:
+        """Return whether a surface that was kept by `applied` may lose components by these."""
+        fewer = bool(self.largest) and not 0 < applied.largest <= self.largest
+        return applied.min_volume < self.min_volume or fewer
 
     def kept(self, volumes: NDArray[np.float64], owner: NDArray[np.intp]) -> NDArray[np.bool_]:
         """Return which components stay.
@@ -47,7 +47,7 @@ class ComponentLimits(NamedTuple):
         Parameters
         ----------
         volumes : (components,) float64
-            What each encloses, mm3; negative for a cavity.
+            Volume of each, mm3; negative for a cavity.
         owner : (components,) intp
             The component that each is a cavity of, else itself.
 

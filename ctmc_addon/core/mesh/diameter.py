@@ -22,12 +22,12 @@ from ..arrays import Doubles, Indices
 from ..progress import Step, Steps, finish
 
 MESSAGE = "Measuring the largest diameter"
-IN_BOX = 16  # vertices in one of the smallest boxes, about
-DEEPEST = 10  # levels of boxes, of 3 bits each
-AT_ONCE = 1 << 13  # pairs of boxes that are split in one go
-MOST_COMPARED = 1 << 20  # pairs of vertices that are compared in one go
-ROUNDING = 1e-9  # more than that of the bounds by angles
-SWEEPS = 4  # from a vertex to the one farthest from it
+IN_BOX = 16  # One of the smallest boxes has about this many vertices.
+DEEPEST = 10  # The boxes have at most this many levels, of 3 bits each.
+AT_ONCE = 1 << 13  # Split this many pairs of boxes in one go.
+MOST_COMPARED = 1 << 20  # Compare this many pairs of vertices in one go.
+ROUNDING = 1e-9  # The bounds by angles are off by less than this share.
+SWEEPS = 4  # Go this many times from a vertex to the farthest one.
 
 
 def largest_diameter(vertices: NDArray[np.float32]) -> float:
@@ -136,7 +136,7 @@ def _levels(points: Doubles, middle: Doubles) -> tuple[list[_BoxLevel], Doubles]
 
 
 def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices, Indices]:
-    """Return for pairs of boxes all pairs of what is in the one and what is in the other."""
+    """Return for pairs of boxes all pairs of an item of the one and an item of the other."""
     wide = starts[second + 1] - starts[second]
     count = (starts[first + 1] - starts[first]) * wide
     of_pair = np.repeat(np.arange(len(first)), count)
@@ -186,9 +186,8 @@ def _swept(points: Doubles) -> tuple[float, Doubles]:
     return best, middle
 
 
-def _squares(points: Doubles, others: Doubles) -> Doubles:
-    """Return squared distances."""
-    return _lengths(points - others)
+def _squares(points: Doubles, targets: Doubles) -> Doubles:
+    return _lengths(points - targets)
 
 
 def _lengths(vectors: Doubles) -> Doubles:

@@ -14,14 +14,14 @@ from numpy.typing import NDArray
 
 from ..volume.value_kind import ValueKind
 
-SKIN_HU = (-900.0, 60.0)  # between air and soft tissue: a threshold here gives skin
+SKIN_HU = (-900.0, 60.0)  # A threshold between air and soft tissue gives skin.
 BAND_MM = 10.0
 # A head, of a child or with ears and headrest: 1 to 99 % of a band's vertices lie within so much.
 WIDTH_MM = (110.0, 235.0)  # right to left
 DEPTH_MM = (130.0, 270.0)  # back to front
-LEAST_MM = 80.0  # of the body that is like that; a face is longer
-FEWEST = 50  # vertices of a band
-MOST = 400_000  # vertices that are looked at
+LEAST_MM = 80.0  # This much of the body's length is that wide and deep; a face is longer.
+FEWEST = 50  # A band has at least this many vertices.
+MOST = 400_000  # Look at up to this many vertices.
 NOTE = "this surface shows a face, which can identify the person; share it with care"
 
 
@@ -33,7 +33,7 @@ def face_notes(kind: str, threshold: float, vertices_ras_mm: NDArray[Any]) -> tu
     Parameters
     ----------
     kind : str
-        What the volume's values mean; skin is looked for in 'HU' only.
+        Meaning of the volume's values; skin is looked for in 'HU' only.
     threshold : float
         HU.
     vertices_ras_mm : (n, 3)

@@ -20,8 +20,8 @@ from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_k
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 SMALL_SHARE = 0.001  # Components that enclose less than this share of the largest one are small.
-MANY = 10  # small components are worth a word
-BLOCK = 1 << 15  # triangles whose volumes are worked out together: what fits the cache
+MANY = 10  # From this number on small components are worth a word.
+BLOCK = 1 << 15  # Work out the volumes of this many triangles at once: they fit the cache.
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class Measures:
     area : float
         Sum of the triangles' areas, in the square of the mesh's unit.
     volume : float
-        By the divergence theorem, in the cube of the mesh's unit: positive where the faces point outside.
+        Volume by the divergence theorem, in the cube of the mesh's unit: positive if the faces point outside.
         NaN for an open mesh, which encloses none.
     closed : bool
         Whether there are faces, and every edge has two that run through it in opposite ways.
@@ -43,15 +43,15 @@ class Measures:
     components : int
         Number of connected components.
     small_components : int
-        How many of them enclose less than `small`, cavities among them; 0 where there are fewer than `MANY` components.
+        Components that enclose less than `small`, cavities among them; 0 if there are fewer than `MANY`.
     small : float
         The volume below which a component is small.
     vertices : int
-        In use or not.
+        Vertices, in use or not.
     borders : int
         Connected lines of edges with one face: of a surface from a volume, where the volume or region cuts it.
     quality : TriangleQuality or None
-        How good the triangles are for simulation; None where there are none.
+        Quality of the triangles for simulation; None if there are none.
     size : (x, y, z) float or None
         Sides of the box around the triangles along the axes; None where there are none.
     """
@@ -234,7 +234,7 @@ def _small_below(largest: float) -> float:
 
     Examples
     --------
-    >>> small_below(5000.0), small_below(6.9), small_below(0.0)
+    >>> _small_below(5000.0), _small_below(6.9), _small_below(0.0)
     (5.0, 0.006, 0.0)
     """
     if not largest:

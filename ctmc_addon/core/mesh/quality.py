@@ -15,7 +15,7 @@ from .face_normals import face_vectors, face_vectors_steps
 from .topology import edges_steps
 from .triangle_mesh import TriangleMesh
 
-SAMPLES = 20_000  # points on each of two surfaces whose distance is measured
+SAMPLES = 20_000  # The distance of two surfaces is measured at this many points of each.
 SEED = 0
 
 
@@ -53,7 +53,7 @@ def neighbors(mesh: TriangleMesh) -> NDArray[np.intp]:
 
 
 def triangle_shapes(mesh: TriangleMesh) -> NDArray[np.float64]:
-    """How near every triangle is to an equilateral one, (F,): 1 is equilateral, 0 has no area.
+    """Return how near every triangle is to an equilateral one, (F,): 1 is equilateral, 0 has no area.
 
     ``4 sqrt(3) area / (sum of the squared sides)`` (Bank and Smith 1997, doi:10.1137/S0036142994265292).
 

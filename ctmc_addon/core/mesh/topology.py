@@ -15,7 +15,7 @@ from ..arrays import Ints
 from ..progress import PAUSE, Steps
 
 FACES_PER_STEP = 1 << 17
-BUCKET = 1 << 20  # corners whose edges are sorted together
+BUCKET = 1 << 20  # Sort the edges of this many corners at once.
 
 
 def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
@@ -87,7 +87,7 @@ def edge_keys_steps(
     -------
     keys : (E,) int64
     irregular : (n,) int64
-        Which of them do not have two triangles, one of which runs up; rising.
+        Edges without two triangles, one of which runs up; rising.
     counts : (2, n) int64
         Their triangles, and how many of these run up.
     """
@@ -111,9 +111,9 @@ def edge_keys_steps(
             first = np.flatnonzero(np.concatenate([[True], keys[1:] != keys[:-1]]))
             its_counts = np.stack([np.diff(first, append=len(keys)), np.add.reduceat(ways & 1, first)])
             keys = keys[first]
-            found = np.flatnonzero((its_counts[0] != 2) | (its_counts[1] != 1))
-            irregular.append(found + edges)
-            counts.append(its_counts[:, found])
+            its_irregular = np.flatnonzero((its_counts[0] != 2) | (its_counts[1] != 1))
+            irregular.append(its_irregular + edges)
+            counts.append(its_counts[:, its_irregular])
         parts.append(keys)
         edges += len(keys)
         yield PAUSE

@@ -44,7 +44,7 @@ class TriangleMesh:
 
     @cached_property
     def measures(self) -> Measures:
-        """Area, volume, closedness, Euler number and components, measured together."""
+        """Measure area, volume, closedness, Euler number and components at once."""
         return finish(measures_steps(self.vertices, self.faces))
 
     @property
@@ -133,7 +133,7 @@ SurfacePieces = Generator[Step | SurfacePiece, None, T]
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What extraction found: for every vertex both ends of alpha (Su and Ma, eq. 5 to 7).
+    """Extracted surface: every vertex at both ends of alpha (Su and Ma, eq. 5 to 7).
 
     Parameters
     ----------
@@ -156,7 +156,7 @@ class Surface:
 
 
 def replayed_steps(pieces: Sequence[Surface], result: int | None = None) -> Pieces:
-    """Yield pieces that are in memory, and return what their maker returned."""
+    """Yield pieces that are in memory, and return the result of their maker."""
     yield Step()
     yield from pieces
     return result

@@ -17,9 +17,9 @@ from ..errors import SettingsError
 from ..volume.slice_reader import SliceReader
 from ..volume.volume import Volume
 
-FOAM_THRESHOLD = 132.0  # between solid and pores
-LOW, HIGH, NOISE = 20.0, 236.0, 8  # gray values of pores and solid, and how many values noise adds
-EDGE = 1 / 24  # contrast gained by each voxel that a pore is wide
+FOAM_THRESHOLD = 132.0  # The gray value between solid and pores.
+LOW, HIGH, NOISE = 20.0, 236.0, 8  # Gray values of pores and solid, and how many values noise adds.
+EDGE = 1 / 24  # A pore gains this contrast with each voxel of its width.
 SPACING_MM = 0.02
 MOST_SAMPLES = 1 << 40
 
@@ -81,7 +81,7 @@ def foam(slices: int, size: int, pore: int = 64, seed: int = 0) -> Volume:
 
 
 def _waves(at: NDArray[Any], pore: int, phase: float, other: float) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
-    """What stands for sine and cosine along an axis; longer waves shift it to and fro."""
+    """Return a pair of waves like sine and cosine along an axis; longer waves shift it to and fro."""
     turns = at / pore + phase + 0.11 * _sine(at / (math.pi * pore) + other)
     return _sine(turns).astype(np.float32), _sine(turns + 0.25).astype(np.float32)
 

@@ -22,7 +22,7 @@ from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
 from .shapes import grow_tumors, liver_shape
 
-FIELD_MM = 379.0  # the field of view for which the anatomy is drawn; other fields scale it
+FIELD_MM = 379.0  # The anatomy is drawn for this field of view; other fields scale it.
 LIVER, TUMOR = 1, 2
 
 # HU of a portal venous phase
@@ -52,7 +52,7 @@ class Phantom:
     tumour_centres_ras_mm : tuple of (x, y, z) float
         In the order of the volumes.
     seed : int
-        Of the random numbers.
+        Seed of the random numbers.
     """
 
     volume: Volume
@@ -241,7 +241,7 @@ def _share_near_whole(low: NDArray[np.float64], high: NDArray[np.float64], dista
 
     Examples
     --------
-    >>> share_near_whole(np.array([0.0, 0.1]), np.array([3.0, 0.3]), 0.2).round(9).tolist()
+    >>> _share_near_whole(np.array([0.0, 0.1]), np.array([3.0, 0.3]), 0.2).round(9).tolist()
     [0.4, 0.5]
     """
     below_low, below_high = (

@@ -26,11 +26,11 @@ class Blob:
     Parameters
     ----------
     center, half_axes : (x, y, z) float, millimeters
-        Of the ellipsoid it starts from.
+        Center and half axes of the ellipsoid it starts from.
     lobes : (n, 3) float64
         Unit vectors of the directions in which it rises or falls, in the space of the unit ball.
     heights : (n,) float64
-        How far, in radii.
+        Heights in radii.
     """
 
     center: Point
@@ -88,7 +88,7 @@ class Blob:
         Parameters
         ----------
         x, y : (columns,), (rows,) float64
-            Of the voxels' centers, mm.
+            Positions of the voxels' centers, mm.
         z, thickness : float
             Middle and thickness of the slice, mm.
 
@@ -216,11 +216,11 @@ def grow_tumors(
     return sorted(tumors, key=lambda tumor: -tumor.volume_mm3())
 
 
-def has_room(tumor: Blob, liver: Blob, others: list[Blob], scale: float) -> bool:
-    """Return whether the tumor is inside the liver, with a margin, and does not touch the others."""
+def has_room(tumor: Blob, liver: Blob, tumors: list[Blob], scale: float) -> bool:
+    """Return whether the tumor is inside the liver, with a margin, and touches none of `tumors`."""
     if not liver.inside(tumor.surface(1.05, 3.0 * scale)).all():
         return False
-    for other in others:
+    for other in tumors:
         distance = [
             (tumor.center[axis] - other.center[axis])
             / (tumor.half_axes[axis] * tumor.limits[1] + other.half_axes[axis] * other.limits[1])

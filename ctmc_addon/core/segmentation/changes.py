@@ -23,7 +23,7 @@ class Change:
     Parameters
     ----------
     shape : (slices, rows, columns) int
-        Of the mask.
+        Shape of the mask.
     start, stop : (runs,) int64
         First sample of every run, and the one behind its last, counted along columns, rows, slices.
     """
@@ -61,7 +61,7 @@ class Change:
 
 
 def change_of(before: Flags, after: Flags, window: Window | None = None) -> Change:
-    """Return what turned over between two masks of one shape; a window (z, y, x) says where to look.
+    """Return the samples that changed between two masks of one shape, inside a window (z, y, x) if given.
 
     Examples
     --------

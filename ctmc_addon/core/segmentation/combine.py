@@ -10,7 +10,7 @@ COMBINATIONS = ("or", "and", "minus")
 
 
 def combined(first: Flags, second: Flags, how: str) -> Flags:
-    """Return what either mask has ("or"), what both have ("and"), or what the first alone has ("minus").
+    """Return the union ("or"), intersection ("and") or difference ("minus") of two masks.
 
     Raises
     ------

@@ -92,11 +92,11 @@ def _around_steps(
 def _cores_steps(
     core: Flags, inner: Flags, clicked: Sequence[Sample], spacing_mm: Spacing, half_mm: float
 ) -> Steps[list[Sample]]:
-    """Return the clicked samples of the core, and for others a sample of it near them that the mask connects."""
-    found: list[Sample] = []
+    """Return the clicked samples of the core, and for each other one a core sample near it that the mask connects."""
+    samples: list[Sample] = []
     for sample in clicked:
         if core[sample]:
-            found.append(sample)
+            samples.append(sample)
             continue
         window = window_around([sample], half_mm, spacing_mm, core.shape)
         own = sample_in(sample, window)
@@ -106,10 +106,10 @@ def _cores_steps(
         square = apart[:, 0] ** 2 + apart[:, 1] ** 2 + apart[:, 2] ** 2
         if at.size and square.min() <= half_mm * half_mm * (1 + 1e-6):
             z, y, x = (at[int(square.argmin())] + [side.start for side in window]).tolist()
-            found.append((z, y, x))
-    if not found:
+            samples.append((z, y, x))
+    if not samples:
         raise SettingsError(
             f"no clicked point lies where the structure is {2 * half_mm:g} mm wide; choose a narrower opening_mm, or "
             "click where it is wider"
         )
-    return found
+    return samples

@@ -17,8 +17,8 @@ from ..progress import Step, Steps
 
 Spacing = tuple[float, float, float]
 Window = tuple[slice, slice, slice]
-BLOCK = 1 << 18  # samples worked on at once, each with some bytes
-SLACK = 1e-6  # share of a distance that is rounding
+BLOCK = 1 << 18  # Work on this many samples at once, each with some bytes.
+SLACK = 1e-6  # This share of a distance is rounding.
 
 
 def window_of(mask: Flags) -> Window | None:
@@ -31,20 +31,20 @@ def window_of(mask: Flags) -> Window | None:
     >>> window_of(mask)
     (slice(1, 2, None), slice(2, 4, None), slice(5, 6, None))
     """
-    found = []
+    ranges = []
     part = mask
     for axis in range(3):
-        others = tuple(other for other in range(3) if other != axis)
-        at = np.flatnonzero(part.any(axis=others))
+        across = tuple(other for other in range(3) if other != axis)
+        at = np.flatnonzero(part.any(axis=across))
         if not at.size:
             return None
-        found.append(slice(int(at[0]), int(at[-1]) + 1))
-        part = part[(slice(None),) * axis + (found[-1],)]
-    return found[0], found[1], found[2]
+        ranges.append(slice(int(at[0]), int(at[-1]) + 1))
+        part = part[(slice(None),) * axis + (ranges[-1],)]
+    return ranges[0], ranges[1], ranges[2]
 
 
 def grown_window(window: Window, margin_mm: float, spacing_mm: Spacing, shape: tuple[int, ...]) -> Window:
-    """Return a window (z, y, x) that is larger by so many mm on every side, inside a grid of this shape.
+    """Return a window (z, y, x) that is larger by some mm on every side, inside a grid of this shape.
 
     Examples
     --------
@@ -96,7 +96,7 @@ def _in_slices(mask: Flags, spacing_mm: Spacing, limit_mm: float) -> Floats:
 
 
 def _least_along(axis: int, squares: Floats, mm: float, limit_mm: float) -> Floats:
-    """Return the least of squared distance and squared step, over all steps of so many mm along an axis."""
+    """Return the least sum of squared distance and squared step, over all steps along an axis."""
     nearest = squares.copy()
     finite = nearest[np.isfinite(nearest)]
     if not finite.size:
@@ -143,23 +143,23 @@ def near_steps(mask: Flags, spacing_mm: Spacing, limit_mm: float, below: bool = 
     if window is None or limit_mm <= 0:
         return result
     window = grown_window(window, limit_mm, spacing_mm, mask.shape)
-    inner, found = mask[window], result[window]
+    inner, marked = mask[window], result[window]
     slices, rows, columns = inner.shape
     reach = min(slices, math.ceil(limit_mm / spacing_mm[2]))
     most = np.float32(limit_mm * limit_mm * (1 - SLACK if below else 1 + SLACK))
     layers = max(1, BLOCK // (rows * columns))
     squares = np.empty((min(slices, layers + 2 * reach), rows, columns), np.float32)
-    first = known = 0  # the first slice that `squares` has, and the one behind the last
+    first = end = 0  # the first slice that `squares` has, and the one behind the last
     for low in range(0, slices, layers):
         high = min(slices, low + layers)
         done = max(0, low - reach) - first
-        squares[: known - first - done] = squares[done : known - first]
+        squares[: end - first - done] = squares[done : end - first]
         first += done
-        while known < min(slices, high + reach):
-            more = inner[known : min(slices, high + reach, known + layers)]
-            squares[known - first : known - first + len(more)] = _in_slices(more, spacing_mm, limit_mm)
-            known += len(more)
-            yield Step((known + low) / (2 * slices), "Measuring distances")
+        while end < min(slices, high + reach):
+            more = inner[end : min(slices, high + reach, end + layers)]
+            squares[end - first : end - first + len(more)] = _in_slices(more, spacing_mm, limit_mm)
+            end += len(more)
+            yield Step((end + low) / (2 * slices), "Measuring distances")
         near = squares[low - first : high - first] <= most
         for step in range(1, reach + 1):
             extra = np.float32(step * spacing_mm[2] * (step * spacing_mm[2]))
@@ -168,10 +168,10 @@ def near_steps(mask: Flags, spacing_mm: Spacing, limit_mm: float, below: bool = 
             for way in (-step, step):
                 start, stop = max(low, -way), min(high, slices - way)
                 if start < stop:
-                    others = squares[start + way - first : stop + way - first]
-                    near[start - low : stop - low] |= others + extra <= most
-        found[low:high] |= near
-        yield Step((known + high) / (2 * slices), "Measuring distances")
+                    shifted = squares[start + way - first : stop + way - first]
+                    near[start - low : stop - low] |= shifted + extra <= most
+        marked[low:high] |= near
+        yield Step((end + high) / (2 * slices), "Measuring distances")
     return result
 
 

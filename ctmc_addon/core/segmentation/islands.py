@@ -96,7 +96,7 @@ def islands_steps(
 
 
 def holes_filled_steps(mask: Flags, voxel_mm3: float, at_most_mm3: float = float("inf")) -> Steps[Flags]:
-    """Fill what a mask encloses: components of its outside that do not reach the border of the grid.
+    """Fill the holes of a mask: components of its outside that do not reach the border of the grid.
 
     Parameters
     ----------

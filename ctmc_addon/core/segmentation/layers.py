@@ -51,7 +51,7 @@ class Layers:
         return self.labels[self.layer_of[label]] == label
 
     def put(self, label: int, mask: Flags, window: Window = WHOLE) -> None:
-        """Let a structure, there already or new, be what the mask says in a window, and nothing elsewhere."""
+        """Replace a structure by the mask in a window and by nothing elsewhere, or add it."""
         if label in self.layer_of:
             self.labels[self.layer_of[label]][self.mask(label)] = 0
         free = next((at for at, layer in enumerate(self.labels) if not layer[window][mask].any()), len(self.labels))
@@ -107,6 +107,6 @@ def layers_of(masks: Sequence[Flags]) -> tuple[list[Bytes], list[int]]:
 
 
 def require_count(count: int) -> None:
-    """Raise a `SettingsError` where so many structures are too many for labels of one byte, or none."""
+    """Raise a `SettingsError` if there are too many structures for labels of one byte, or none."""
     if not 0 < count <= MOST_STRUCTURES:
         raise SettingsError(f"a segmentation has 1 to {MOST_STRUCTURES} structures, not {count}; draw or remove some")

@@ -14,7 +14,7 @@ import numpy as np
 from ..arrays import Flags
 from ..errors import SettingsError
 
-LEVEL = 1  # of zlib: a slice of bits is small already, and a stroke waits for it
+LEVEL = 1  # The level of zlib: a slice of bits is small already, and a stroke waits for it.
 
 
 def packed_slices(mask: Flags, numbers: Iterable[int]) -> dict[int, bytes]:

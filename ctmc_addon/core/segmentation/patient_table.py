@@ -28,9 +28,9 @@ from .margin import margin_steps
 
 NOT_AIR = -300.0  # HU; at and above it a sample may belong to the body
 AIR = -1000.0  # HU that what is removed gets
-COARSE_MM = 2.5  # between the samples that are looked at
-CORE_MM = 6.0  # from air: the body has places so far inside, a table top has none
-BODY_MM3, ARM_MM2 = 100_000.0, 600.0  # a smaller core, as of a rail, is not of the body
+COARSE_MM = 2.5  # Look at samples this far apart.
+CORE_MM = 6.0  # Distance from air: the body has places so far inside, a table top has none.
+BODY_MM3, ARM_MM2 = 100_000.0, 600.0  # A core smaller than this, as of a rail, is not part of the body.
 STAGES = {"Reading values": 4, "Looking for the table": 6}
 
 
@@ -41,14 +41,14 @@ class _PatientTable:
     Parameters
     ----------
     first : integers
-        For every column of samples that runs front to back, the first that is removed, counted from the front: the
+        First sample that is removed, counted from the front, of every column that runs front to back: the
         volume's samples (slices, rows, columns) without the axis that does so.
     axis : int
-        Which of (slices, rows, columns) runs front to back.
+        Axis of (slices, rows, columns) that runs front to back.
     backwards : bool
         Whether its numbers rise towards the front.
     volume_mm3 : float
-        Of the samples that are removed and are not air, by those that were looked at.
+        Volume of the samples that are removed and are not air, by those that were looked at.
     """
 
     first: NDArray[np.int32]
@@ -58,7 +58,7 @@ class _PatientTable:
 
 
 def without_table_steps(volume: Volume) -> Steps[Volume]:
-    """Return a CT in which what lies behind the body is air, with a note of how much that was.
+    """Return a CT with air behind the body, with a note of how much was removed.
 
     Parameters
     ----------
@@ -113,7 +113,7 @@ def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
     first = np.where(body.any(axis=-1), count - body[..., ::-1].argmax(axis=-1), 0).astype(np.int32)
     if not first.any():
         return None
-    first = _beside(first)
+    first = _filled_columns(first)
     for along in (0, 1):  # what is thick in a column may be thin in the next one, as at the flanks
         width = first.shape[along]
         first = np.max([first.take(np.clip(np.arange(width) + by, 0, width - 1), along) for by in (-1, 0, 1)], axis=0)
@@ -121,21 +121,21 @@ def table_steps(ct: Volume) -> Steps[_PatientTable | None]:
     return _PatientTable(first, axis, backwards, behind * ct.voxel_mm3) if behind else None
 
 
-def _beside(first: NDArray[np.int32]) -> NDArray[np.int32]:
-    """Give columns without the body, 0, what the nearest one of their line has; lines without it, what the next has."""
+def _filled_columns(first: NDArray[np.int32]) -> NDArray[np.int32]:
+    """Give columns without the body, 0, the number of the nearest one of their line; empty lines that of the next."""
     filled = first.copy()
     has = first > 0
     lines = np.flatnonzero(has.any(axis=1))
     for line in lines:
-        known = np.flatnonzero(has[line])
-        middles = np.searchsorted((known[1:] + known[:-1]) / 2, np.arange(first.shape[1]), side="right")
-        filled[line] = first[line][known[middles]]
+        present = np.flatnonzero(has[line])
+        middles = np.searchsorted((present[1:] + present[:-1]) / 2, np.arange(first.shape[1]), side="right")
+        filled[line] = first[line][present[middles]]
     nearest = lines[np.abs(np.arange(len(first))[:, None] - lines).argmin(axis=1)]
     return np.asarray(filled[nearest])
 
 
 def _enlarged(first: NDArray[np.int32], steps: list[int], shape: list[int]) -> NDArray[np.int32]:
-    """Return numbers of every so many samples along two axes for all of them: of two neighbors the larger."""
+    """Expand the numbers of every few samples along two axes to all samples: of two neighbors the larger."""
     for axis, (step, size) in enumerate(zip(steps, shape, strict=True)):
         low = np.minimum(np.arange(size) // step, first.shape[axis] - 1)
         high = np.minimum(-(-np.arange(size) // step), first.shape[axis] - 1)
@@ -149,7 +149,7 @@ class _WithoutTable(SliceReader):
     Parameters
     ----------
     volume : Volume
-        That it belongs to.
+        Volume that it belongs to.
     table : PatientTable
     """
 
@@ -162,16 +162,16 @@ class _WithoutTable(SliceReader):
 
     @property
     def own_bytes(self) -> int:
-        """Those of the reader below."""
+        """Return the bytes of the reader below."""
         return self.reader.own_bytes
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
         """Write the values, and air where the table was."""
         self.reader.fill(out, slices, rows, columns)
         table = self.table
-        wanted = [np.array(side) - start for side, start in zip((slices, rows, columns), self.start, strict=True)]
-        along = wanted.pop(table.axis)
-        first = np.expand_dims(table.first[np.ix_(*wanted)], table.axis)
+        offsets = [np.array(side) - start for side, start in zip((slices, rows, columns), self.start, strict=True)]
+        along = offsets.pop(table.axis)
+        first = np.expand_dims(table.first[np.ix_(*offsets)], table.axis)
         if table.backwards:
             along = self.count - 1 - along
         shape = [1, 1, 1]

@@ -50,7 +50,7 @@ def sample_at(volume: SampleGrid, point_ras_mm: Point) -> Sample:
 
 
 def window_around(samples: Sequence[Sample], margin_mm: float, spacing_mm: Spacing, shape: tuple[int, ...]) -> Window:
-    """Return the window (z, y, x) that holds all samples and so many mm around them."""
+    """Return the window (z, y, x) that holds all samples and a margin in mm around them."""
     low, high = np.min(samples, axis=0).tolist(), np.max(samples, axis=0).tolist()
     z, y, x = (slice(first, last + 1) for first, last in zip(low, high, strict=True))
     return grown_window((z, y, x), margin_mm, spacing_mm, shape)

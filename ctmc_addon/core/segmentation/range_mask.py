@@ -21,7 +21,7 @@ def range_mask_steps(volume: Volume, low: float, high: float) -> Steps[Flags]:
     Parameters
     ----------
     volume : Volume
-        For a region alone, `volume.part(box)`; it is read slab by slab.
+        Volume, or `volume.part(box)` for a region; it is read slab by slab.
     low, high : float
         HU, or gray values; infinite where there is no limit.
 

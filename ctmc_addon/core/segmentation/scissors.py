@@ -21,7 +21,7 @@ from ..volume.volume import SampleGrid
 from .distance import Window, window_of
 
 SAMPLES_PER_STEP = 1 << 18
-SIDES_PER_STEP = 1 << 24  # samples times sides of the lasso
+SIDES_PER_STEP = 1 << 24  # Samples times sides of the lasso in a step.
 
 
 def scissors_steps(
@@ -32,7 +32,7 @@ def scissors_steps(
     keep_inside: bool = False,
     depth_mm: float = math.inf,
 ) -> Steps[Flags]:
-    """Erase what a lasso encloses in a view, or all else.
+    """Erase the samples that a lasso encloses in a view, or all other ones.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def scissors_steps(
 
 
 def _samples(mask: Flags, window: Window, at_once: int) -> Iterator[tuple[Indices, Indices, Indices]]:
-    """Yield the samples of a mask in a window, so many at once: slices, rows, columns, each (n,)."""
+    """Yield the samples of a mask in a window, some at once: slices, rows, columns, each (n,)."""
     rows, columns = (side.stop - side.start for side in window[1:])
     layers = max(1, SAMPLES_PER_STEP // (rows * columns))
     for low in range(window[0].start, window[0].stop, layers):

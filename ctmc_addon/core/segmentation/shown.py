@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-VEIL, OUTLINE = 0.22, 0.9  # opacity
+VEIL, OUTLINE = 0.22, 0.9  # Opacities.
 ACTIVE_VEIL = 0.38
 Mask2D = NDArray[np.bool_]
 """Of a slice: (rows, columns)."""
@@ -46,7 +46,7 @@ def cropped(mask: Mask2D, corners: NDArray[np.float64]) -> tuple[Mask2D, NDArray
     ----------
     mask : (rows, columns) bool
     corners : (4, 3) float64
-        Of the slice: row and column 0; last column; last column and row; last row. Any unit.
+        Corners of the slice: row and column 0; last column; last column and row; last row. Any unit.
 
     Examples
     --------

@@ -23,7 +23,7 @@ from .points import Point
 from .range_mask import in_range
 
 Floats3 = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]
-SAMPLES = 1 << 13  # at once: their distances stay in the processor's cache
+SAMPLES = 1 << 13  # Handle this many samples at once: their distances stay in the processor's cache.
 
 
 def brushed_window(
@@ -40,7 +40,7 @@ def brushed_window(
     radius_mm : float
         A sample belongs to the stroke if its center is at most so far from it.
     normal : (x, y, z), optional
-        Of the slice that is drawn on: a disc in this plane, half a sample thick to either side, in place of a ball.
+        Normal of the slice that is drawn on: a disc in this plane, half a sample thick to either side, not a ball.
 
     Returns
     -------

@@ -28,7 +28,7 @@ class _HeldBatches:
 
 
 def seam_vertices(vertex_count: int, layers: int) -> int:
-    """Return about how many vertices of a surface two batches share, if it has so many layers of voxels."""
+    """Estimate the vertices of a surface that two batches share, for a number of layers of voxels."""
     return round(SEAM_VERTICES * vertex_count / layers) if layers else 0
 
 
@@ -57,11 +57,11 @@ def held_batches(
     Examples
     --------
     >>> held_batches(60_000, 0.05, 1000, 0, 0, 2000)
-    HeldBatches(held=3000, merged=2050)
+    _HeldBatches(held=3000, merged=2050)
     >>> held_batches(60_000, 0.05, 1000, 0, 400, 2000)
-    HeldBatches(held=4600, merged=2450)
+    _HeldBatches(held=4600, merged=2450)
     >>> held_batches(60_000, 0.05, 1000, 0, 1600, 2000)
-    HeldBatches(held=60000, merged=3000)
+    _HeldBatches(held=60000, merged=3000)
     """
     layer = face_count / layers if layers else 1.0
     group = max(layer, math.ceil(batch / layer) * layer)

@@ -21,8 +21,8 @@ from ..mesh.topology import compacted
 from ..mesh.triangle_mesh import SurfacePieces, TriangleMesh
 from ..progress import Step, Steps, WithResult
 
-NEW = -1  # number of a vertex that has none yet
-BEYOND_PIECES = 1 << 48  # number of the first vertex that is made here: more than the pieces have together
+NEW = -1  # The number of a vertex that has none yet.
+BEYOND_PIECES = 1 << 48  # The number of the first new vertex: larger than the number of vertices in all pieces.
 
 T = TypeVar("T")
 
@@ -102,7 +102,7 @@ def joined(batches: Sequence[Batch]) -> Batch:
 
 
 def batches_steps(pieces: SurfacePieces[T], least: int, most_whole: float) -> Generator[Step | Batch, None, T]:
-    """Gather pieces to batches of at least so many triangles; up to `most_whole` triangles are one batch.
+    """Gather pieces to batches of at least `least` triangles; up to `most_whole` triangles are one batch.
 
     Where a batch ends is read from the triangles alone: at the first position in their list, `least` or more after its
     start, where every triangle before has a lower lowest vertex than every triangle after. In what extraction makes,
@@ -152,7 +152,7 @@ def _own_normals(piece: CompletedPiece) -> NDArray[np.float32] | None:
 
 
 def _complete_batches(piece: CompletedPiece, least: int) -> Generator[Batch, None, CompletedPiece]:
-    """Yield the batches whose end is known, whatever follows the piece; returns what is left of it."""
+    """Yield the batches whose end is known, whatever follows the piece; return the rest of it."""
     mesh, start, low = piece.mesh, 0, 0
     clean = _clean_cuts(mesh.faces, piece.own)
     while start + least < len(clean):
@@ -171,7 +171,7 @@ def _complete_batches(piece: CompletedPiece, least: int) -> Generator[Batch, Non
 
 
 def _clean_cuts(faces: NDArray[np.int32], bound: int) -> Flags:
-    """Before which triangles, (F + 1,) bool, the list can be cut; what follows has no vertex below `bound`.
+    """Return before which triangles, (F + 1,) bool, the list can be cut; later ones have no vertex below `bound`.
 
     Where a triangle of the last layer lies in the next one, what follows decides: that is no cut yet.
     """
@@ -210,7 +210,7 @@ def _bands(batch: Batch, most: int) -> Iterator[Batch]:
 
 
 def _band_of_face(batch: Batch, axis: int, count: int) -> Indices:
-    """Of so many bands along an axis, with as many triangles each, the one of every face, (F,)."""
+    """Return the band of every face, (F,), for bands along an axis with equal numbers of triangles."""
     along = batch.mesh.vertices[batch.mesh.faces[:, 0], axis]
     places = [batch.face_count * number // count for number in range(1, count)]
     ends = np.partition(along, places)[places]
@@ -250,15 +250,15 @@ def regions(surface: Batch, most: int, axis: int = -1) -> tuple[list[Batch], int
 
 
 def shared_count(first: Batch, second: Batch) -> int:
-    """How many vertices both have, of batches whose numbers rise, as those of `batches_steps`."""
+    """Count the vertices that two batches share; the numbers rise, as those of `batches_steps`."""
     low, high = np.searchsorted(first.numbers, second.numbers[[0, -1]])
     numbers = first.numbers[low : high + 1]
     at = np.minimum(np.searchsorted(second.numbers, numbers), len(second.numbers) - 1)
     return int((second.numbers[at] == numbers).sum())
 
 
-def near_others(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
-    """The faces whose boxes meet that of another batch, as a batch, and which batch each is of, (f,).
+def faces_near_other_batches(batches: Sequence[Batch]) -> tuple[Batch, Indices]:
+    """Return the faces whose boxes meet those of another batch, as a batch, and the batch of each, (f,).
 
     Triangles of different batches that cross each other are among them.
     """
@@ -283,6 +283,6 @@ def crossing_batches_steps(batches: Sequence[Batch]) -> Steps[Indices]:
     """The numbers of the batches of two triangles that cross each other, of different ones, (n, 2)."""
     if len(batches) == 1:
         return np.empty((0, 2), np.int64)
-    near, owner = near_others(batches)
+    near, owner = faces_near_other_batches(batches)
     pairs = owner[(yield from self_intersections_steps(near.mesh.vertices, near.mesh.faces))]
     return pairs[pairs[:, 0] != pairs[:, 1]]

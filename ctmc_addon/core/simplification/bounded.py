@@ -20,7 +20,7 @@ from .uncrossing import restored
 
 
 def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
-    """Undo collapses until the bound on the error, if there is one, holds everywhere: last of all."""
+    """Undo collapses until the bound on the error, if there is one, holds everywhere."""
     if mesh.bound is None:
         return
     check, log, mesh.bound = mesh.bound.check, mesh.log, None  # the samples are not needed any more
@@ -37,17 +37,19 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
     if len(surfaces) > 1:
         return
     of_face, of_original = mesh.component[mesh.faces[0]], log.component[check.original_faces[0]]
-    gone = yield from without_components_steps(mesh.components, mesh.positions, mesh.faces, of_face, of_original, check)
-    mesh.face_count -= int(gone.sum())
-    mesh.faces[:, gone] = mesh.dummy
-    if mesh.crossing_count and gone.any():
-        crossing = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, ~gone].T)
+    removed = yield from without_components_steps(
+        mesh.components, mesh.positions, mesh.faces, of_face, of_original, check
+    )
+    mesh.face_count -= int(removed.sum())
+    mesh.faces[:, removed] = mesh.dummy
+    if mesh.crossing_count and removed.any():
+        crossing = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, ~removed].T)
         mesh.crossing_count = len(crossing)
 
 
 @dataclass(eq=False)
 class _Checked:
-    """A surface, its original, and what is still to be checked.
+    """A surface, its original, and the parts still to be checked.
 
     check : ErrorCheck
     numbers : (f,) int64
@@ -72,14 +74,14 @@ class _Checked:
         original = yield from check.original_exceeding_steps(np.flatnonzero(near | self.whole))
         # The last change that touched a face of the original, or a face nearest to one of its corners.
         corners = check.original_faces[:, original]
-        beside = log.last_changes(log.face_number[faces[check.nearest[corners]]])
-        beside[check.far[corners]] = -1
+        nearest_changes = log.last_changes(log.face_number[faces[check.nearest[corners]]])
+        nearest_changes[check.far[corners]] = -1
         own = log.last_changes(self.numbers[original])
-        return np.concatenate([log.last_changes(log.face_number[away]), np.maximum(own, beside.max(axis=0))])
+        return np.concatenate([log.last_changes(log.face_number[away]), np.maximum(own, nearest_changes.max(axis=0))])
 
 
 def _columns(positions: Floats, faces: Ints, surface: Surface) -> tuple[Floats, Ints]:
-    """The vertices and faces of a surface alone, facing outward."""
+    """Return only the vertices and faces of a surface, facing outward."""
     numbers, turned = surface
     corners = np.take(faces, numbers, axis=1)
     corners[1:, turned] = corners[:0:-1, turned]
@@ -90,7 +92,7 @@ def _columns(positions: Floats, faces: Ints, surface: Surface) -> tuple[Floats, 
 
 
 def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked]) -> Steps[int]:
-    """Undo the last change wherever the bound is exceeded or triangles cross, until neither is so anywhere.
+    """Undo the last change wherever the bound is exceeded or triangles cross, until neither occurs.
 
     Returns how many pairs of triangles cross that no change has touched, as in the original.
 
@@ -105,15 +107,15 @@ def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked])
         for each, surface in zip(checked, mesh.surfaces(mesh.interface), strict=True):
             each.whole = whole
             last.append((yield from each.exceeding_steps(mesh, log, surface, to_check, compare)))
-        found = np.concatenate(last)
+        changes = np.concatenate(last)
         crossing = np.zeros((0, 2), np.int64)
-        if whole and not (found >= 0).any():
+        if whole and not (changes >= 0).any():
             crossing = yield from self_intersections_steps(mesh.positions.T, mesh.faces.T)
-            found = log.last_changes(log.face_number[crossing.ravel()])
-        found = np.unique(found[found >= 0])  # untouched faces fail only by rounding
-        compare = bool(len(found))
-        if len(found):
-            to_check, moved = restored(mesh, log, log.undo(found), moved)
+            changes = log.last_changes(log.face_number[crossing.ravel()])
+        changes = np.unique(changes[changes >= 0])  # untouched faces fail only by rounding
+        compare = bool(len(changes))
+        if len(changes):
+            to_check, moved = restored(mesh, log, log.undo(changes), moved)
             whole = False
         elif whole:
             return len(crossing)

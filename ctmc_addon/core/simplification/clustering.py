@@ -34,8 +34,8 @@ from .collapses import TURN, shuffled
 from .policy import POLICY, Policy
 from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
-BLOCK = 1 << 15  # faces whose quadrics are worked out together: what fits the cache
-ID_BITS = 21  # of a vertex that is left: three of them and a direction are one number of 64 bits
+BLOCK = 1 << 15  # Work out the quadrics of this many faces at once: they fit the cache.
+ID_BITS = 21  # Bits of a vertex number: three numbers and a direction fit into 64 bits.
 
 
 @dataclass(eq=False)
@@ -143,7 +143,7 @@ def _volumes_steps(mesh: TriangleMesh) -> Steps[NDArray[np.float64]]:
 
 
 def _quadrics_steps(positions: Floats, faces: Indices) -> Steps[EdgeQuadric]:
-    """Of every vertex the planes of its faces, which all go through it."""
+    """Return the quadric of every vertex from the planes of its faces, which all go through it."""
     vertex_count, face_count = positions.shape[1], faces.shape[1]
     rows = np.empty((6, face_count), np.float32)
     for start in range(0, face_count, BLOCK):
@@ -166,7 +166,7 @@ def _moved(quadrics: EdgeQuadric, offset: Floats) -> EdgeQuadric:
 
 
 def _border(faces: Indices, vertex_count: int) -> Flags:
-    """Which vertices have triangles that are no fan all around them, (V,) bool.
+    """Return which vertices, (V,) bool, have triangles that are not a fan all around them.
 
     Around a whole fan every neighbor comes once before and once after the vertex, so sums over both are equal; around
     an open one they differ by its ends. Sums of a few numbers below 2^32 are exact.
@@ -185,13 +185,13 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
     joins = yield from _seeds_steps(shape, policy.cluster_passes)
     new = np.take(joins, faces)
     yield PAUSE
-    clusters = yield from _made_steps(shape, joins, new)
-    made = clusters.roots[clusters.cheap(faces.shape[1] - target, policy.expensive_cluster)]
+    clusters = yield from _clusters_steps(shape, joins, new)
+    cheapest = clusters.roots[clusters.cheap(faces.shape[1] - target, policy.expensive_cluster)]
     placed = positions.copy()
     placed[:, clusters.roots] = clusters.places
     multiple, reverted = np.zeros((2, len(joins)), bool)
     multiple[clusters.roots] = reverted[clusters.roots] = True
-    reverted[made] = False
+    reverted[cheapest] = False
     merged = Merged(positions, faces, joins, placed, multiple)
     merged.take_apart(reverted)
     yield from merged.settle_steps()
@@ -206,7 +206,7 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
 
 @dataclass(eq=False)
 class Merged:
-    """A surface whose clusters have become one vertex each, and what it was before.
+    """Surface whose clusters have become one vertex each, and its state before.
 
     positions : (3, V) float32
     faces : (3, F) int64
@@ -214,7 +214,7 @@ class Merged:
     joins : (V,) int64
         The root that each vertex has joined.
     placed : (3, V) float32
-        Where roots are now.
+        Present positions of the roots.
     multiple : (V,) bool
         Roots that others have joined.
     """
@@ -230,7 +230,7 @@ class Merged:
         self.new = np.take(self.joins, self.faces)
 
     def take_apart(self, clusters: Flags) -> Flags:
-        """Take these clusters apart, (V,) bool by their roots; which vertices are back where they were, (V,) bool."""
+        """Take clusters apart, (V,) bool by their roots; return which vertices are back where they were, (V,) bool."""
         self.multiple &= ~clusters
         back = clusters[self.joins]
         apart = np.flatnonzero(back)
@@ -242,7 +242,7 @@ class Merged:
         return back
 
     def settle_steps(self, back: Flags | None = None) -> Steps[Flags]:
-        """Take apart what tears the surface or turns its triangles; which vertices that brought back, (V,) bool.
+        """Take apart what tears the surface or turns its triangles; return which vertices came back, (V,) bool.
 
         `back` are vertices round which to look, by default all; those count among the vertices brought back.
         """
@@ -267,7 +267,7 @@ class Merged:
             yield PAUSE
 
     def uncross_steps(self) -> Steps[None]:
-        """Take apart the clusters whose triangles cross others."""
+        """Take apart the clusters whose triangles cross other triangles."""
         untested = self.multiple.copy()
         while untested.any():
             at = np.flatnonzero(_whole(self.new))
@@ -282,7 +282,7 @@ class Merged:
                 untested = yield from self.settle_steps(self.take_apart(bad))
 
     def used(self) -> tuple[Flags, Indices]:
-        """Which vertices the triangles have, (V,) bool, and the triangles with those alone counted, (3, f)."""
+        """Return which vertices the triangles use, (V,) bool, and the triangles renumbered to those, (3, f)."""
         left = np.compress(_whole(self.new), self.new, axis=1)
         used = np.zeros(len(self.joins), bool)
         for corner in left:
@@ -296,7 +296,7 @@ class Merged:
 
 
 def _whole(faces: Indices) -> Flags:
-    """Which triangles have three different corners, (F,) bool."""
+    """Return which triangles have three different corners, (F,) bool."""
     return (faces[0] != faces[1]) & (faces[1] != faces[2]) & (faces[2] != faces[0])
 
 
@@ -316,11 +316,11 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
         yield PAUSE
         chosen = ~lost
         seed |= chosen
-        beside = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
-        done = np.flatnonzero(beside)
+        near = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        done = np.flatnonzero(near)
         for corner in around:
             rank[corner[done]] = worst
-        rest = np.flatnonzero(~beside)
+        rest = np.flatnonzero(~near)
         around = np.take(around, rest, axis=1)
         yield PAUSE
     joining, seeds = [], []
@@ -343,8 +343,8 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     return joins
 
 
-def _made_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
-    """The clusters, and what each of them would cost."""
+def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+    """Return the clusters, and the cost of each."""
     positions, vertex_count = shape.positions, len(joins)
     size = np.bincount(joins, minlength=vertex_count)
     roots = np.flatnonzero(size > 1)
@@ -384,7 +384,7 @@ def _sums(owner: Indices, rows: Floats, count: int) -> Floats:
 
 
 def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
-    """Which clusters, (V,) bool, have an edge without two triangles, one either way, or two triangles back to back.
+    """Return which clusters, (V,) bool, have an open or wrongly directed edge, or two triangles back to back.
 
     Edges with an end that has `changed` are looked at; the faces must be all that have such a corner.
     """
@@ -414,10 +414,10 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
     wrong = np.zeros(len(keys) + 1, bool)
     wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
     wrong[1:-2] |= same[1:] & same[:-1]
-    alone = np.ones(len(keys), bool)
-    alone[1:] &= ~same
-    alone[:-1] &= ~same
-    at = np.flatnonzero(wrong[:-1] | wrong[1:] | alone)
+    single = np.ones(len(keys), bool)
+    single[1:] &= ~same
+    single[:-1] &= ~same
+    at = np.flatnonzero(wrong[:-1] | wrong[1:] | single)
     shifts = bits + bits + one, bits + one, one
     low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
     at_changed = changed[low] | changed[high]
@@ -428,7 +428,7 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
 
 
 def _turned(before: Indices, after: Indices, positions: Floats, placed: Floats, multiple: Flags) -> Flags:
-    """Which clusters, (V,) bool, have a triangle that turns too far or loses its area."""
+    """Return which clusters, (V,) bool, have a triangle that turns too far or loses its area."""
     normals = []
     for corners, places in ((before, positions), (after, placed)):
         a, b, c = (np.take(places, corner, axis=1) for corner in corners)

@@ -23,7 +23,7 @@ from .collapses import Collapses
 
 @dataclass(frozen=True, eq=False)
 class Round:
-    """What some changes, no two of which touch one face, found before them.
+    """State before a round of changes, no two of which touch one face.
 
     count, first : int
         Number of changes, and of those in rounds before.
@@ -38,7 +38,7 @@ class Round:
     moved, moved_owner : (m,) int32
         Vertices moved or dropped, and by which change.
     positions, normals : (3, m) float32
-        Where they were; normals may be None.
+        Former positions and normals; normals may be None.
     new_edges, new_owner : (3, k) and (k,) int32
         Made by k cuts, and by which change.
     """
@@ -61,7 +61,7 @@ class Round:
 
 @dataclass(frozen=True, eq=False)
 class Undone:
-    """What of a round is undone.
+    """Parts of a round that are undone.
 
     faces, moved, cuts : (n,) int64
         Places in the round's arrays of faces, of moved vertices and of cuts.
@@ -74,7 +74,7 @@ class Undone:
 
 
 class Places(NamedTuple):
-    """Where each face, edge and vertex of the log is in the mesh, -1 for nowhere; int32, by the log's numbers."""
+    """Positions in the mesh of the log's faces, edges and vertices, -1 for absent ones; int32."""
 
     faces: Ints
     edges: Ints
@@ -82,7 +82,7 @@ class Places(NamedTuple):
 
 
 class Numbered(Protocol):
-    """What the log reads of a mesh whose edges collapse: see `CollapsingMesh`."""
+    """Arrays of a mesh whose edges collapse that the log reads: see `CollapsingMesh`."""
 
     positions: Floats
     normals: Floats | None
@@ -121,7 +121,7 @@ class CollapseLog:
         self.locked, self.component, self.original_vertex = mesh.locked, mesh.component, mesh.original_vertex
 
     def compact(self, faces: Indices, edges: Indices, vertices: Indices) -> None:
-        """Take in which faces, edges and vertices are left."""
+        """Take in the faces, edges and vertices that are left."""
         self.face_number = self.face_number[faces]
         self.edge_number = self.edge_number[edges]
         self.vertex_number = self.vertex_number[vertices]
@@ -136,7 +136,7 @@ class CollapseLog:
 
     @property
     def places(self) -> Places:
-        """Where what the log has numbered is in the mesh as it is now."""
+        """Return the positions of the log's faces, edges and vertices in the present mesh."""
         if self._places is None:
             self._places = Places(
                 _inverse(self.face_number, self.faces),
@@ -184,7 +184,7 @@ class CollapseLog:
     def _add(
         self, mesh: Numbered, count: int, touched: tuple[NDArray[Any], Ints], moved: tuple[Ints, Ints], cuts: Ints
     ) -> None:
-        """Record so many changes: the faces they touch, the vertices they move, and which changes cut how often."""
+        """Record changes: the faces they touch, the vertices they move, and which changes cut how often."""
         faces, owner = touched
         vertices, moved_owner = moved
         numbers = np.take(self.face_number, faces)
@@ -192,9 +192,9 @@ class CollapseLog:
         face_edges = np.take(self.edge_number, np.take(mesh.face_edges, faces, axis=1))
         new = len(cuts)
         if new:
-            made = np.arange(self.faces, self.faces + 2 * new, dtype=np.int32)
-            nothing = np.full((3, len(made)), -1, np.int32)
-            numbers, owner = np.append(numbers, made), np.concatenate([owner, cuts, cuts])
+            caps = np.arange(self.faces, self.faces + 2 * new, dtype=np.int32)
+            nothing = np.full((3, len(caps)), -1, np.int32)
+            numbers, owner = np.append(numbers, caps), np.concatenate([owner, cuts, cuts])
             corners, face_edges = np.append(corners, nothing, axis=1), np.append(face_edges, nothing, axis=1)
             self.last = np.append(self.last, nothing[0])
         first, start = (0, 0) if not self.rounds else self._ends()
@@ -221,23 +221,23 @@ class CollapseLog:
         )
 
     def _ends(self) -> tuple[int, int]:
-        """How many changes there are, and how often faces were touched."""
+        """Return the number of changes, and of touches of faces."""
         last = self.rounds[-1]
         return last.first + last.count, last.start + len(last.faces)
 
     def touched(self) -> Flags:
-        """Which faces a change that stands has touched, by the log's numbers."""
+        """Return which faces a change that is not undone has touched, by the log's numbers."""
         return self.last >= 0
 
     def last_changes(self, faces: NDArray[Any]) -> Ints:
-        """The last change that stands, numbered through all rounds, that touched each of these faces; -1 for none."""
+        """Return the last change still in effect that touched each of these faces, in all rounds; -1 for none."""
         when = np.take(self.last, faces)
         if not self.rounds:
             return when
         return np.where(when >= 0, np.take(self._indexed().change, when), np.int32(-1))
 
     def undo(self, changes: NDArray[Any]) -> list[Undone]:
-        """Mark these changes, which stand, and all that depend on them, as undone; what of each round they are."""
+        """Mark these changes and all that depend on them as undone, and return the undone parts of each round."""
         index = self._indexed()
         undone = np.zeros(self._ends()[0], bool)
         touches = [np.zeros(0, np.int32)]
@@ -267,9 +267,9 @@ class CollapseLog:
 
     def vertices_of(self, changes: Ints) -> Ints:
         """Numbers of the vertices that these changes move, (m,)."""
-        wanted = np.zeros(self._ends()[0], bool)
-        wanted[changes] = True
-        return np.concatenate([each.moved[wanted[each.first + each.moved_owner]] for each in self.rounds])
+        selected = np.zeros(self._ends()[0], bool)
+        selected[changes] = True
+        return np.concatenate([each.moved[selected[each.first + each.moved_owner]] for each in self.rounds])
 
     def _indexed(self) -> _Index:
         if self._index is None:
@@ -281,7 +281,7 @@ class _Index:
     """All rounds as one, to find a few changes in: each time that a face was touched is a touch, in their order.
 
     faces, change, before : (n,) int32
-        Of each touch: the face, the change, and the touch of the face before it.
+        Face and change of each touch, and the touch of the face before it.
     """
 
     def __init__(self, rounds: list[Round]) -> None:
@@ -304,7 +304,7 @@ class _Index:
 
 
 def _inverse(numbers: Ints, count: int) -> Ints:
-    """Place of each of so many numbers, (count,), -1 for nowhere."""
+    """Return the position of each of `count` numbers, (count,), -1 for absent ones."""
     places = np.full(count, -1, np.int32)
     places[numbers] = np.arange(len(numbers), dtype=np.int32)
     return places

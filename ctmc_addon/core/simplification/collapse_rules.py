@@ -26,10 +26,10 @@ from .crossing_check import crosses_steps
 from .error_bound import ErrorBound
 from .handles import Cuts, handle_cuts_steps
 
-Surface = tuple[Indices, Flags]  # numbers of faces, and which of them point inward
+Surface = tuple[Indices, Flags]  # Numbers of faces, and flags of those that point inward.
 
-SAMPLED = 1 << 15  # costs, at least, from which is found how expensive the edges of a round are
-LARGEST = np.finfo(np.float32).max.view(np.int32)  # the bits of the largest cost that is not infinite
+SAMPLED = 1 << 15  # Sample at least this many costs to find how expensive the edges of a round are.
+LARGEST = np.finfo(np.float32).max.view(np.int32)  # The bits of the largest cost that is not infinite.
 
 
 class CollapseRules:
@@ -56,20 +56,20 @@ class CollapseRules:
     share: float
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
-        """Which of these edges may never collapse: both ends are locked."""
+        """Return which of these edges may never collapse: both ends are locked."""
         return self.locked[first] & self.locked[second]
 
     def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Of which edges the second end stays and the first goes."""
+        """Return of which edges the second end stays and the first goes."""
         return self.locked[second]
 
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses would change how the surface is connected, (n,) bool."""
+        """Return which collapses would change how the surface is connected, (n,) bool."""
         counts = len(self.locked), len(self.cost)
         return violates_link_condition_steps(collapses, self.faces, self.face_edges, counts)
 
     def possible_steps(self, collapses: Collapses) -> Steps[Collapses]:
-        """Those of the collapses that may be done, with normals; the others cost inf from now on."""
+        """Return the allowed collapses, with normals; the other ones cost inf from now on."""
         violating = yield from self.violates_link_condition_steps(collapses)
         collapses = self.without(collapses, violating)
         yield PAUSE
@@ -89,7 +89,7 @@ class CollapseRules:
         return collapses
 
     def without(self, collapses: Collapses, refused: Flags) -> Collapses:
-        """Return the others; those refused, (n,) bool, cost inf from now on."""
+        """Return the collapses without the refused ones, (n,) bool, which cost inf from now on."""
         self.cost[collapses.edges[refused]] = np.inf
         return collapses.select(~refused)
 
@@ -113,13 +113,13 @@ class CollapseRules:
         return cheapest, len(cheapest.edges) / max(len(cheapest.edges) + int(refused.sum()), 1)
 
     def doubt(self, vertices: Ints) -> None:
-        """Triangles have come to cross at these vertices; lock those where that happens the second time."""
+        """Note vertices at which triangles have come to cross, and lock those noted twice."""
         numbers = self.original_vertex[vertices]
         self.locked[vertices[self.doubtful[numbers]]] = True
         self.doubtful[numbers] = True
 
     def priority(self, edges: Indices | None = None) -> Floats:
-        """What these edges, or all, are ordered by; inf where an edge cannot be collapsed as things are."""
+        """Return the numbers by which these edges, or all, are ordered; inf if an edge cannot be collapsed now."""
         return self.cost if edges is None else self.cost[edges]
 
     def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
@@ -132,7 +132,7 @@ class CollapseRules:
         return collapses.select(cheapest)
 
     def edges_joined(self, lost: Indices, stays: Indices) -> None:
-        """Edges that are gone became one with those that stay."""
+        """Take in that removed edges became one with edges that stay."""
 
     def may_have_handles(self) -> bool:
         """Whether the Euler number leaves room for one: 2 for every component, 2 less for every handle."""
@@ -147,17 +147,17 @@ class CollapseRules:
         """Loops (n, 3) were cut: faces, edges and vertices of the caps have been added."""
 
     def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
-        """Faces, edges and vertices of the log, which what was undone needs, follow those of the mesh."""
+        """Take in faces, edges and vertices of the log that undone changes need and that follow those of the mesh."""
 
     def surfaces(self, interface: Ints) -> list[Surface]:
-        """Surfaces that each keep a maximum error, from the interface of every face, (F,)."""
+        """Return the surfaces that each keep a maximum error, from the interface of every face, (F,)."""
         return [(np.arange(len(interface)), np.zeros(len(interface), bool))]
 
     def was_undone(self) -> None:
         """Changes were undone: faces and edges are as before, costs not yet."""
 
     def normals_added(self, collapses: Collapses) -> Floats:
-        """What is added to the normals of the vertices that stay, (3, n)."""
+        """Return the normals to add to those of the vertices that stay, (3, n)."""
         assert self.normals is not None
         return self.normals[:, collapses.dropped]
 

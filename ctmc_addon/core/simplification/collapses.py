@@ -25,13 +25,13 @@ class Collapses:
         The ends: the vertex that stays, and moves to the target, and the one that goes.
     target : (3, n) float32
     faces : (s,) int64
-        With a corner in a collapse.
+        Faces with a corner in a collapse.
     owner : (s,) int32
-        In which.
-    gone : (s,) bool
+        Collapse of each of those faces.
+    vanishing : (s,) bool
         Whether the face vanishes: it has two corners there.
     normals : two of (3, f) float32, or None
-        Of the faces that stay, before and after, as long as twice their areas.
+        Normals of the faces that stay, before and after, as long as twice their areas.
     """
 
     edges: Indices
@@ -40,18 +40,18 @@ class Collapses:
     target: Floats
     faces: Indices
     owner: Ints
-    gone: Flags
+    vanishing: Flags
     normals: tuple[Floats, Floats] | None = None
 
     def select(self, selected: Flags) -> Collapses:
-        """Return the selected ones, (n,) bool, numbered anew."""
+        """Return the selected collapses, (n,) bool, renumbered."""
         if selected.all():
             return self
         number = np.cumsum(selected, dtype=np.int32) - np.int32(1)
         faces = selected[self.owner]
         normals = None
         if self.normals is not None:
-            left = faces[~self.gone]
+            left = faces[~self.vanishing]
             normals = np.compress(left, self.normals[0], axis=1), np.compress(left, self.normals[1], axis=1)
         return Collapses(
             self.edges[selected],
@@ -60,24 +60,24 @@ class Collapses:
             np.compress(selected, self.target, axis=1),
             self.faces[faces],
             number[self.owner[faces]],
-            self.gone[faces],
+            self.vanishing[faces],
             normals,
         )
 
     def at_vertices(self, vertices: Flags, faces: Ints) -> Flags:
-        """Which of them have one of the vertices (V,) bool at one of their faces, (n,) bool."""
-        found = np.zeros(len(self.edges), bool)
-        found[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
-        return found
+        """Return which collapses have one of the vertices (V,) bool at one of their faces, (n,) bool."""
+        touched = np.zeros(len(self.edges), bool)
+        touched[self.owner[np.take(vertices, np.take(faces, self.faces, axis=1)).any(axis=0)]] = True
+        return touched
 
     def slots(self, corners: Ints, vertex_count: int) -> tuple[Flags, Flags]:
-        """Of which faces that stay (3, f) the second corner is in a collapse, of which the third; else the first is."""
+        """Return of which faces that stay (3, f) the second corner is in a collapse, and of which the third."""
         is_end = np.zeros(vertex_count, bool)
         is_end[self.kept] = is_end[self.dropped] = True
         return np.take(is_end, corners[1]), np.take(is_end, corners[2])
 
     def apexes(self, corners: Ints, owner: Ints) -> Ints:
-        """Of faces that vanish (3, f) with these collapses the corners that are in none, (f,)."""
+        """Return the corners of vanishing faces (3, f) that are in none of these collapses, (f,)."""
         return corners.sum(axis=0, dtype=np.int32) - (self.kept[owner] + self.dropped[owner])
 
     def moved(self, positions: Floats) -> Floats:
@@ -89,7 +89,7 @@ class Collapses:
 
 
 def turned(rows: Ints, slots: tuple[Flags, Flags], by: int) -> Ints:
-    """Of every column (3, f) the value so many rows after that of its slot (see `Collapses.slots`), (f,)."""
+    """Return of every column (3, f) the value that many rows after its slot (see `Collapses.slots`), (f,)."""
     second, third = slots
     return np.where(second, rows[(by + 1) % 3], np.where(third, rows[(by + 2) % 3], rows[by]))
 
@@ -105,7 +105,7 @@ def locked_vertices_steps(faces: Ints, edges: Ints, face_edges: Ints) -> Steps[t
 def independent_set_steps(
     candidates: Indices, edges: Ints, vertex_count: int, policy: Policy = POLICY
 ) -> Steps[Indices]:
-    """Some of the candidates, no two of which have an end at the same triangle; those that come first win."""
+    """Return candidates, no two of which have an end at the same triangle; the first ones win."""
     a, b = np.take(edges, candidates, axis=1).astype(np.intp)
     waiting = np.zeros(vertex_count, bool)  # ends of candidates
     waiting[a] = waiting[b] = True
@@ -121,10 +121,10 @@ def independent_set_steps(
         # The best rank at every vertex: written from the worst to the best, the last stays.
         best = np.full(vertex_count, count, np.int32)
         best[np.stack([a[::-1], b[::-1]], axis=1).ravel()] = np.repeat(rank[::-1], 2)
-        beside_first, beside_second = np.take(best, first), np.take(best, second)
+        best_at_first, best_at_second = np.take(best, first), np.take(best, second)
         lost = np.zeros(vertex_count, bool)
-        lost[np.compress(beside_first > beside_second, first)] = True
-        lost[np.compress(beside_second > beside_first, second)] = True
+        lost[np.compress(best_at_first > best_at_second, first)] = True
+        lost[np.compress(best_at_second > best_at_first, second)] = True
         won = (np.take(best, a) == rank) & (np.take(best, b) == rank) & ~(np.take(lost, a) | np.take(lost, b))
         independent.append(candidates[won])
         yield PAUSE
@@ -145,16 +145,16 @@ def independent_set_steps(
 def violates_link_condition_steps(
     collapses: Collapses, faces: Ints, face_edges: Ints, counts: tuple[int, int]
 ) -> Steps[Flags]:
-    """Which collapses violate the link condition, (n,) bool: the ends must share two neighbors, no more.
+    """Return which collapses violate the link condition, (n,) bool: the ends must share exactly two neighbors.
 
     And neither of the two may have only one neighbor beside them, or a tetrahedron would fold flat. `faces` and
     `face_edges` are (3, F), `counts` the numbers of vertices and edges.
     """
     vertex_count, edge_count = counts
-    gone, left = np.flatnonzero(collapses.gone), np.flatnonzero(~collapses.gone)
+    vanishing, left = np.flatnonzero(collapses.vanishing), np.flatnonzero(~collapses.vanishing)
     # The third corners of the two faces that vanish: the first of them is the last to be written.
-    owner = collapses.owner[gone]
-    apex = collapses.apexes(np.take(faces, collapses.faces[gone], axis=1), owner)
+    owner = collapses.owner[vanishing]
+    apex = collapses.apexes(np.take(faces, collapses.faces[vanishing], axis=1), owner)
     first, last = np.full((2, len(collapses.edges)), -1, np.int32)
     last[owner] = apex
     first[owner[::-1]] = apex[::-1]
@@ -168,19 +168,19 @@ def violates_link_condition_steps(
     at_kept = inner == np.take(collapses.kept, owner)
     yield PAUSE
     kept_sides, dropped_sides = np.flatnonzero(at_kept), np.flatnonzero(~at_kept)
-    (beside_kept, kept_owner), (beside_dropped, dropped_owner) = (
+    (near_kept, kept_owner), (near_dropped, dropped_owner) = (
         (np.concatenate([np.take(vertex, side) for vertex in outer]), np.tile(np.take(owner, side), 2))
         for side in (kept_sides, dropped_sides)
     )
     yield PAUSE
     of_vertex = np.full(vertex_count, -1, np.int32)
-    while len(beside_kept):  # a vertex has room for one collapse: the others come next
-        of_vertex[beside_kept] = kept_owner
-        shared = np.flatnonzero(np.take(of_vertex, beside_dropped) == dropped_owner)
-        vertex, of = np.take(beside_dropped, shared), np.take(dropped_owner, shared)
+    while len(near_kept):  # a vertex has room for one collapse: the others come next
+        of_vertex[near_kept] = kept_owner
+        shared = np.flatnonzero(np.take(of_vertex, near_dropped) == dropped_owner)
+        vertex, of = np.take(near_dropped, shared), np.take(dropped_owner, shared)
         refused[of[(vertex != np.take(first, of)) & (vertex != np.take(last, of))]] = True
-        waiting = np.flatnonzero(np.take(of_vertex, beside_kept) != kept_owner)
-        beside_kept, kept_owner = np.take(beside_kept, waiting), np.take(kept_owner, waiting)
+        waiting = np.flatnonzero(np.take(of_vertex, near_kept) != kept_owner)
+        near_kept, kept_owner = np.take(near_kept, waiting), np.take(kept_owner, waiting)
     yield PAUSE
     opposite = turned(np.take(face_edges, number, axis=1), slots, 1)
     here = np.arange(len(left), dtype=np.int32)
@@ -208,7 +208,7 @@ def shared_neighbors_steps(collapses: Collapses, edges: Ints, vertex_count: int)
 
 
 def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked: Flags) -> Steps[Flags]:
-    """Which collapses would make an edge or a face between vertices of the border alone, (n,) bool.
+    """Return which collapses would make an edge or face between border vertices only, (n,) bool.
 
     Beyond the border there may be the same one, and in a batch of a surface nobody would see it.
     """
@@ -229,7 +229,7 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
     itself = onto.astype(np.int64) * len(locked) + collapses.kept[onto]
     new = keys[0][~np.isin(keys[0], np.append(keys[1], itself))]
     refused[new // len(locked)] = True
-    left = np.flatnonzero(~collapses.gone & locked[collapses.kept[collapses.owner]])
+    left = np.flatnonzero(~collapses.vanishing & locked[collapses.kept[collapses.owner]])
     at_border = np.take(locked, np.take(faces, collapses.faces[left], axis=1)).sum(axis=0)
     at_dropped = (np.take(faces, collapses.faces[left], axis=1) == collapses.dropped[collapses.owner[left]]).any(axis=0)
     refused[collapses.owner[left][at_dropped & (at_border == 2)]] = True
@@ -237,8 +237,8 @@ def crosses_border_steps(collapses: Collapses, faces: Ints, edges: Ints, locked:
 
 
 def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> Steps[Collapses]:
-    """Return them with the normals of the faces that stay."""
-    corners = np.take(faces, collapses.faces[~collapses.gone], axis=1)
+    """Return the collapses with the normals of the faces that stay."""
+    corners = np.take(faces, collapses.faces[~collapses.vanishing], axis=1)
     normals = []
     for places in (positions, collapses.moved(positions)):
         a, b, c = (np.take(places, corner, axis=1) for corner in corners)
@@ -248,18 +248,18 @@ def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> 
 
 
 def flips_normal(collapses: Collapses) -> Flags:
-    """Which collapses, with normals, turn a face too far, or leave it without area, (n,) bool."""
+    """Return which collapses, with normals, turn a face too far or leave it without area, (n,) bool."""
     assert collapses.normals is not None
     before, after = collapses.normals
     along, size = dot(before, after), dot(after, after)
     bad = (along < 0) | (along * along < TURN * TURN * dot(before, before) * size) | (size == 0)
     refused = np.zeros(len(collapses.edges), bool)
-    refused[collapses.owner[~collapses.gone][bad]] = True
+    refused[collapses.owner[~collapses.vanishing][bad]] = True
     return refused
 
 
 def shuffled(numbers: Indices) -> NDArray[np.uint32]:
-    """Another number for every number below 2^32, none twice, in no visible order."""
+    """Return a different number below 2^32 for each number, in no visible order."""
     mixed = numbers.astype(np.uint32)
     for factor in (0x85EBCA6B, 0xC2B2AE35):  # the odd factors of MurmurHash3's last mixing
         mixed ^= mixed >> np.uint32(15)

@@ -28,7 +28,7 @@ from .error_check import ErrorCheck
 from .policy import POLICY, Policy
 from .ranked_points import RankedPoints
 
-TETRAHEDRON = 4  # triangles
+TETRAHEDRON = 4  # The fewest triangles of a closed component.
 POINTS_AT_ONCE = 1024
 
 
@@ -48,7 +48,6 @@ class CollapsedComponents:
     volume: float = 0.0
 
     def __add__(self, other: CollapsedComponents) -> CollapsedComponents:
-        """Return those of both."""
         largest = max(self.largest, other.largest)
         return CollapsedComponents(self.count + other.count, largest, self.volume + other.volume)
 
@@ -67,8 +66,8 @@ class CollapsedComponents:
         components, were = ("component", "was") if self.count == 1 else ("components", "were")
         digit = 10.0 ** (math.floor(math.log10(self.largest)) - 1) if self.largest > 0 else 1.0
         below = (math.floor(self.largest / digit) + 1) * digit  # rounded up to two digits
-        together = volume_text(float(f"{self.volume:.3g}"))
-        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {together} together"
+        total = volume_text(float(f"{self.volume:.3g}"))
+        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {total} together"
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +75,11 @@ class Staying:
     """Components that are not removed, whatever they cost.
 
     largest : float
-        Those that enclose more, cavities too, in the cube of the unit of the positions.
+        Volume above which components stay, cavities too, in the cube of the unit of the positions.
     by_box : bool
         Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
     vertices : (n,) int64
-        Those of these vertices.
+        Vertices whose components stay.
     """
 
     largest: float = math.inf
@@ -92,7 +91,7 @@ class Components:
     """The components of a mesh, each with its area, volume and gap; in the order of their first faces.
 
     volume_before : (V,) float64 or None
-        What the component of each vertex enclosed before the mesh was clustered, if it was.
+        Volume of the component of each vertex before the mesh was clustered, if it was.
     """
 
     staying = Staying()
@@ -193,7 +192,7 @@ class Components:
         face_counts : (components,) int64
             Triangles that each has now.
         cost : float
-            Of a collapse for every triangle it removes; inf where none is possible any more.
+            Cost of a collapse for every triangle it removes; inf if none is possible any more.
         excess : int
             Triangles that may go, at most.
         """
@@ -217,7 +216,7 @@ class Components:
         return selected
 
     def _is_inner(self, components: Indices) -> Flags:
-        """Whether each of these cannot stay without its nearest component: a cavity, or what lies in a cavity."""
+        """Return whether each cannot stay without its nearest component: a cavity, or a component inside one."""
         inside = (self.volume[components] < 0) | (self.volume[self.nearest[components]] < 0)
         return inside & self.removable[components]
 
@@ -225,10 +224,10 @@ class Components:
         present = np.flatnonzero(self.present)
         return present[self._is_inner(present)]
 
-    def remove_steps(self, gone: Indices) -> Steps[None]:
-        """Remove components, with what lies in them."""
+    def remove_steps(self, removed: Indices) -> Steps[None]:
+        """Remove components, with those inside them."""
         before = self.present.copy()
-        self.present[gone] = False
+        self.present[removed] = False
         inner = self._inner()
         while len(lost := inner[~self.present[self.nearest[inner]]]):
             self.present[lost] = False
@@ -238,15 +237,14 @@ class Components:
         yield PAUSE
         yield from self._measure_gaps_steps(self.present & ~self.present[self.nearest])
 
-    def count_removed(self, gone: Flags) -> None:
+    def count_removed(self, removed: Flags) -> None:
         """Add these components, (components,), to `collapsed`."""
-        volumes = np.abs(self.volume[gone])
+        volumes = np.abs(self.volume[removed])
         largest = float(volumes.max(initial=0.0))
         self.collapsed += CollapsedComponents(len(volumes), largest, math.fsum(volumes.tolist()))
 
 
 def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) -> Steps[Doubles]:
-    """Area of every component, (count,)."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
     yield PAUSE
     normal = cross(b - a, c - a)
@@ -257,7 +255,7 @@ def _areas_steps(positions: Floats, faces: Ints, component: Ints, count: int) ->
 def without_components_steps(
     components: Components, positions: Floats, faces: Ints, of_face: Ints, of_original: Ints, check: ErrorCheck
 ) -> Steps[Flags]:
-    """Which faces of a surface within the error may go with their components, (F,) bool.
+    """Return which faces of a surface within the error may be removed with their components, (F,) bool.
 
     A component may go if all of its original is within the limit of what stays. All small ones are removed at once;
     those that are then too far away, and those that others were nearest to, come back: a larger surface is nowhere

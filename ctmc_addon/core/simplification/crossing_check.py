@@ -19,7 +19,7 @@ from .collapses import Collapses
 def crosses_steps(
     collapses: Collapses, positions: Floats, faces: Ints, alive: Flags, done: Flags, asked: Flags
 ) -> Steps[Flags]:
-    """Which of the collapses that are done make triangles cross, (n,) bool; of two that do together, one.
+    """Return which collapses make triangles cross, (n,) bool; of two that do so with each other, one.
 
     Parameters
     ----------
@@ -39,7 +39,7 @@ def crosses_steps(
     owner = np.full(faces.shape[1], -1, np.int32)
     owner[collapses.faces] = collapses.owner
     stays = alive.copy()
-    stays[doing.faces[doing.gone]] = False
+    stays[doing.faces[doing.vanishing]] = False
     left = np.flatnonzero(stays)
     owner = owner[left]
     selected = (owner >= 0) & np.take(asked, owner)

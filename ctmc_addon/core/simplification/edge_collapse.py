@@ -41,7 +41,7 @@ from .quadrics import (
     vertex_quadrics_steps,
 )
 
-BLOCK = 8192  # edges whose costs are computed together: what fits the cache
+BLOCK = 8192  # Compute the costs of this many edges at once: they fit the cache.
 
 
 class CollapsingMesh(CollapseRules):
@@ -96,7 +96,7 @@ class CollapsingMesh(CollapseRules):
         self.collapsed = 0  # since refused edges were last given another chance
 
     def prepare_steps(self) -> Steps[None]:
-        """Find the edges and what they cost: before anything else."""
+        """Find the edges and their costs; call this before anything else."""
         vertex_count = self.positions.shape[1]
         self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
         yield from self.prepare_vertices_steps()
@@ -158,7 +158,7 @@ class CollapsingMesh(CollapseRules):
         return quadric, step, target
 
     def can_collapse_steps(self) -> Steps[bool]:
-        """Whether it is worth trying; refused edges are tried again where enough others have gone since."""
+        """Return whether it is worth trying; refused edges are tried again after enough collapses."""
         if self.poor_rounds < self.policy.poor_rounds and np.isfinite(self.cost).any():
             return True
         if self.collapsed <= len(self.cost) // 1000:
@@ -205,10 +205,10 @@ class CollapsingMesh(CollapseRules):
         of_face = np.take(self.component, self.faces[0])
         counts = np.bincount(of_face + 1, minlength=self.components.count + 1)[1:]  # -1 is the dummy's
         yield PAUSE
-        gone = self.components.cheaper(counts, np.inf if stuck else self.face_cost, excess)
-        if not len(gone):
+        components = self.components.cheaper(counts, np.inf if stuck else self.face_cost, excess)
+        if not len(components):
             return False
-        yield from self.components.remove_steps(gone)
+        yield from self.components.remove_steps(components)
         removed = np.append(~self.components.present, False)  # for the dummy
         faces = np.flatnonzero(np.take(removed, of_face))
         edges = np.take(self.face_edges, faces, axis=1).ravel()
@@ -261,7 +261,7 @@ class CollapsingMesh(CollapseRules):
         yield from self.update_costs_steps(np.flatnonzero(np.take(moved, self.edges).any(axis=0)))
 
     def collapses(self, edges: Indices) -> Collapses:
-        """What collapsing these edges would do; no two have an end at the same triangle."""
+        """Return the result of collapsing these edges; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
         _, _, target = self.merged(first, second)
         swap = self.second_stays(first, second)
@@ -275,10 +275,10 @@ class CollapsingMesh(CollapseRules):
         return Collapses(edges, *ends, target, star, highest[star], (a & (b | c)) | (b & c))
 
     def merge_steps(self, collapses: Collapses, tested: bool) -> Steps[None]:
-        """Collapse; what is gone stands at the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
-        keep, drop, gone = collapses.kept, collapses.dropped, collapses.faces[collapses.gone]
+        """Collapse; removed items refer to the dummy vertex until `compact_steps`. `tested` ones make nothing cross."""
+        keep, drop, vanishing = collapses.kept, collapses.dropped, collapses.faces[collapses.vanishing]
         self.collapsed += len(keep)
-        remaining = self.face_count - len(gone)
+        remaining = self.face_count - len(vanishing)
         self.compacting = self.bound is not None or remaining < self.policy.compact_below * self.faces.shape[1]
         if self.log is not None:
             self.log.add_collapses(self, collapses, tested)
@@ -290,7 +290,7 @@ class CollapsingMesh(CollapseRules):
             self.normals[:, keep] += self.normals_added(collapses)
 
         # In every face that vanishes the other two edges become a single edge.
-        sides = np.take(self.face_edges, gone, axis=1)
+        sides = np.take(self.face_edges, vanishing, axis=1)
         self.edge_becomes[collapses.edges] = -1
         second, third = (np.take(self.edge_becomes, side) < 0 for side in sides[1:])
         lost = np.where(second, sides[2], np.where(third, sides[0], sides[1]))
@@ -300,13 +300,13 @@ class CollapsingMesh(CollapseRules):
         self.vertex_becomes[drop] = keep
         yield PAUSE
 
-        left = collapses.faces[~collapses.gone]
+        left = collapses.faces[~collapses.vanishing]
         corners = np.take(self.vertex_becomes, np.take(self.faces, left, axis=1))
         around = np.take(self.edge_becomes, np.take(self.face_edges, left, axis=1))
         # One row at a time: several times faster in NumPy than all at once.
         for corner, side, new_corner, new_side in zip(self.faces, self.face_edges, corners, around, strict=True):
             corner[left], side[left] = new_corner, new_side
-            corner[gone] = self.dummy
+            corner[vanishing] = self.dummy
         incident_edges = np.zeros(len(self.cost), bool)
         incident_edges[around] = True
         incident_edges = np.flatnonzero(incident_edges)
@@ -318,7 +318,7 @@ class CollapsingMesh(CollapseRules):
         for dead in (collapses.edges, lost):
             self.edge_becomes[dead], self.cost[dead] = dead, np.inf
         self.vertex_becomes[drop] = drop
-        self.face_count -= len(gone)
+        self.face_count -= len(vanishing)
 
         if self.compacting:
             changed = np.zeros(len(self.vertex_becomes), bool)
@@ -332,9 +332,9 @@ class CollapsingMesh(CollapseRules):
             yield from self.update_costs_steps(incident_edges[moved[ends].any(axis=0)])
 
     def move_steps(self, collapses: Collapses) -> Steps[None]:
-        """Move both ends; quadrics of those that stay anew, of the vertices round them by what their faces change."""
-        left, gone = np.flatnonzero(~collapses.gone), np.flatnonzero(collapses.gone)
-        faces, lost = (np.take(self.faces, collapses.faces[places], axis=1) for places in (left, gone))
+        """Move both ends; recompute quadrics of those that stay, and update those of the vertices round them."""
+        left, vanishing = np.flatnonzero(~collapses.vanishing), np.flatnonzero(collapses.vanishing)
+        faces, lost = (np.take(self.faces, collapses.faces[places], axis=1) for places in (left, vanishing))
         lost_change = -face_quadrics(self.positions, lost)
         assert collapses.normals is not None
         before, after = collapses.normals
@@ -345,7 +345,7 @@ class CollapsingMesh(CollapseRules):
             row[collapses.kept] = row[collapses.dropped] = target
         slots = collapses.slots(faces, len(self.vertex_becomes))
         rim = np.concatenate(
-            [turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[gone])]
+            [turned(faces, slots, 1), turned(faces, slots, 2), collapses.apexes(lost, collapses.owner[vanishing])]
         )
         around = np.zeros(len(self.vertex_becomes), bool)
         around[rim] = True
@@ -360,7 +360,7 @@ class CollapsingMesh(CollapseRules):
             yield PAUSE
 
     def compact_steps(self) -> Steps[Indices]:
-        """Leave out faces, edges and vertices that are gone; which vertices are left."""
+        """Leave out removed faces, edges and vertices; return which vertices are left."""
         face_left = np.flatnonzero(self.faces[0] != self.dummy)
         edge_left = np.flatnonzero(self.edges[0] != self.dummy)
         used = np.zeros(len(self.vertex_becomes), bool)
@@ -395,7 +395,7 @@ class CollapsingMesh(CollapseRules):
         return vertex_left
 
     def begin_log(self, crossing: Ints | None = None) -> None:
-        """Begin a log of what changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
+        """Begin a log of all changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
         self.log = CollapseLog(self, crossing)
 
     @property

@@ -79,7 +79,7 @@ class ErrorBound:
         self.original_interface = interface[self.check.to_original.tree.order]
 
     def exceeded_steps(self, collapses: Collapses, faces: Ints, interface: Ints, moved: Floats) -> Steps[Flags]:
-        """Which of the n collapses take the surface too far from the original, (n,) bool.
+        """Return which of the n collapses take the surface too far from the original, (n,) bool.
 
         Parameters
         ----------
@@ -96,7 +96,7 @@ class ErrorBound:
         collapse = collapse_at[self.assigned_face[moving]]
         yield PAUSE
 
-        left = np.flatnonzero(~collapses.gone)
+        left = np.flatnonzero(~collapses.vanishing)
         left = left[np.lexsort((interface[collapses.faces[left]], collapses.owner[left]))]
         owner, star = collapses.owner[left].astype(np.int64), collapses.faces[left]
         corners = np.take(faces, star, axis=1)
@@ -104,10 +104,10 @@ class ErrorBound:
         # The faces of one collapse in one interface follow one another.
         interfaces = int(self.original_interface.max(initial=0)) + 1
         keys, first, faces_of = np.unique(owner * interfaces + interface[star], return_index=True, return_counts=True)
-        wanted = collapse.astype(np.int64) * interfaces + self.interface[moving]
-        run = np.minimum(np.searchsorted(keys, wanted), max(0, len(keys) - 1))
+        run_keys = collapse.astype(np.int64) * interfaces + self.interface[moving]
+        run = np.minimum(np.searchsorted(keys, run_keys), max(0, len(keys) - 1))
         exceeded = np.zeros(count, bool)
-        exceeded[collapse[keys[run] != wanted] if len(keys) else collapse] = True
+        exceeded[collapse[keys[run] != run_keys] if len(keys) else collapse] = True
         column = np.full(faces.shape[1], -1)
         column[star] = np.arange(len(star))
         near = column[self.assigned_face[moving]]  # mostly the face assigned so far will do, if it remains
@@ -150,7 +150,7 @@ class ErrorBound:
         near: Indices,
         refused: Flags,
     ) -> Steps[Flags]:
-        """Which collapses are refused or put a vertex, or a point of an edge or face, too far from the original."""
+        """Return which collapses are refused or put a vertex, or a point of an edge or face, too far away."""
         count = len(refused)
         new_vertex = np.zeros(moved.shape[1], bool)
         new_vertex[collapses.kept] = new_vertex[collapses.dropped] = True
@@ -204,7 +204,7 @@ class ErrorBound:
         return refused
 
     def accept(self, face_left: Indices) -> None:
-        """Assign samples anew for the collapses that `exceeded_steps` let pass; faces `face_left`, (f,), remain."""
+        """Assign samples again for the collapses that `exceeded_steps` let pass; faces `face_left`, (f,), remain."""
         self.assigned_face[self.moving] = self.new_assigned_face
         number = np.zeros(max(int(self.assigned_face.max()), int(face_left.max())) + 1, np.int64)
         number[face_left] = np.arange(len(face_left))
@@ -247,7 +247,7 @@ def _spread(corners: list[Floats], gap: float, most_parts: int) -> tuple[Floats,
 
 
 def _runs(owner: Indices, count: int) -> tuple[Indices, Indices]:
-    """Where each of `count` numbers begins in the sorted `owner`, and how often it is there."""
+    """Return the start and length of the run of each of `count` numbers in the sorted `owner`."""
     counts = np.bincount(owner, minlength=count)
     return np.cumsum(counts) - counts, counts
 
@@ -261,7 +261,7 @@ def _middles(positions: Floats, faces: Ints) -> Floats:
 def _near_face(
     points: Floats, positions: Floats, faces: Ints, middles: Floats, start: Indices, count: Indices, limit_squared: Any
 ) -> tuple[Indices, Floats]:
-    """For every point (3, n) one of the faces start to start + count within the limit, or the nearest of them.
+    """Return for every point (3, n) a face from start to start + count within the limit, or the nearest.
 
     Mostly the one with the nearest middle will do.
     """
@@ -276,7 +276,7 @@ def _near_face(
 def _nearest_face(
     points: Floats, positions: Floats, faces: Ints, start: Indices, count: Indices
 ) -> tuple[Indices, Floats]:
-    """For every point (3, n) the nearest of the faces start to start + count, and its squared distance."""
+    """Return for every point (3, n) the nearest face from start to start + count, and its squared distance."""
     nearest = np.empty(len(start), np.int64)
     least = np.empty(len(start), np.float32)
     for block, counts, face in _pairs(start, count):
@@ -287,17 +287,17 @@ def _nearest_face(
     return nearest, least
 
 
-def _nearest_point(points: Floats, others: Floats, start: Indices, count: Indices) -> Indices:
-    """For every point (3, n) the nearest of others[:, start:start + count]."""
+def _nearest_point(points: Floats, candidates: Floats, start: Indices, count: Indices) -> Indices:
+    """Return for every point (3, n) the nearest of candidates[:, start:start + count]."""
     nearest = np.empty(len(start), np.int64)
     for block, counts, other in _pairs(start, count):
-        away: Floats = np.repeat(points[:, block], counts, axis=1) - np.take(others, other, axis=1)
+        away: Floats = np.repeat(points[:, block], counts, axis=1) - np.take(candidates, other, axis=1)
         nearest[block] = other[_least(dot(away, away), counts)[0]]
     return nearest
 
 
 def _pairs(start: Indices, count: Indices) -> Iterator[tuple[slice, Indices, Indices]]:
-    """Some of the n at a time: which, the counts of those, and all their numbers from start to start + count.
+    """Yield some of the n at a time: their indices, counts, and all numbers from start to start + count.
 
     Their pairs are no more than `PAIRS`, unless one alone has more.
     """
@@ -313,7 +313,7 @@ def _pairs(start: Indices, count: Indices) -> Iterator[tuple[slice, Indices, Ind
 
 
 def _least(values: Floats, count: Indices) -> tuple[Indices, Floats]:
-    """Of every `count` values in turn: where the least is, the first of equals, and what it is."""
+    """Return for each run of `count` values the position of the least, the first of equals, and its value."""
     least = np.minimum.reduceat(values, np.cumsum(count) - count)
     hits = np.flatnonzero(values == np.repeat(least, count))
     group = np.repeat(np.arange(len(count)), count)[hits]

@@ -20,13 +20,13 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
 
-Pieces = list[Floats]  # three corners, (3, n) each
+Pieces = list[Floats]  # The three corners, (3, n) each.
 
 BLOCK, ASKED = 4096, 1024  # Examine so many pieces, and ask the tree for so many points, at once: they fit the cache.
 
 
 class Target:
-    """A surface that others are measured against: its triangles in the order of their tree, and their neighbors."""
+    """Reference surface: its triangles in the order of their tree, and their neighbors."""
 
     def prepare_steps(self, positions: Floats, faces: Ints) -> Steps[None]:
         """Take in positions (3, V) and faces (3, F)."""
@@ -43,7 +43,7 @@ class Target:
         first[face_edges.ravel()[::-1]] = face[::-1]
         yield PAUSE
         first, last = np.take(first, face_edges), np.take(last, face_edges)
-        self.beside = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
+        self.neighbor = np.where(first == face.reshape(faces.shape), last, first)  # at a border the face itself
 
     def triangles(self, number: Indices) -> Iterator[Doubles]:
         """The three corners, (3, n) each."""
@@ -75,7 +75,7 @@ class Target:
             along = corners[(side + 1) % 3] - corners[side]
             beyond = dot(cross(along, points - corners[side]), normal)
             beyond /= np.sqrt(np.maximum(dot(along, along), np.finfo(np.float64).tiny))
-            across = np.where(beyond < least, self.beside[side].take(number), across)
+            across = np.where(beyond < least, self.neighbor[side].take(number), across)
             least = np.minimum(least, beyond)
         return across
 
@@ -109,7 +109,7 @@ class ErrorCheck:
         yield from self._steepness_steps()
 
     def faces_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
-        """Which of these faces of the simplified surface are somewhere farther than the limit from the original."""
+        """Return which faces of the simplified surface are somewhere farther than the limit from the original."""
         pieces = _pieces(self.positions, self.faces[:, numbers])
         middle = _middle(pieces)
         _, near = yield from self.to_original.nearest_steps(middle, self._squared_limits(middle))
@@ -118,7 +118,7 @@ class ErrorCheck:
         return numbers[away]
 
     def original_exceeding_steps(self, numbers: Indices) -> Steps[Indices]:
-        """Which of these faces of the original are somewhere farther than the limit from the simplified surface."""
+        """Return which faces of the original are somewhere farther than the limit from the simplified surface."""
         far = self.far[self.original_faces[:, numbers]].any(axis=0)
         open_ = []
         for start in range(0, len(numbers), BLOCK):
@@ -140,7 +140,7 @@ class ErrorCheck:
         return np.full(points.shape[1], self.limit * self.limit)
 
     def _steepness_steps(self) -> Steps[None]:
-        """How steep faces stand against the other surface there: sines, at most `steep`."""
+        """Return the sines of the angles between faces and the other surface, at most `steep`."""
         normals = []
         for pieces in (_pieces(self.original, self.original_faces), _pieces(self.positions, self.faces)):
             normal = cross(pieces[1] - pieces[0], pieces[2] - pieces[0]).astype(np.float64)
@@ -170,7 +170,7 @@ def _pieces(positions: Floats, faces: Ints) -> Pieces:
 def _exceeding_steps(
     target: Target, faces: Pieces, near: Indices, steep: Doubles, limit: float, policy: Policy
 ) -> Steps[Flags]:
-    """Which faces are somewhere farther than the limit from the target; `near` is a triangle not far from each."""
+    """Return which faces are somewhere farther than the limit from the target; `near` is a triangle near each."""
     away = np.zeros(len(near), bool)
     stack = [(faces, near, np.arange(len(near)), 0)]
     while stack:
@@ -206,7 +206,7 @@ def _exceeding_steps(
 
 
 def _near_triangle(pieces: Pieces, target: Target, near: Indices, limit: float) -> Flags:
-    """Which pieces have all corners within the limit of the one triangle given for each."""
+    """Return which pieces have all corners within the limit of the triangle given for each."""
     rest = np.arange(len(near))
     for corner in pieces:
         squared = squared_distances(np.take(corner, rest, axis=1), *target.triangles(near[rest]))

@@ -27,9 +27,9 @@ from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
 from .policy import POLICY, Policy
 
-SAVED = 4  # triangles fewer for every cut
+SAVED = 4  # Every cut saves this many triangles.
 EVERY = 16  # One of so many edges is measured for the median.
-MOST_FACES = 64  # at a vertex, on one side of a loop
+MOST_FACES = 64  # A vertex has at most this many faces on one side of a loop.
 HALVINGS = 8  # Of the share by which a loop is pulled, at most, where a triangle would turn over.
 
 
@@ -55,7 +55,7 @@ class Cuts:
     first: Flags
 
     def select(self, selected: Flags) -> Cuts:
-        """Return the selected loops, (n,) bool, numbered anew."""
+        """Return the selected loops, (n,) bool, renumbered."""
         loop, vertex = np.divmod(self.copy, 3)
         number = np.cumsum(selected) - 1
         corners = selected[loop]
@@ -78,11 +78,11 @@ class Cuts:
         right = np.empty(3 * count, np.int32)  # edges of the loops, from vertex i to i + 1; copies are for the left
         right[self.copy[self.first]] = face_edges[on_loop]
         left = np.arange(edge_count, edge_count + 3 * count, dtype=np.int32)
-        beside, copy = face_edges[off_loop], self.copy[~self.first]
+        sides, copy = face_edges[off_loop], self.copy[~self.first]
         original = self.loops.ravel()[copy]
         for row in edges:
-            here = row[beside] == original
-            row[beside[here]] = vertex_count + copy[here]
+            here = row[sides] == original
+            row[sides[here]] = vertex_count + copy[here]
         face_edges[on_loop] = left[self.copy[self.first]]
         faces[self.slots, self.faces] = vertex_count + self.copy
         copies = np.arange(vertex_count, vertex_count + 3 * count, dtype=np.int32).reshape(-1, 3)
@@ -231,12 +231,12 @@ def _loops_steps(
     return loops, np.maximum(np.maximum(length[one], length[other]), length[third])
 
 
-def _find(keys: Indices, wanted: Indices) -> tuple[Indices, Flags]:
-    """Where each of `wanted` is in the sorted `keys`, and whether it is there."""
+def _find(keys: Indices, sought: Indices) -> tuple[Indices, Flags]:
+    """Return the position of each of `sought` in the sorted `keys`, and whether it is in them."""
     if not len(keys):
-        return np.zeros(len(wanted), np.int64), np.zeros(len(wanted), bool)
-    at = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
-    return at, keys[at] == wanted
+        return np.zeros(len(sought), np.int64), np.zeros(len(sought), bool)
+    at = np.minimum(np.searchsorted(keys, sought), len(keys) - 1)
+    return at, keys[at] == sought
 
 
 def _independent(loops: Ints, length: Floats, vertex_count: int) -> Ints:
@@ -276,9 +276,9 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
     sound[:-1] &= ~twice
     of = loops.ravel().astype(np.int64)
     to, last = loops[:, [1, 2, 0]].ravel(), loops[:, [2, 0, 1]].ravel()
-    now, found = _find(keys, of * vertex_count + to)
-    right, found_right = _find(keys, of * vertex_count + last)
-    good = found & found_right
+    now, exists = _find(keys, of * vertex_count + to)
+    right, exists_right = _find(keys, of * vertex_count + last)
+    good = exists & exists_right
     copy = np.flatnonzero(good)
     now = now[copy]
     places, copies, firsts = [], [], []
@@ -299,7 +299,7 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
 
 
 def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, parting: Flags | None) -> Steps[Flags]:
-    """Which loops, (n,) bool, can be cut together and leave every component in one piece; the shortest come first."""
+    """Return which loops, (n,) bool, can all be cut without splitting a component; the shortest come first."""
     count = len(cuts.loops)
     cut = faces.copy()
     cut[cuts.slots, cuts.faces] = vertex_count + cuts.copy

@@ -40,14 +40,14 @@ class _Held:
     """A simplified batch that waits for the last pass.
 
     batch : Batch
-    wanted : float
+    inner_target : float
         Triangles that it may have, beside those along its seams.
     below, above : int
         Vertices that it shares with the batch before and with the next one.
     """
 
     batch: Batch
-    wanted: float
+    inner_target: float
     below: int
     above: int
 
@@ -67,7 +67,7 @@ def in_batches_steps(
     goal : Goal
     budget : Budget
     face_count : int, optional
-        How many triangles come, if that is known and the steps of `batches` do not say how far they are.
+        Number of triangles, if it is known and the steps of `batches` do not say how far they are.
     """
     passes = _Passes(goal, budget)
     left = yield from passes.batches_steps(batches, face_count)
@@ -101,7 +101,7 @@ class _Passes:
         self.crossing_count: int | None = None  # pairs of triangles of the whole surface that cross, if known
 
     def batches_steps(self, batches: Iterable[Step | Batch], face_count: int | None) -> Steps[list[Batch]]:
-        """Simplify the batches; one that comes alone stays as it is."""
+        """Simplify the batches; a single one stays as it is."""
         single: list[Batch] = []
         left: list[Batch] = []
         held: list[_Held] = []  # those after `left`, which may still be merged
@@ -131,22 +131,22 @@ class _Passes:
         A slab of a wide volume is thin: its seams may have more triangles than the goal leaves it.
         """
         faces = sum(each.batch.face_count for each in held)
-        wanted, below, above = sum(each.wanted for each in held), held[0].below, held[-1].above
+        inner_target, below, above = sum(each.inner_target for each in held), held[0].below, held[-1].above
         border = 2 * (below + above)
-        if 2 * (wanted + border) > faces:
+        if 2 * (inner_target + border) > faces:
             return held
         self._require(faces, faces * self.goal.policy.merge_face_bytes)
         batch = joined([each.batch for each in held])
         held.clear()
-        reducing = WithResult(self._again(batch, wanted, border)())
+        reducing = WithResult(self._again(batch, inner_target, border)())
         for step in reducing:
             yield Step(fraction, step.message)
         reduced = reducing.result
         self._count(replace(reduced, face_count=0))  # its triangles were counted before
-        return [_Held(self.numbering.completed(reduced.batch), wanted, below, above)]
+        return [_Held(self.numbering.completed(reduced.batch), inner_target, below, above)]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
-        """Yield what is to be done with each batch when the next has come; one that comes alone goes to `single`."""
+        """Yield the work on each batch when the next has come; a single batch goes to `single`."""
         held: Batch | None = None
         seam = 0  # vertices that the held batch has in common with the one before
         for item in batches:
@@ -166,7 +166,7 @@ class _Passes:
             yield self._work(held, seam, 0)
 
     def _require(self, face_count: int, needed: int) -> None:
-        """Raise if `needed` bytes to simplify so many triangles at once are not available."""
+        """Raise if `needed` bytes to simplify some triangles at once are not available."""
         what = f"simplifying {face_count} triangles at once"
         remedy = "choose a region or a larger stride, or give it more memory"
         if self.budget.bytes is None:
@@ -191,25 +191,25 @@ class _Passes:
             )
         # Of a number of triangles every batch may have as many as if all were like those so far.
         share = self.goal.policy.spare * self.goal.target(self.full_faces) / self.full_faces
-        wanted = batch.face_count * min(1.0, share)
-        self.planned.append((wanted, below, above))
+        inner_target = batch.face_count * min(1.0, share)
+        self.planned.append((inner_target, below, above))
         return partial(
             reduce_batch_steps,
             batch,
-            wanted,
+            inner_target,
             2 * (below + above),
             largest_component=self.goal.largest_component,
             policy=self.goal.policy,
         )
 
     def _again(
-        self, batch: Batch, wanted: float, at_border: int, max_error: float | None = None, whole: bool = False
+        self, batch: Batch, inner_target: float, at_border: int, max_error: float | None = None, whole: bool = False
     ) -> Work:
-        """Return the function that simplifies what batches have left."""
+        """Return the function that simplifies the rest of batches."""
         return partial(
             reduce_batch_steps,
             batch,
-            wanted,
+            inner_target,
             at_border,
             max_error,
             whole,
@@ -222,13 +222,13 @@ class _Passes:
     def _in_order_steps(
         self, works: Iterable[Step | Work], most: int, other_bytes: int = 0
     ) -> Generator[Step | Reduced, None, None]:
-        """Yield what works of so many triangles at most give, in their order, with numbers for new vertices."""
+        """Yield the results of works of at most `most` triangles in their order, with numbers for new vertices."""
         threads = self.budget.threads_for(self.goal.policy.thread_factor * self.goal.bytes_at_once(most), other_bytes)
         for item in in_order_steps(works, threads):
             yield replace(item, batch=self.numbering.completed(item.batch)) if isinstance(item, Reduced) else item
 
     def _count(self, reduced: Reduced) -> None:
-        """Add what went from a batch that is not simplified again in another way."""
+        """Count what a batch lost, if it is not simplified again in another way."""
         self.handles_cut += reduced.handles_cut
         self.collapsed += reduced.collapsed
         if reduced.large is not None and len(reduced.large):
@@ -269,8 +269,8 @@ class _Passes:
         return batches
 
     def _regions_steps(self, parts: list[Batch], goal: int, max_error: float | None) -> Steps[list[Reduced]]:
-        """Simplify regions side by side to so many triangles in all; those that then cross each other, as one."""
-        wanted = _shares(goal, [part.face_count for part in parts])
+        """Simplify regions side by side to a number of triangles in all; those that then cross each other, as one."""
+        inner_target = _shares(goal, [part.face_count for part in parts])
         results: list[Reduced | None] = [None] * len(parts)
         while True:
             numbers = [number for number, result in enumerate(results) if result is None]
@@ -281,7 +281,9 @@ class _Passes:
                 "ask for fewer triangles, or use a larger stride",
             )
             works = [
-                self._again(parts[number], wanted[number] if max_error is None else 0, 0, max_error, len(parts) == 1)
+                self._again(
+                    parts[number], inner_target[number] if max_error is None else 0, 0, max_error, len(parts) == 1
+                )
                 for number in numbers
             ]
             done = 0
@@ -293,13 +295,13 @@ class _Passes:
                     done += 1
             reduced = [result for result in results if result is not None]
             crossing = yield from crossing_batches_steps([each.batch for each in reduced])
-            known = [each.crossing_count for each in reduced]
-            self.crossing_count = None if None in known else sum(filter(None, known)) + len(crossing)
+            counts = [each.crossing_count for each in reduced]
+            self.crossing_count = None if None in counts else sum(filter(None, counts)) + len(crossing)
             groups = _groups(crossing, [part.face_count for part in parts], self.most_at_once)
             if len(groups) == len(parts):
                 return reduced
             results = [results[group[0]] if len(group) == 1 else None for group in groups]
-            wanted = [sum(wanted[number] for number in group) for group in groups]
+            inner_target = [sum(inner_target[number] for number in group) for group in groups]
             parts = [joined([parts[number] for number in group]) for group in groups]
 
 
@@ -321,7 +323,7 @@ def _groups(pairs: Indices, counts: list[int], most: int) -> list[list[int]]:
 
 
 def _shares(goal: int, counts: list[int]) -> list[int]:
-    """What to leave of each of so many triangles, in all `goal`; they go by twos, so an odd one is left to the next.
+    """Return the number to leave of each count of triangles, `goal` in all; pairs go, so an odd one is passed on.
 
     Examples
     --------
@@ -337,7 +339,7 @@ def _shares(goal: int, counts: list[int]) -> list[int]:
 
 
 def _after_batches_steps(steps: Steps[Simplification]) -> Steps[Simplification]:
-    """The same steps in the time that is left after the batches."""
+    """Map the steps to the time that is left after the batches."""
     try:
         while True:
             try:

@@ -54,13 +54,13 @@ def vertex_quadrics_steps(positions: Floats, faces: NDArray[np.int32]) -> Steps[
 
 
 def face_quadrics(positions: Floats, faces: NDArray[np.int32] | NDArray[np.int64]) -> Floats:
-    """What faces (3, f) add to the quadric of each of their corners, (6, f)."""
+    """Return the share of faces (3, f) in the quadric of each of their corners, (6, f)."""
     a, b, c = (np.take(positions, corner, axis=1) for corner in faces)
     return normal_quadrics(cross(b - a, c - a))
 
 
 def normal_quadrics(normal: Floats) -> Floats:
-    """What faces with these normals (3, f), as long as twice their areas, add to the quadric of each corner, (6, f)."""
+    """Return the share of faces in the quadric of each corner, (6, f), from normals (3, f) of twice their areas."""
     length = np.sqrt(dot(normal, normal))
     length[length == 0] = 1.0
     weighted = normal / (np.float32(6.0) * length)
@@ -74,7 +74,7 @@ def normal_quadrics(normal: Floats) -> Floats:
 def renew_quadrics_steps(
     quadrics: Floats, positions: Floats, faces: NDArray[np.int32], moved: NDArray[np.bool_]
 ) -> Steps[None]:
-    """Work out the quadrics (6, V) of the vertices that moved, (V,) bool, and of those beside them anew."""
+    """Recompute the quadrics (6, V) of vertices that moved, (V,) bool, and of their neighbors."""
     around = np.zeros(len(moved), bool)
     around[faces[:, np.take(moved, faces).any(axis=0)]] = True
     faces = faces[:, np.take(around, faces).any(axis=0)]

@@ -10,8 +10,8 @@ from ..mesh.distance.triangle_tree import CODE_BITS, morton_codes
 from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 
-BRANCH = 4  # boxes in a box
-BESIDE = 12  # points on either side, in the order along the curve, that bound a distance at first
+BRANCH = 4  # A box has this many children.
+CURVE_NEIGHBORS = 12  # Bound a distance first by this many points on either side along the curve.
 
 
 class RankedPoints:
@@ -79,9 +79,9 @@ class RankedPoints:
         """Squared distance to the nearest of those of a higher rank that the curve passes just before or after."""
         at = np.searchsorted(self._codes, morton_codes(points.T, self._low, self._cells_per_unit))
         best = np.full(points.shape[1], np.inf, np.float32)
-        for offset in range(-BESIDE, BESIDE):
-            beside = np.clip(at + offset, 0, len(self._codes) - 1)
-            along = np.take(self.boxes[0][0], beside, axis=1) - points
-            higher = np.take(self.ranks[0], beside) > ranks
+        for offset in range(-CURVE_NEIGHBORS, CURVE_NEIGHBORS):
+            neighbor = np.clip(at + offset, 0, len(self._codes) - 1)
+            along = np.take(self.boxes[0][0], neighbor, axis=1) - points
+            higher = np.take(self.ranks[0], neighbor) > ranks
             np.minimum(best, dot(along, along), out=best, where=higher)
         return best

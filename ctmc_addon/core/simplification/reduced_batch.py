@@ -21,7 +21,7 @@ from .whole import collapse_steps
 
 @dataclass(frozen=True, eq=False)
 class Reduced:
-    """A simplified batch, and what went.
+    """A simplified batch, and what it lost.
 
     batch : Batch
     face_count : int
@@ -44,7 +44,7 @@ class Reduced:
 
 def reduce_batch_steps(
     batch: Batch,
-    wanted: float,
+    inner_target: float,
     at_border: int = 0,
     max_error: float | None = None,
     whole: bool = False,
@@ -53,12 +53,12 @@ def reduce_batch_steps(
     protected: Indices | None = None,
     policy: Policy = POLICY,
 ) -> Steps[Reduced]:
-    """Simplify a batch whose border stays.
+    """Simplify a batch, except for its border.
 
     Parameters
     ----------
     batch : Batch
-    wanted : float
+    inner_target : float
         Triangles to leave, with a maximum error 0: of a batch `spare` times as many as shall be left in the end, of a
         region of the last pass its share of that pass's goal.
     at_border : int
@@ -75,10 +75,10 @@ def reduce_batch_steps(
     policy : Policy, optional
     """
     before = batch.face_count
-    target = round(wanted) + at_border
+    target = round(inner_target) + at_border
     if target >= before:
         return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes, left = None, wanted / policy.spare
+    volumes, left = None, inner_target / policy.spare
     if max_error is None and not whole and before - at_border > policy.clustered * left:
         batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * left) + at_border, policy)
     collapsing = CollapsingMesh(batch.mesh, max_error, policy, batch=not whole)
@@ -91,7 +91,7 @@ def reduce_batch_steps(
         yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
-    made = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = made.numbers[collapsing.components.large[collapsing.component[used]] & (made.numbers != NEW)]
+    reduced = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
+    large = reduced.numbers[collapsing.components.large[collapsing.component[used]] & (reduced.numbers != NEW)]
     collapsed = collapsing.collapsed_components
-    return Reduced(made, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
+    return Reduced(reduced, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)

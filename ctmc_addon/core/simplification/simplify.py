@@ -104,7 +104,7 @@ def simplification_steps(
     largest_component: float = math.inf,
     policy: Policy = POLICY,
 ) -> Steps[Simplification]:
-    """`simplify_steps`, which also returns what was removed."""
+    """Do what `simplify_steps` does, and also return what was removed."""
     goal = Goal(reduction, target_faces, max_error, largest_component, policy)
     goal.target(1)
     if len(mesh.faces) <= goal.most_whole(budget):
@@ -115,7 +115,7 @@ def simplification_steps(
 
 @dataclass(frozen=True, eq=False)
 class _SimplifiedPieces(Generic[T]):
-    """A simplified surface, how many triangles it had, and what the maker of its pieces returned."""
+    """A simplified surface, the triangles it had, and the result of the maker of its pieces."""
 
     simplification: Simplification
     full_faces: int
@@ -132,7 +132,7 @@ def simplified_pieces_steps(
     pieces : generator of Step and SurfacePiece
         Closed at the end, whatever happens.
     goal : Goal
-        With the policy to follow.
+        Goal with the policy to follow.
     budget : Budget, optional
 
     Raises
@@ -147,7 +147,7 @@ def simplified_pieces_steps(
 def _pieces_steps(
     pieces: SurfacePieces[T], goal: Goal, budget: Budget, face_count: int | None = None
 ) -> Steps[_SimplifiedPieces[T]]:
-    """`face_count` triangles come, where that is known."""
+    """Simplify pieces; `face_count` is the number of their triangles, if it is known."""
     source = WithResult(batches_steps(pieces, goal.sizes(budget)[0], goal.most_whole(budget)))
     simplification, full_faces = yield from in_batches_steps(source, goal, budget, face_count)
     return _SimplifiedPieces(simplification, full_faces, source.result)

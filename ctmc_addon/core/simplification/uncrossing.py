@@ -23,14 +23,14 @@ from .quadrics import renew_quadrics_steps
 
 
 def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
-    """Undo what has made triangles cross since the last call, but for those that crossed when the mesh was made.
+    """Undo changes since the last call that made triangles cross which did not cross in the original mesh.
 
     Parameters
     ----------
     mesh : CollapsingMesh
         Its `crossing_count` then tells how many pairs still cross.
     hold : bool
-        From now on test collapses if something is undone because of a crossing; lock the vertices of what is undone
+        Test collapses from now on if something is undone because of a crossing; lock the vertices of what is undone
         for the second time.
 
     Returns
@@ -39,7 +39,7 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
         Whether anything was undone.
     """
     log = mesh.log
-    if log is None or not (log.untested or _may_have_gone(log)):
+    if log is None or not (log.untested or _may_have_separated(log)):
         return False
     crossing, undone = yield from _uncross_steps(mesh, log, hold)
     mesh.begin_log(crossing)
@@ -49,13 +49,13 @@ def uncross_steps(mesh: CollapsingMesh, hold: bool) -> Steps[bool]:
     return undone
 
 
-def _may_have_gone(log: CollapseLog) -> bool:
-    """Return whether triangles that crossed before may be gone by changes that were tested, and are to be counted."""
+def _may_have_separated(log: CollapseLog) -> bool:
+    """Return whether tested changes may have separated triangles that crossed before, so that they must be counted."""
     return log.crossing is not None and bool(log.crossing.shape[1]) and bool(log.rounds)
 
 
 def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[tuple[Ints, bool]]:
-    """Do so; returns the faces of the mesh that cross as before, (2, n), and whether anything was undone."""
+    """Undo crossings; return the faces that cross as before, (2, n), and whether anything was undone."""
     left, selected = [np.zeros((2, 0), np.int32)], None
     if log.crossing is not None:
         touched = log.touched()
@@ -88,17 +88,17 @@ def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indic
     """Pairs of faces that cross, (2, n), with at least one of the selected."""
     alive = np.flatnonzero(mesh.faces[0] != mesh.dummy)
     chosen = None if selected is None else selected[alive]
-    found = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, chosen)
-    return alive[found.T]
+    pairs = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, chosen)
+    return alive[pairs.T]
 
 
 def restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved: Flags) -> tuple[Flags, Flags]:
-    """Bring back what these changes have changed; which faces of the mesh are as before, and which vertices moved."""
+    """Restore what these changes changed; return which faces are as before, and which vertices moved."""
     corners, sides = np.empty((3, log.faces), np.int32), np.empty((3, log.faces), np.int32)
     positions = np.empty((3, log.vertices), np.float32)
     normals = None if mesh.normals is None else np.empty((3, log.vertices), np.float32)
     back, placed = np.zeros(log.faces, bool), np.zeros(log.vertices, bool)
-    made_edges = [np.zeros(0, np.int32)]
+    cap_edges = [np.zeros(0, np.int32)]
     for each in reversed(undone):  # the last first: what was before the first stays
         before = each.round
         faces, vertices = before.faces[each.faces], before.moved[each.moved]
@@ -108,13 +108,13 @@ def restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved
         positions[:, vertices] = before.positions[:, each.moved]
         if normals is not None and before.normals is not None:
             normals[:, vertices] = before.normals[:, each.moved]
-        made_edges.append(before.new_edges[:, each.cuts].ravel())
+        cap_edges.append(before.new_edges[:, each.cuts].ravel())
         mesh.handles_cut -= len(each.cuts)
     faces, vertices = np.flatnonzero(back), np.flatnonzero(placed)
     corners, sides = corners[:, faces], sides[:, faces]
-    made = corners[0] < 0
-    gone, faces = faces[made], faces[~made]
-    corners, sides = corners[:, ~made], sides[:, ~made]
+    is_cap = corners[0] < 0
+    removed, faces = faces[is_cap], faces[~is_cap]
+    corners, sides = corners[:, ~is_cap], sides[:, ~is_cap]
     _append(mesh, log, faces, np.unique(sides), vertices)
     moved = np.append(moved, np.zeros(len(mesh.locked) - len(moved), bool))
 
@@ -123,13 +123,13 @@ def restored(mesh: CollapsingMesh, log: CollapseLog, undone: list[Undone], moved
     mesh.positions[:, here], moved[here] = positions[:, vertices], True
     if mesh.normals is not None and normals is not None:
         mesh.normals[:, here] = normals[:, vertices]
-    gone = at_face[gone]
-    gone = gone[gone >= 0]
-    mesh.face_count -= int((mesh.faces[0, gone] != mesh.dummy).sum())
-    mesh.faces[:, gone] = mesh.dummy
-    gone = at_edge[np.concatenate(made_edges)]
-    gone = gone[gone >= 0]
-    mesh.edges[:, gone], mesh.cost[gone] = mesh.dummy, np.inf
+    removed = at_face[removed]
+    removed = removed[removed >= 0]
+    mesh.face_count -= int((mesh.faces[0, removed] != mesh.dummy).sum())
+    mesh.faces[:, removed] = mesh.dummy
+    removed = at_edge[np.concatenate(cap_edges)]
+    removed = removed[removed >= 0]
+    mesh.edges[:, removed], mesh.cost[removed] = mesh.dummy, np.inf
     corners, sides, faces = np.take(at_vertex, corners), np.take(at_edge, sides), at_face[faces]
     mesh.face_count += int((mesh.faces[0, faces] == mesh.dummy).sum())
     mesh.faces[:, faces], mesh.face_edges[:, faces] = corners, sides
@@ -168,7 +168,7 @@ def _append(
 
 
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
-    """Work out anew what hangs on the positions, where vertices have moved back."""
+    """Recompute everything that depends on the positions of vertices that moved back."""
     mesh.was_undone()
     yield from renew_quadrics_steps(mesh.quadrics, mesh.positions, mesh.faces, moved)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))

@@ -28,7 +28,7 @@ BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}
 
 @dataclass(frozen=True)
 class Goal:
-    """What simplification is to reach; exactly one of the first three is not None. See `simplify`."""
+    """Goal of simplification; exactly one of the first three is not None. See `simplify`."""
 
     reduction: float | None = None
     target_faces: int | None = None
@@ -37,7 +37,7 @@ class Goal:
     policy: Policy = POLICY
 
     def target(self, face_count: int) -> int:
-        """Return how many of so many triangles shall be left; 0 with a maximum error, which sets no number.
+        """Return the number of triangles to leave of a count; 0 with a maximum error, which sets no number.
 
         Raises
         ------
@@ -78,7 +78,7 @@ class Goal:
         return math.inf if self.reduction == 0 else max(budget.whole_faces, self.target_faces or 0)
 
     def memory_needed(self, face_count: int, left: int, budget: Budget, vertex_count: int = 0, layers: int = 0) -> int:
-        """Return the bytes that simplifying so many triangles takes on one thread.
+        """Return the bytes that simplifying a number of triangles takes on one thread.
 
         Parameters
         ----------
@@ -114,7 +114,7 @@ class Goal:
         return self.policy.seam_faces * seam_vertices(vertex_count, layers)
 
     def bytes_at_once(self, face_count: int) -> int:
-        """Return the bytes that simplifying so many triangles at once takes."""
+        """Return the bytes that simplifying a number of triangles at once takes."""
         policy = self.policy
         return face_count * (policy.face_bytes if self.max_error is None else policy.bounded_face_bytes)
 
@@ -139,7 +139,7 @@ class Simplification:
     self_intersections: int | None = None
 
     def message(self, target: int) -> str:
-        """How many triangles there are, why not `target` where that is not 0, and what else went."""
+        """Return the number of triangles, why it is not `target` where that is not 0, and what else was removed."""
         count = len(self.mesh.faces)
         message = f"{count} triangles"
         if target and count > target:
@@ -216,7 +216,7 @@ def collapse_steps(collapsing: CollapsingMesh, target: int, last: bool = True) -
 
 
 def _round_steps(collapsing: CollapsingMesh, excess: int, last: bool) -> Steps[bool]:
-    """One round, in which at most `excess` faces go; whether there was anything to try."""
+    """Remove at most `excess` faces in one round; return whether there was anything to try."""
     faces = collapsing.face_count
     if excess > collapsing.policy.last * faces or collapsing.poor_rounds:
         yield from collapsing.cut_handles_steps()

@@ -42,7 +42,7 @@ HOLD = Hold()
 
 
 def joined_steps(pieces: list[Surface]) -> Steps[Surface]:
-    """Return one surface of all its pieces, which are used up; of a single one itself."""
+    """Return one surface of all its pieces, using them up; of a single piece, the piece itself."""
     if len(pieces) == 1:
         return pieces.pop()
     vertices = np.cumsum([0] + [len(piece.linear) for piece in pieces], dtype=np.int64)

@@ -14,7 +14,7 @@ from ..progress import Steps
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """What a sink keeps of a surface in memory.
+    """Parts of a surface that a sink keeps in memory.
 
     Parameters
     ----------

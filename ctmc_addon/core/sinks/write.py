@@ -33,7 +33,7 @@ class Write(Sink):
 
     @property
     def normals(self) -> bool:  # type: ignore[override]
-        """Whether the file shows the normals of vertices: STL has those of its facets alone."""
+        """Return whether the file shows the normals of vertices: STL has only those of its facets."""
         return self.path.suffix.lower() == ".ply"
 
     @property

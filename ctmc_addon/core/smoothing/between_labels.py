@@ -24,25 +24,26 @@ from ..progress import PAUSE, Steps
 from .bounds import NEAREST_ZERO
 from .bricks import Places, widened
 
-STIFFNESS = 600.0  # of second differences
-REACH = 1  # nodes beside those with samples of both labels
+STIFFNESS = 600.0  # The weight of second differences.
+REACH = 1  # Use this many nodes around those with samples of both labels.
 # For every coarse grid: the space between nodes in longest sides of the refined samples, and steps along the gradient.
 GRIDS = ((4, 100), (2, 100))
-UNEVEN = 2.0  # longest to shortest side, above which a grid of the longest side follows: the last step is too wide else
-ROUNDS = 100  # the same at all samples
-LEAST_DEVIATION = 0.1  # shortest sides: pairs that the wall almost passes along are not exact
+# Add a grid of the longest side if it is more than this many times the shortest: the last step is too wide else.
+UNEVEN = 2.0
+ROUNDS = 100  # Rounds at all samples.
+LEAST_DEVIATION = 0.1  # In shortest sides: pairs that the wall almost passes along are not exact.
 NODES_AT_ONCE = 1 << 15
 
 
 class _Pairs(NamedTuple):
-    """Samples of one label that are beside one of the other, each of both.
+    """Samples of one label with a neighbor in the other label, for both labels.
 
     Parameters
     ----------
     place : (3, n) intp
         On the refined grid, along z, y and x.
     normal : (3, n) float64
-        Of the wall there, where the field rises.
+        Normal of the wall there, in the direction in which the field rises.
     expected : (n,) float64
         The field, mm.
     weight : (n,) float64
@@ -58,7 +59,7 @@ class _Pairs(NamedTuple):
 def between_labels_steps(
     walls: Sequence[tuple[Floats, Signs]], spacing_mm: tuple[float, float, float], slice_steps: int, budget: Budget
 ) -> Steps[list[Floats]]:
-    """Smooth fields near where their known signs change, within these signs: each as if alone, all in one list.
+    """Smooth fields near changes of their known signs, within these signs, each by itself, all in one list.
 
     Parameters
     ----------
@@ -67,7 +68,7 @@ def between_labels_steps(
         to its surface. And (slices, rows, columns) int8: 1 or -1 where the field must be above or below 0, and 0 where
         it is free.
     spacing_mm : (x, y, z) float
-        Of the samples that have signs.
+        Spacing of the samples that have signs.
     slice_steps : int
         Steps from slice to slice.
 
@@ -99,9 +100,9 @@ def between_labels_steps(
         values = [_on_nodes(own, before, [1, 1, 1], field.shape) for own, field in zip(values, fields, strict=True)]
         bounds = []
         for sign in signs:
-            known = _known(sign, slice_steps)
-            low = np.where(known > 0, least, np.float32(-np.inf))
-            bounds.append((low, np.where(known < 0, -least, np.float32(np.inf))))
+            fine = _refined_signs(sign, slice_steps)
+            low = np.where(fine > 0, least, np.float32(-np.inf))
+            bounds.append((low, np.where(fine < 0, -least, np.float32(np.inf))))
             yield PAUSE
         places = yield from _relaxed_steps(values, pairs, sides, [1, 1, 1], slice_steps, bounds, ROUNDS, pool)
     for at, field, ends, own, place in zip(both, fields, bounds, values, places, strict=True):
@@ -111,8 +112,8 @@ def between_labels_steps(
 
 
 def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_steps: int) -> _Pairs:
-    """Find the samples of each label that are beside one of the other, along each axis."""
-    found = []
+    """Find the samples of each label with a neighbor in the other label, along each axis."""
+    parts = []
     for axis in range(3):
         first, second = (
             sign[tuple(part if each == axis else slice(None) for each in range(3))]
@@ -131,8 +132,8 @@ def _pairs(field: Floats, sign: Signs, sides: tuple[float, float, float], slice_
         apart = np.abs(normal[axis]) * sides[axis] * (slice_steps if axis == 0 else 1)
         least = LEAST_DEVIATION * min(sides)
         weight = 12.0 / (apart * apart + least * least)
-        found += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
-    return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*found, strict=True)))
+        parts += [(place, normal, half * apart, weight) for place, half in zip(ends, (own / 2, -own / 2), strict=True)]
+    return _Pairs(*(np.concatenate(each, axis=-1) for each in zip(*parts, strict=True)))
 
 
 def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, float]) -> NDArray[np.float64]:
@@ -147,23 +148,23 @@ def _rise(field: Floats, place: NDArray[np.intp], sides: tuple[float, float, flo
     return out
 
 
-def _known(sign: Signs, slice_steps: int) -> Signs:
-    """The signs on the refined grid; between slices where both are alike."""
-    known = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
-    known[::slice_steps] = sign
+def _refined_signs(sign: Signs, slice_steps: int) -> Signs:
+    """Return the signs on the refined grid; between slices only where both agree."""
+    refined = np.zeros(((len(sign) - 1) * slice_steps + 1, *sign.shape[1:]), np.int8)
+    refined[::slice_steps] = sign
     for step in range(1, slice_steps):
-        known[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
-    return known
+        refined[step::slice_steps] = np.where(sign[1:] == sign[:-1], sign[1:], np.int8(0))
+    return refined
 
 
 class _Nodes(NamedTuple):
-    """The nodes of a grid near one wall, and what each is pulled to.
+    """The nodes of a grid near one wall, and the values to which each is pulled.
 
     Parameters
     ----------
     place : (n,) intp
         On the grid.
-    beside : (2, 3, n) intp
+    neighbors : (2, 3, n) intp
         The numbers of the nodes before and behind along each axis; n without one.
     start : (n,) float32
     pull, share, goal : (n,) float32
@@ -173,7 +174,7 @@ class _Nodes(NamedTuple):
     """
 
     place: Places
-    beside: Places
+    neighbors: Places
     start: Floats
     pull: Floats
     share: Floats
@@ -253,9 +254,9 @@ def _relaxed_steps(
         yield PAUSE
     firsts = np.cumsum([0, *(len(each.place) for each in every)])
     count = int(firsts[-1])
-    beside = np.concatenate(
+    neighbors = np.concatenate(
         [
-            np.where(each.beside < len(each.place), each.beside + first, count)
+            np.where(each.neighbors < len(each.place), each.neighbors + first, count)
             for each, first in zip(every, firsts[:-1].tolist(), strict=True)
         ],
         axis=2,
@@ -266,14 +267,14 @@ def _relaxed_steps(
     ends = None if bounds is None else np.concatenate([each.ends for each in every if each.ends is not None], axis=1)
     stiff = np.array(_stiff([side * steps for side, steps in zip(sides, space, strict=True)]), np.float32)
     # A second difference that reaches beyond the nodes does not count.
-    factor = np.where((beside < count).all(axis=0), stiff[:, None], np.float32(0))
+    factor = np.where((neighbors < count).all(axis=0), stiff[:, None], np.float32(0))
     field = np.append(np.concatenate([each.start for each in every]), np.float32(0))
     ahead = field.copy()
     curvature = np.zeros((3, count + 1), np.float32)
 
     def second(of: Floats, axis: int, part: slice) -> Floats:
-        out = of.take(beside[0, axis, part])
-        out += of.take(beside[1, axis, part])
+        out = of.take(neighbors[0, axis, part])
+        out += of.take(neighbors[1, axis, part])
         here = of[part]
         out -= here
         out -= here
@@ -316,13 +317,13 @@ def _relaxed_steps(
 
 def _neighbors(place: Places, number: NDArray[np.int32], shape: tuple[int, ...]) -> Places:
     """The numbers of the nodes before and behind those at `place`, along each axis: (2, 3, n)."""
-    beside = np.empty((2, 3, len(place)), np.intp)
+    neighbors = np.empty((2, 3, len(place)), np.intp)
     steps = (shape[1] * shape[2], shape[2], 1)
     for axis, (along, step, size) in enumerate(zip(np.unravel_index(place, shape), steps, shape, strict=True)):
-        for into, way, border in zip(beside[:, axis], (-step, step), (0, size - 1), strict=True):
+        for into, way, border in zip(neighbors[:, axis], (-step, step), (0, size - 1), strict=True):
             into[...] = number.take(place + way, mode="clip")
             into[along == border] = len(place)
-    return beside
+    return neighbors
 
 
 def _on_nodes(values: Floats, before: list[int], space: list[int], shape: tuple[int, ...]) -> Floats:

@@ -18,7 +18,7 @@ from ..arrays import Floats
 from ..machine.parallel import Threads
 from .bricks import WIDTH, Bricks, Places, over_rows
 
-NEAREST_ZERO = 0.02  # of the shortest side of a voxel: no value is nearer to zero where its sign is known
+NEAREST_ZERO = 0.02  # No value of known sign is nearer to zero than this share of a voxel's shortest side.
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,7 @@ class Start:
 
 @dataclass(frozen=True)
 class Inside:
-    """Which samples of a padded grid are the label's own: (first, stop) along x, y, z."""
+    """Samples of a padded grid that are the label's own: (first, stop) along x, y, z."""
 
     x: tuple[int, int]
     y: tuple[int, int]
@@ -54,9 +54,9 @@ def refined_start(
     Parameters
     ----------
     label, refined : Bricks
-        Of the label's grid and of the refined one, every `slice_steps`-th slice of which is the label's.
+        Bricks of the label's grid and of the refined one, every `slice_steps`-th slice of which is the label's.
     distance : (len(label), 8) float32
-        To the nearest sample on the other side.
+        Distance to the nearest sample on the other side.
     inside : Inside
         Samples of the label's grid outside it have no bounds.
     every : int
@@ -77,8 +77,8 @@ def refined_start(
         away = np.abs(lower)
         away -= gap
         np.maximum(away, least, out=away)
-        known = (y * every >= y0) & (y * every < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
-        unknown = np.repeat(~known[:, None], WIDTH, axis=1)  # where the label says nothing of the sign
+        has_label = (y * every >= y0) & (y * every < y1) & (z >= z0 * slice_steps) & (z <= (z1 - 1) * slice_steps)
+        unknown = np.repeat(~has_label[:, None], WIDTH, axis=1)  # where the label says nothing of the sign
         edge = np.flatnonzero((x * (WIDTH * every) < x0) | ((x + 1) * (WIDTH * every) > x1))
         columns = (x[edge, None] * WIDTH + np.arange(WIDTH)) * every
         unknown[edge] |= (columns < x0) | (columns >= x1)
@@ -108,7 +108,7 @@ def refined_start(
 
 
 def halfway_mm(spacing_mm: tuple[float, float, float]) -> float:
-    """The mean of pixel and slice gap, about half of which the surface may be from a sample beside it."""
+    """Return the mean of pixel and slice gap, about half of which the surface may be away from a sample."""
     return ((spacing_mm[0] + spacing_mm[1]) / 2 + spacing_mm[2]) / 2
 
 
@@ -125,9 +125,9 @@ def carried(
     before, after : Bricks
     values : (len(before), 8) float32
     start : Start
-        Of the finer grid.
+        Start of the finer grid.
     every : (xy, z) int
-        How many samples of the finer grid one of the other has along x and y, 1 or 2, and along z.
+        Samples of the finer grid for each of the coarser one along x and y, 1 or 2, and along z.
     """
     if every[0] == 2:
         values = _doubled_along_x(before, values, pool)
@@ -138,12 +138,12 @@ def carried(
 
     def along_y(z: Places, y: Places, x: Places) -> Floats:
         below, step = np.divmod(y, every[0])
-        return _on_cubics(step, every[0], lambda own, beside: row(z[own], below[own] + beside, x[own]))
+        return _on_cubics(step, every[0], lambda own, offset: row(z[own], below[own] + offset, x[own]))
 
     def carry(part: slice) -> None:
         z, y, x = after.coordinates(part)
         below, step = np.divmod(z, every[1])
-        moved = _on_cubics(step, every[1], lambda own, beside: along_y(below[own] + beside, y[own], x[own]))
+        moved = _on_cubics(step, every[1], lambda own, offset: along_y(below[own] + offset, y[own], x[own]))
         np.maximum(moved, start.low[part], out=moved)
         np.minimum(moved, start.high[part], out=moved)
         start.field[part] = moved
@@ -160,8 +160,8 @@ def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) ->
     if steps == 1:
         return at(np.arange(len(step)), 0)
     out = np.empty((len(step), WIDTH), np.float32)
-    known, between = np.flatnonzero(step == 0), np.flatnonzero(step)
-    out[known] = at(known, 0)
+    on_rows, between = np.flatnonzero(step == 0), np.flatnonzero(step)
+    out[on_rows] = at(on_rows, 0)
     t = (step[between] / np.float32(steps)).astype(np.float32)[:, None]
     weights = (
         -t * (1 - t) * (2 - t) / 6,
@@ -170,8 +170,8 @@ def _on_cubics(step: Places, steps: int, at: Callable[[Places, int], Floats]) ->
         -(1 + t) * t * (1 - t) / 6,
     )
     moved = np.zeros((len(between), WIDTH), np.float32)
-    for beside, weight in zip((-1, 0, 1, 2), weights, strict=True):
-        moved += weight * at(between, beside)
+    for offset, weight in zip((-1, 0, 1, 2), weights, strict=True):
+        moved += weight * at(between, offset)
     out[between] = moved
     return out
 

@@ -35,9 +35,9 @@ class Bricks:
     Parameters
     ----------
     shape : (slices, rows, bricks)
-        Of the whole grid.
+        Shape of the whole grid.
     active : int
-        How many bricks are near the surface; they have the lowest numbers.
+        Number of bricks near the surface; they have the lowest numbers.
     place : (n,) intp
         Flat place in the grid of every active brick, then of every neighbor.
     number : (slices, rows, bricks) int32
@@ -74,7 +74,7 @@ def number_bricks(active: NDArray[np.bool_], inside: NDArray[np.bool_], neighbor
     ----------
     active : (slices, rows, bricks) bool
     inside : (slices, rows, bricks) bool
-        Where a brick that is not in the list lies.
+        Bricks inside that are not in the list.
     neighbors : bool
         Whether neighbors are wanted.
     """
@@ -118,7 +118,7 @@ def packed(mask: NDArray[np.bool_]) -> NDArray[np.uint8]:
 
 
 def near_surface(code: NDArray[np.uint8], reach: tuple[int, int, int]) -> NDArray[np.bool_]:
-    """Bricks with a sample at most `reach` (x, y, z) samples, 8 along x, beside the surface.
+    """Return the bricks with a sample at most `reach` (x, y, z) samples, 8 along x, from the surface.
 
     A sample is at the surface if the label differs between it and a neighbor.
 
@@ -154,7 +154,7 @@ def changes_along_x(code: NDArray[np.uint8], reach: int) -> NDArray[np.bool_]:
 
 
 def over_rows(pool: Threads | None, work: Callable[[slice], None], count: int) -> None:
-    """Call `work` for pieces that make up so many rows."""
+    """Call `work` for slices that cover all rows."""
     at_once = ROWS_AT_ONCE
     if pool is not None:
         at_once = min(at_once, max(FEWEST_ROWS, -(-count // (2 * pool.count))))

@@ -74,8 +74,8 @@ def for_labels_text(name: str) -> str:
     >>> for_labels_text("constrained")
     'smoothing constrained is for labels; for a threshold choose smoothing gaussian or none'
     """
-    others = " or ".join(other for other in reversed(CHOICES) if CHOICES[other].for_gray)
-    return f"smoothing {name} is for labels; for a threshold choose smoothing {others}"
+    alternatives = " or ".join(other for other in reversed(CHOICES) if CHOICES[other].for_gray)
+    return f"smoothing {name} is for labels; for a threshold choose smoothing {alternatives}"
 
 
 def no_width_text(name: str, width_mm: float) -> str:

@@ -30,12 +30,12 @@ from .smooth_field import SmoothField
 from .volume_constant import keep_volume_steps
 
 MOST_STEPS = 8
-SAMPLES_AT_ONCE = 1 << 18  # far from the surface
+SAMPLES_AT_ONCE = 1 << 18  # Handle this many samples far from the surface at once.
 BYTES_A_BRICK = 300
-BYTES_A_VERTEX = 150  # of a surface whose volume is measured, with its triangles
+BYTES_A_VERTEX = 150  # A surface whose volume is measured takes this many bytes for each vertex, with its triangles.
 STAGES = {"Finding the surface": 5, "Smoothing": 65, "Keeping islands": 3, "Keeping the volume": 27}
 WORKING_BYTES = 1 << 23
-REMEDY = "choose a region, fewer slice_steps or smoothing none"  # where memory is too little
+REMEDY = "choose a region, fewer slice_steps or smoothing none"  # The remedy if memory is too small.
 
 
 class _SmoothingGrid(NamedTuple):
@@ -51,7 +51,7 @@ class _SmoothingGrid(NamedTuple):
         The field is smoothed up to the larger of both distances from zero.
     rounds : int
     inertia : float
-        Of the momentum at the beginning: more where the field is nearly smooth already.
+        Inertia of the momentum at the beginning: more if the field is nearly smooth already.
     """
 
     every_xy: int
@@ -61,7 +61,7 @@ class _SmoothingGrid(NamedTuple):
     inertia: float
 
     def band_mm(self, spacing_mm: tuple[float, float, float]) -> float:
-        """How far from zero the field is smoothed."""
+        """Return the distance to either side of the surface within which the field is smoothed."""
         return max(self.band[0] * max(spacing_mm[:2]), self.band[1] * spacing_mm[2])
 
 
@@ -96,12 +96,12 @@ def automatic_refinement(spacing_mm: tuple[float, float, float]) -> int:
 
 
 def band_mm(spacing_mm: tuple[float, float, float]) -> float:
-    """How far to either side of the surface the field is smoothed."""
+    """Return the distance to either side of the surface within which the field is smoothed."""
     return THICK[0].band_mm(spacing_mm)
 
 
 def reach_of(spacing_mm: tuple[float, float, float]) -> tuple[int, int, int]:
-    """The same in samples of the label along x, y and z; 8 at most along x."""
+    """Return `band_mm` in samples of the label along x, y and z; 8 at most along x."""
     x, y, z = (band_mm(spacing_mm) / side for side in spacing_mm)
     return min(WIDTH, math.ceil(x)), math.ceil(y), max(1, round(z))
 
@@ -177,7 +177,7 @@ def constrained_steps(
 def _label_bricks_steps(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float], steps: int, close_border: bool, budget: Budget
 ) -> Steps[tuple[NDArray[np.uint8], Inside, Inside]]:
-    """The packed label with its margins, and what `_padded` says of them, if there is the memory for all."""
+    """Return the packed label with its margins and the values of `_padded`, if there is memory for all."""
     yield PAUSE
     code, near, inside, inside_label = outlined(mask, spacing_mm)
     slices, rows, columns = mask.shape
@@ -189,7 +189,7 @@ def _label_bricks_steps(
 def outlined(
     mask: NDArray[np.bool_], spacing_mm: tuple[float, float, float]
 ) -> tuple[NDArray[np.uint8], NDArray[np.bool_], Inside, Inside]:
-    """The packed label with its margins, which of its bricks are near the surface, and what `_padded` says of them."""
+    """Return the packed label with its margins, its bricks near the surface, and the values of `_padded`."""
     reach = reach_of(spacing_mm)
     padded, inside, inside_label = _padded(mask, reach)
     code = packed(padded)
@@ -287,7 +287,7 @@ class _Smoother:
         return _Level(grid, steps, bricks, refined_start(*own, grid.every_xy))
 
     def _relaxed_steps(self, level: _Level) -> Steps[None]:
-        """Smooth in place what is in the band of a grid."""
+        """Smooth the band of a grid in place."""
         yield PAUSE
         grid, _, bricks, start = level
         x, y, z = self.spacing_mm
@@ -350,7 +350,7 @@ def _padded(mask: NDArray[np.bool_], reach: tuple[int, int, int]) -> tuple[NDArr
 
 
 def _coarser(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Flags of bricks as those of bricks with every other sample along x and y, set where one of two is."""
+    """Return the flags of bricks with every other sample along x and y, set where one of two is."""
     rows = flags[:, ::2]
     if rows.shape[2] % 2:
         rows = np.concatenate([rows, rows[:, :, -1:]], axis=2)
@@ -360,14 +360,14 @@ def _coarser(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
 def constrained_bytes(
     mask: NDArray[np.bool_], code: NDArray[np.uint8], near: NDArray[np.bool_], steps: int, close_border: bool = False
 ) -> int:
-    """Memory that `constrained_steps` takes at most beside the mask, bytes, its result among them.
+    """Estimate the most bytes that `constrained_steps` takes besides the mask, its result among them.
 
     Parameters
     ----------
     code, near
         As `outlined` gives them.
     steps : int
-        From slice to slice.
+        Steps from slice to slice.
     """
     closed = 4 * steps * mask.size if close_border and steps > 1 and (mask[0].any() or mask[-1].any()) else 0
     along_x = _bits((code ^ (code << 1)) & np.uint8(254)) + _bits((code[:, :, 1:] >> 7) ^ (code[:, :, :-1] & 1))
@@ -378,7 +378,7 @@ def constrained_bytes(
 
 
 def _bits(code: NDArray[Any]) -> int:
-    """How many bits of all bytes are set."""
+    """Return the number of set bits of all bytes."""
     words = np.append(code, np.zeros(-code.size % 8, np.uint8)).view(np.uint64)
     # In each byte the sums of its neighboring bits, of pairs of those, and of both halves.
     for shift, mask in ((1, 0x55), (2, 0x33), (4, 0x0F)):

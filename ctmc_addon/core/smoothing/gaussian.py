@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-REACH = 4.0  # standard deviations after which the Gaussian is cut off
+REACH = 4.0  # The Gaussian is cut off after this many standard deviations.
 
 
 def smoothed_plane(plane: NDArray[Any], along_x: list[np.float32], along_y: list[np.float32]) -> NDArray[np.float32]:

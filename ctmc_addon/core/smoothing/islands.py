@@ -30,16 +30,16 @@ from .label_components import Indices, LabelComponents, label_components_steps
 from .refined_label import RefinedLabel
 from .volume_constant import area_of_ball
 
-WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # to neighbors, along z, y and x
+WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # Steps to neighbors along z, y and x.
 
-LARGEST_ISLAND = 1 << 14  # voxels; one constant for all keeps larger ones within a few percent
-BODY_SHARE = 0.5  # of the samples; a component with more than that makes up for what the islands are off
-CLOSE_ENOUGH = 0.03  # of an island's volume
-FIRST_GUESS = 1.65  # of a voxel's side by the root of the number of voxels; what islands of livers mostly need
+LARGEST_ISLAND = 1 << 14  # In voxels; one constant for all keeps larger ones within a few percent.
+BODY_SHARE = 0.5  # A component with more than this share of the samples makes up for the error of the islands.
+CLOSE_ENOUGH = 0.03  # An island's volume may be off by this share.
+FIRST_GUESS = 1.65  # In voxel sides per root of the number of voxels; islands of livers mostly need this.
 MOST_TRIALS = 12
 MOST_ROUNDS = 3
-STACK_SAMPLES = 1 << 19  # of the boxes whose surfaces are made at once
-SMALLEST_SIDE = 8  # of a box along x and y
+STACK_SAMPLES = 1 << 19  # Boxes whose surfaces are made at once have up to this many samples.
+SMALLEST_SIDE = 8  # A box has at least this side along x and y.
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +57,7 @@ class _Samples:
     core : (voxels, 2 steps - 1) int32
         The sample at each place of each voxel, n beyond the ends of the grid.
     rim_place, rim, rim_way : (m,) int32, int32, int8
-        For every neighbor outside of a place: the place, the neighbor's sample, and where it lies, of `WAYS`. From
+        Place, neighbor's sample and direction, of `WAYS`, of every neighbor outside of a place. From
         n + 1 on it is a sample that is read as outside, because another component or the border is there.
     """
 
@@ -115,9 +115,9 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     def labeled(z: Ints, y: Ints, x: Ints) -> Flags:
         """Whether samples of the label's grid are inside; none is beyond its border."""
         within = (z >= 0) & (z < slices) & (y >= 0) & (y < rows) & (x >= 0) & (x < columns)
-        found = np.zeros(len(z), bool)
-        found[within] = mask[z[within], y[within], x[within]]
-        return found
+        inside = np.zeros(len(z), bool)
+        inside[within] = mask[z[within], y[within], x[within]]
+        return inside
 
     core_z = z[:, None] * steps + np.arange(1 - steps, steps, dtype=np.int32)
     core_flat = np.where((core_z >= 0) & (core_z <= last), flat(core_z, y[:, None], x[:, None]), -1).ravel()
@@ -155,10 +155,10 @@ def _samples_steps(label: RefinedLabel, components: LabelComponents, selected: F
     del core_flat
     rim = core[rim_place] + np.int32(count + 1)
     rim[free] = number[len(valid) :]
-    others = np.flatnonzero(taken & (rim_flat >= 0))
-    found = np.minimum(np.searchsorted(samples, rim_flat[others]), count - 1)
-    known = samples[found] == rim_flat[others]
-    rim[others[known]] = found[known] + (count + 1)
+    outer = np.flatnonzero(taken & (rim_flat >= 0))
+    at = np.minimum(np.searchsorted(samples, rim_flat[outer]), count - 1)
+    present = samples[at] == rim_flat[outer]
+    rim[outer[present]] = at[present] + (count + 1)
     del rim_flat
     yield PAUSE
     # Of several components that write, the last one stays: the smallest.
@@ -213,7 +213,7 @@ class _Solving:
         return constant.astype(np.float32)
 
     def _sharing(self) -> Flags:
-        """Which components read samples that another one moves."""
+        """Return which components read samples that another one moves."""
         samples = self.samples
         component = samples.component[samples.rim_place // samples.core.shape[1]]
         # A sample beyond the last is one that is read as outside; the two at n are none.
@@ -225,7 +225,7 @@ class _Solving:
     def _round_steps(
         self, constant: Doubles, open_: Flags, bounds: tuple[Floats, Floats, Floats], budget: Budget
     ) -> Steps[Doubles]:
-        """Constants at which the open components are close enough, from these on; the others keep theirs."""
+        """Find constants at which the open components are close enough, from these on; closed ones keep theirs."""
         field, low, high = bounds
         best, best_off = constant.copy(), np.full(len(constant), np.inf)
         below, above = np.full(len(constant), np.nan), np.full(len(constant), np.nan)  # on either side of the goal

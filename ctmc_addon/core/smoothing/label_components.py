@@ -43,7 +43,7 @@ class LabelComponents:
     label: NDArray[Any]
 
     def some(self, selected: NDArray[np.bool_]) -> LabelComponents:
-        """Return the selected components, (components,) bool, alone."""
+        """Return only the selected components, (components,) bool."""
         number = np.cumsum(selected) - 1
         kept = selected[self.component]
         z, y, start, stop = (each[kept] for each in (self.z, self.y, self.start, self.stop))
@@ -51,7 +51,7 @@ class LabelComponents:
         return LabelComponents(z, y, start, stop, component, self.voxels[selected], self.label[selected])
 
     def moved(self, z: int, y: int, x: int) -> LabelComponents:
-        """Return the components so many samples farther along each axis."""
+        """Return the components moved by a number of samples along each axis."""
         return replace(self, z=self.z + z, y=self.y + y, start=self.start + x, stop=self.stop + x)
 
     def boxes(self) -> tuple[Indices, Indices]:

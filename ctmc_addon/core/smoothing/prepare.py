@@ -36,7 +36,7 @@ def field_steps(
     with_surface: bool = False,
     region: Box | None = None,
 ) -> Steps[Field]:
-    """Return what is extracted from a volume with some settings.
+    """Return the field of a volume that is extracted with some settings.
 
     Parameters
     ----------
@@ -44,12 +44,12 @@ def field_steps(
     settings : ReconstructionSettings
     budget : Budget, optional
     window : Box, optional
-        What `_field_window_steps` returned, where that is known already.
+        Result of `_field_window_steps`, if it is known already.
     with_surface : bool
         Whether the field is to keep the surface that smoothing measured, if that is the one of the settings but for its
         normals.
     region : Box, optional
-        What `region_box` returned, where that is known already.
+        Result of `region_box`, if it is known already.
 
     Raises
     ------

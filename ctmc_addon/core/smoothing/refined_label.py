@@ -20,17 +20,17 @@ class RefinedLabel:
     ----------
     mask : (slices, rows, columns) bool
     spacing_mm : (x, y, z) float
-        Of the mask.
+        Spacing of the mask.
     slice_steps : int
-        From slice to slice of the refined grid.
+        Steps from slice to slice of the refined grid.
     close_border : bool
         Whether slices will be added, so that the surface ends half a slice gap outside.
     bricks : Bricks
-        Of the refined grid.
+        Bricks of the refined grid.
     start : Start
         The field and its bounds over the bricks; changed in place.
     inside : Inside
-        Where the mask lies in the label's grid with its margins.
+        Position of the mask in the label's grid with its margins.
     limit_mm : float
         Largest constant that may be added or subtracted. The field's values are hardly farther from zero, and a label
         of one voxel needs more than a pixel.

@@ -41,18 +41,18 @@ def relax_steps(
     low, high : (active bricks or more, 8) float32
         Bounds, infinite where there are none.
     spacing_mm : (x, y, z)
-        Of the grid of these bricks.
+        Spacing of the grid of these bricks.
     rounds : int
         Steps along the gradient.
     inertia : float
-        That the momentum begins with: 1 for none, more where the field is nearly smooth already.
+        Inertia that the momentum begins with: 1 for none, more if the field is nearly smooth already.
     """
     weights = [1.0 / (side * side) for side in spacing_mm]
     total = weights[0] + weights[1] + weights[2]
     # Over the weight along x, so that sums along x, and mostly those along y, need no factor.
     along_y, along_z, middle = (np.float32(each / weights[0]) for each in (weights[1], weights[2], 2.0 * total))
     step = np.float32(STEP * (weights[0] / (4.0 * total)) * (weights[0] / (4.0 * total)))
-    beside, ends = _neighbors(bricks, pool)
+    neighbors, ends = _neighbors(bricks, pool)
     ahead = field.copy()  # the field moved on by its momentum
     curvature = np.zeros_like(field)  # zero where bricks are not active
 
@@ -65,8 +65,8 @@ def relax_steps(
         np.add(here[:, -2], flat.take(ends[1][part], mode="clip"), out=total[:, -1])
         pair, second = np.empty_like(here), np.empty_like(here)
         for axis, weight in ((0, along_y), (2, along_z)):
-            values.take(beside[axis][part], axis=0, out=pair, mode="clip")
-            values.take(beside[axis + 1][part], axis=0, out=second, mode="clip")
+            values.take(neighbors[axis][part], axis=0, out=pair, mode="clip")
+            values.take(neighbors[axis + 1][part], axis=0, out=second, mode="clip")
             pair += second
             if weight != 1:
                 pair *= weight
@@ -100,19 +100,19 @@ def relax_steps(
 
 
 def _neighbors(bricks: Bricks, pool: Threads | None) -> tuple[list[Places], list[Places]]:
-    """For every active brick those before and after along y and z; samples before and after along x.
+    """Return for active bricks their neighbors along y and z, and for samples their neighbors along x.
 
     At the border a brick is its own neighbor, a sample its own.
     """
-    beside = [np.empty(bricks.active, np.intp) for _ in range(4)]
+    neighbors = [np.empty(bricks.active, np.intp) for _ in range(4)]
     ends = [np.empty(bricks.active, np.intp) for _ in range(2)]
 
     def look(part: slice) -> None:
         z, y, x = bricks.coordinates(part)
-        for into, (dz, dy) in zip(beside, ((0, -1), (0, 1), (-1, 0), (1, 0)), strict=True):
+        for into, (dz, dy) in zip(neighbors, ((0, -1), (0, 1), (-1, 0), (1, 0)), strict=True):
             into[part] = bricks.at(z + dz, y + dy, x)
         ends[0][part] = bricks.at(z, y, x - 1) * WIDTH + np.where(x > 0, WIDTH - 1, 0)
         ends[1][part] = bricks.at(z, y, x + 1) * WIDTH + np.where(x < bricks.shape[2] - 1, 0, WIDTH - 1)
 
     over_rows(pool, look, bricks.active)
-    return beside, ends
+    return neighbors, ends

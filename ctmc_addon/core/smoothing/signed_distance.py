@@ -40,9 +40,9 @@ def signed_distance_steps(
     code : (slices, rows, bricks) uint8
         The label, as `bricks.packed` gives it.
     bricks : Bricks
-        Of the label's own grid, or of every other sample along x and y.
+        Bricks of the label's own grid, or of every other sample along x and y.
     spacing_mm, reach : (x, y, z)
-        Of the label's grid; how many samples are looked at to either side, at most 8 along x.
+        Spacing of the label's grid, and samples looked at to either side, at most 8 along x.
     farthest_mm : float
         Given where the other side is farther.
     every : int
@@ -74,7 +74,7 @@ def _squared_steps(side_mm: float, count: int) -> list[np.float32]:
 def _along_x(
     code: NDArray[np.uint8], side_mm: float, reach: int, farthest: np.float32, pool: Threads | None, every: int
 ) -> tuple[NDArray[np.int32], Floats]:
-    """Signed squares of the distance along x alone, and the number of the brick that has them at every place."""
+    """Return signed squares of the distance along x only, and the number of the brick that has them."""
     near = changes_along_x(code, reach)
     if every > 1 and code.shape[2] % 2:
         code = np.concatenate([code, (code[:, :, -1:] & 1) * np.uint8(255)], axis=2)
@@ -132,7 +132,7 @@ def _across(
     squares: Floats,
     nearer: Floats,
 ) -> Callable[[slice], None]:
-    """Return what puts the squares of some bricks into `nearer`, looking along an axis, 1 for y and 0 for z.
+    """Return the function that lowers `nearer` to the squares of bricks along an axis, 1 for y and 0 for z.
 
     `number` has the rows of `squares`, `scale` times as dense along y; `steps` are the squares of its steps.
     """

@@ -26,9 +26,9 @@ class SmoothField:
         Added to keep the volume; small components of the label have constants of their own before, see
         `constrained_steps`.
     volume_mm3, label_mm3 : float
-        Of the surface that Marching Cubes finds with a closed border, and of the label's samples in the same space.
+        Volume of the Marching Cubes surface with a closed border, and of the label's samples in the same space.
     surface : Surface or None
-        That surface in index space, where it was asked for and is the one of `values`.
+        Surface in index space, if it was asked for and is the one of `values`.
     """
 
     values: Floats

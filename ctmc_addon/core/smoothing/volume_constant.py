@@ -24,11 +24,11 @@ from .bricks import ROWS_AT_ONCE, WIDTH, Places, over_rows
 from .refined_label import RefinedLabel
 from .smooth_field import SmoothField, with_closed_ends
 
-PLAIN = (1, 1, 1)  # stride
-EXACT_ENOUGH = 2e-4  # of the volume
+PLAIN = (1, 1, 1)  # The stride.
+EXACT_ENOUGH = 2e-4  # The volume may be off by this share.
 MOST_TRIALS = 10
-FARTHER = 4.0  # times the last step
-FINEST = 2.0**-24  # volumes are summed as whole numbers of this, so their order does not matter
+FARTHER = 4.0  # Go this many times the last step.
+FINEST = 2.0**-24  # Sum volumes as whole multiples of this, so that their order does not matter.
 FACES_AT_ONCE = 1 << 14
 PARTS_AT_ONCE = 64
 
@@ -73,7 +73,7 @@ def keep_volume_steps(
     constant = np.float32(0)
     tried: list[tuple[float, float]] = []
     for trial in range(MOST_TRIALS):
-        made: Surface | None = None
+        kept_surface: Surface | None = None
         put(constant)
         closed = with_closed_ends(values, slice_steps)[0] if ends else values
         if window is None:
@@ -85,7 +85,7 @@ def keep_volume_steps(
         del closed, grid
         volume, area = yield from equal_part(_measured_steps(surface, sides, pool), trial, MOST_TRIALS)
         if window is not None:
-            made = surface
+            kept_surface = surface
         del surface  # before the next
         tried.append((float(constant), volume))
         if abs(volume - goal) <= EXACT_ENOUGH * goal or trial == MOST_TRIALS - 1:
@@ -97,9 +97,9 @@ def keep_volume_steps(
     best, volume = min(tried, key=lambda pair: abs(pair[1] - goal))
     if best != float(constant):
         put(np.float32(best))
-        made = None
+        kept_surface = None
     values, added = with_closed_ends(values, slice_steps) if ends else (values, 0)
-    return SmoothField(values, slice_steps, added, best, volume, goal, made)
+    return SmoothField(values, slice_steps, added, best, volume, goal, kept_surface)
 
 
 def _cross_once(flat: Floats, between: list[Places], layer: int, nearest: np.float32) -> None:

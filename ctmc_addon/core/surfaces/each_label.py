@@ -65,7 +65,7 @@ def each_label_steps(
     ----------
     volume : Volume
     region : Box
-        Of the settings.
+        Region of the settings.
     runs : sequence of ReconstructionSettings
         Alike but for their labels.
     work_steps : function
@@ -73,12 +73,12 @@ def each_label_steps(
         threads of its own.
     budget : Budget
     sink : Sink
-        Where surfaces go, for what is advised.
+        Sink that receives the surfaces, for the advice.
 
     Raises
     ------
     MemoryLimitError
-        Of the first label that does not fit alone.
+        For the first label that does not fit by itself.
     """
     workers = budget.thread_count
     extents = yield from label_extents_steps(volume, region, budget.threads)  # Look through the volume once.
@@ -87,24 +87,24 @@ def each_label_steps(
         if run.label in extents:
             work[at] += math.prod(stop - start for start, stop in extents[run.label].box)
     order = sorted(range(len(runs)), key=lambda at: -work[at])
-    alone = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
+    large = [at for at in order if work[at] * workers > sum(work)] if workers > 1 else []
     if not volume.reader.thread_safe:
-        alone = order
-    others = order[len(alone) :]
-    stages = Stages({"alone": 1.0 + sum(work[at] for at in alone), "others": 1.0 + sum(work[at] for at in others)})
-    made: dict[int, Result | CtmcError] = {}
+        large = order
+    small = order[len(large) :]
+    stages = Stages({"alone": 1.0 + sum(work[at] for at in large), "others": 1.0 + sum(work[at] for at in small)})
+    outcomes: dict[int, Result | CtmcError] = {}
 
     def tried_steps(at: int, at_once: int) -> Steps[Result | CtmcError]:
-        beside = at_once > 1
-        own = budget.shared_by(at_once) if beside else replace(budget, threads=workers)
+        side_by_side = at_once > 1
+        own = budget.shared_by(at_once) if side_by_side else replace(budget, threads=workers)
         working = work_steps(at, own)
-        if not beside:
+        if not side_by_side:
             working = advised_steps(working, volume, runs[at], own, sink)
         try:
             with own.refusal("this surface", "choose a region"):
                 return (yield from working)
         except MemoryLimitError as error:
-            if beside:
+            if side_by_side:
                 return without_traceback(error)
             label = runs[at].label  # Stop: all surfaces are needed.
             if label is None:
@@ -117,15 +117,15 @@ def each_label_steps(
         works = [lambda at=at: tried_steps(at, at_once) for at in which]
         weights = [work[at] for at in which]
         results = yield from stages.run(name, side_by_side_steps(works, weights, at_once))
-        made.update(zip(which, results, strict=True))
+        outcomes.update(zip(which, results, strict=True))
 
-    yield from several_steps(alone, 1, "alone")
-    yield from several_steps(others, workers, "others")
+    yield from several_steps(large, 1, "alone")
+    yield from several_steps(small, workers, "others")
     # What does not fit beside others may fit alone.
-    again = [at for at in others if workers > 1 and isinstance(made[at], MemoryLimitError)]
+    again = [at for at in small if workers > 1 and isinstance(outcomes[at], MemoryLimitError)]
     give_back()
     yield from several_steps(again, 1, "others")
-    return [made[at] for at in range(len(runs))]
+    return [outcomes[at] for at in range(len(runs))]
 
 
 def without_traceback(error: CtmcError) -> CtmcError:

@@ -55,7 +55,7 @@ def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget
     Parameters
     ----------
     volume : Volume
-        In memory, or in a file that is read a slab at a time. The surface has the same bytes.
+        Volume in memory, or in a file that is read a slab at a time. The surface has the same bytes.
     settings : ReconstructionSettings
     budget : Budget, optional
         Threads and memory; by default what the machine has. The result does not depend on them.
@@ -87,7 +87,7 @@ def reconstruct_steps(
     Parameters
     ----------
     sink : Sink
-        Where the surface goes; by default it is held. The result lacks what went into a file.
+        Sink that receives the surface; by default it is held. The result lacks data that went into a file.
     scope : Scope, optional
         Scope of volume and settings, if it is already known.
     """
@@ -176,7 +176,7 @@ class FieldSurface(Finish):
             yield from required_steps(self.volume, self.settings, self.budget, self.sink, self.field)
 
     def result_steps(self) -> Steps[Reconstruction]:
-        """Make the surface that the settings ask for, simplified as it comes, so that memory follows what is left."""
+        """Make the surface that the settings ask for; simplify as it comes, so that only the rest takes memory."""
         if not self.settings.simplifies_here:
             return (yield from self.finished_steps((yield from self.full_steps())))
         from ..simplification.simplify import simplified_pieces_steps
@@ -215,7 +215,7 @@ class FieldSurface(Finish):
         return result
 
     def _spool(self, joined: bool) -> Spool:
-        """Return where pieces that are read several times are kept: in memory if they are there anyway."""
+        """Return the store of pieces that are read several times: in memory if they are there anyway."""
         return Spool() if joined else Spool(self.budget.spool_bytes, self.sink.folder)
 
     def _pieces_steps(self, spool: Spool, joined: bool) -> Steps[Pieces]:

@@ -127,11 +127,11 @@ def described(
     Parameters
     ----------
     scope : Scope
-        Where the surface was extracted.
+        Scope of the extraction.
     notes : tuple of str
         Includes the notes of the volume; the note on `choice` is added.
     choice : AlphaChoice or None
-        How alpha was chosen.
+        Choice of alpha.
     more
         Further fields of `Reconstruction`.
     """
@@ -160,14 +160,14 @@ def averaged_steps(mesh: TriangleMesh) -> Steps[TriangleMesh]:
 
 
 class Finish:
-    """Run the stages that follow extraction, for one surface or for several that are made together.
+    """Run the stages after extraction, for one surface or for several made as one complex.
 
     Attributes
     ----------
     settings : ReconstructionSettings
-        With the alpha that was chosen, once it is.
+        Settings with the alpha that was chosen, once it is.
     choice : AlphaChoice or None
-        How alpha was chosen.
+        Choice of alpha.
     """
 
     def __init__(

@@ -71,7 +71,7 @@ class LabelComplex:
     wrong_side : dict of int to int
         Samples of the grid inside a label or inside its surface, but not both.
     volumes_mm3, label_mm3 : dict of int to float
-        What a label's surface encloses at alpha 1, closed at the border, and what its samples do in the same space.
+        Volume of a label's surface at alpha 1, closed at the border, and of its samples in the same space.
     constants_mm : dict of int to float
         Added to a label's field where it touches others.
     scope : Scope
@@ -156,7 +156,7 @@ class _LabelInterfaces:
         scope.require_stride()
 
     def fields_steps(self, labels: Sequence[int]) -> Steps[None]:
-        """Make the field of every label, as for that label alone."""
+        """Make the field of every label by itself."""
         volume, region = self.volume, self.scope.region
         chosen = sorted(set(labels))
         runs = [replace(self.settings, label=label) for label in chosen]
@@ -168,11 +168,11 @@ class _LabelInterfaces:
             samples = (yield from label_samples_steps(field)) if self.smoothing.smooths else None
             return _LabelField(samples, field.window, field.origin, field.first_slice, field.threshold, field.notes)
 
-        made = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
+        results = yield from self.stages.run(FIELDS, each_label_steps(volume, region, runs, work_steps, self.budget))
         self.labels: list[int] = []
         self.fields: list[_LabelField] = []
         self.errors: dict[int, CtmcError] = {}
-        for label, result in zip(chosen, made, strict=True):
+        for label, result in zip(chosen, results, strict=True):
             if isinstance(result, _LabelField):
                 self.labels.append(label)
                 self.fields.append(result)
@@ -256,8 +256,8 @@ class _LabelInterfaces:
 
         works = [lambda walls=walls: smooth_steps(walls) for walls in parts]
         weights = [float(sum(math.prod(stop - start for start, stop in wall.box) for wall in walls)) for walls in parts]
-        for made in (yield from side_by_side_steps(works, weights, at_once)):
-            self.walls.update(made)
+        for smoothed in (yield from side_by_side_steps(works, weights, at_once)):
+            self.walls.update(smoothed)
 
     def _axes(self) -> tuple[Axis, Axis, Axis]:
         """Return the samples of the box around all windows; slices along z are refined."""
@@ -380,7 +380,7 @@ class _LabelInterfaces:
         return [[each.shares(added) for each in crossings] for crossings in self.placed.crossings]
 
     def _notes(self, at: int) -> tuple[str, ...]:
-        """Return the notes on a label; one that touches others does not keep the volume it has alone."""
+        """Return the notes on a label; one that touches another keeps a volume different from its own."""
         notes = self.fields[at - 1].notes
         return self.smoothing.shared_notes(notes, self.slice_steps) if self.touches[at] else notes
 

@@ -32,7 +32,7 @@ class LabelSurfaces(NamedTuple):
     Parameters
     ----------
     surfaces : list of Reconstruction
-        In the order in which the labels were asked for.
+        Surfaces in the order in which the labels were asked for.
     left_out : list of str
         A sentence for each label without a surface; empty unless all labels were asked for.
     """
@@ -51,7 +51,7 @@ def reconstruct_labels(
     volume : Volume
         If threads cannot share its file, labels are made one after the other.
     settings : ReconstructionSettings
-        Of every surface; their own label does not count. With `interfaces` "shared" neighbors have the same triangles
+        Settings of every surface, without their label. With `interfaces` "shared" neighbors have the same triangles
         where they touch, and a number of triangles is that of all surfaces of a layer.
     labels : sequence of int, optional
         By default all but 0; labels without a surface are then left out and reported.

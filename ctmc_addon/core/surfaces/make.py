@@ -52,7 +52,7 @@ def make_surfaces_steps(
     Returns
     -------
     list of MadeSurface or CtmcError
-        In the order of the requests.
+        Outcomes in the order of the requests.
 
     Raises
     ------
@@ -62,21 +62,21 @@ def make_surfaces_steps(
         As `reconstruct`.
     """
     budget = budget or Budget()
-    made: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     groups = _groups(requests)
     for number, group in enumerate(groups):
         members = [requests[at] for at in group]
         source = volume if members[0].settings.label is None else labels or volume
         results = yield from equal_part(_group_steps(source, members, budget, all_needed), number, len(groups))
-        made.update(zip(group, results, strict=True))
+        outcomes.update(zip(group, results, strict=True))
         errors = [result for result in results if isinstance(result, CtmcError)]
         if errors and all_needed:
             raise errors[0]
-    return [made[at] for at in range(len(requests))]
+    return [outcomes[at] for at in range(len(requests))]
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
-    """Return the numbers of requests made together: labels with the same settings; others each by itself."""
+    """Return the numbers of requests made at once: labels with the same settings; each other one by itself."""
     groups: dict[object, list[int]] = {}
     for at, request in enumerate(requests):
         is_own = request.settings.label is None or request.full is not None
@@ -87,29 +87,28 @@ def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
 def _group_steps(
     volume: Volume | None, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
 ) -> Steps[list[Outcome]]:
-    """Make the surfaces of one group."""
     if len(requests) == 1:
-        return [(yield from _alone_steps(volume, requests[0], budget, all_needed))]
+        return [(yield from _single_steps(volume, requests[0], budget, all_needed))]
     assert volume is not None, "labels are extracted"
     scope = scope_of_labels(volume, requests[0].settings)
     extents = yield from label_extents_steps(volume, scope.region, budget.threads)
     present = [at for at, request in enumerate(requests) if request.settings.label in extents]
     absent = [at for at in range(len(requests)) if at not in present]
     several = present if len(present) > 1 else []
-    made: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     for at in absent if several else absent + present:  # The error of an absent label names those present.
-        made[at] = yield from _alone_steps(volume, requests[at], budget, all_needed)
+        outcomes[at] = yield from _single_steps(volume, requests[at], budget, all_needed)
     members = [requests[at] for at in several]
     results: list[Outcome] = []
     if share_walls([request.settings for request in members]):
-        results = yield from _together_steps(volume, scope, members, budget, all_needed)
+        results = yield from _sharing_steps(volume, scope, members, budget, all_needed)
     elif members:
         results = yield from _each_steps(volume, scope, members, budget)
-    made.update(zip(several, results, strict=True))
-    return [made[at] for at in range(len(requests))]
+    outcomes.update(zip(several, results, strict=True))
+    return [outcomes[at] for at in range(len(requests))]
 
 
-def _alone_steps(volume: Volume | None, request: SurfaceRequest, budget: Budget, all_needed: bool) -> Steps[Outcome]:
+def _single_steps(volume: Volume | None, request: SurfaceRequest, budget: Budget, all_needed: bool) -> Steps[Outcome]:
     """Make one surface with all threads; if it does not fit, advise settings that do."""
     settings, sink = request.settings, request.sink
     if request.full is not None:
@@ -153,7 +152,7 @@ def _each_steps(
     return (yield from each_label_steps(volume, scope.region, runs, work_steps, budget, requests[0].sink))
 
 
-def _together_steps(
+def _sharing_steps(
     volume: Volume, scope: Scope, requests: Sequence[SurfaceRequest], budget: Budget, all_needed: bool
 ) -> Steps[list[Outcome]]:
     """Make labels that share their interfaces, layer by layer, then hand each to its sink."""
@@ -163,24 +162,24 @@ def _together_steps(
     labels = [request.settings.label for request in requests if request.settings.label is not None]
     layers = yield from labels_by_layer_steps(volume, labels, scope.region, budget.threads)
     stages = Stages({str(at): len(own) for at, (_, own) in enumerate(layers)})
-    made: dict[int, Outcome] = {}
+    outcomes: dict[int, Outcome] = {}
     for at, (layer, own) in enumerate(layers):
         if len(own) == 1:
             held = replace(requests[labels.index(own[0])], sink=HOLD)
             lone = _outcome_steps(_one_steps(layer, held, budget, scope), all_needed)
-            made[own[0]] = yield from stages.run(str(at), lone)
+            outcomes[own[0]] = yield from stages.run(str(at), lone)
             continue
         _require_shareable(own)
         try:
             making = TouchingLabels(layer, scope, settings, own, budget, all_needed).result_steps()
-            made |= yield from stages.run(str(at), making)
+            outcomes |= yield from stages.run(str(at), making)
         except NoSurfaceError as error:
             if all_needed:
                 raise
-            made |= error.errors
+            outcomes |= error.errors
     results: list[Outcome] = []
     for label, request in zip(labels, requests, strict=True):
-        outcome = made[label]
+        outcome = outcomes[label]
         if isinstance(outcome, MadeSurface):
             outcome = yield from _taken_steps(outcome, request)
         results.append(outcome)
@@ -197,10 +196,10 @@ def _require_shareable(labels: Sequence[int]) -> None:
         )
 
 
-def _taken_steps(made: MadeSurface, request: SurfaceRequest) -> Steps[MadeSurface]:
+def _taken_steps(surface: MadeSurface, request: SurfaceRequest) -> Steps[MadeSurface]:
     """Hand a held surface to the sink of its request."""
-    result = made.result
+    result = surface.result
     if not request.sink.holds:
         taken = yield from request.sink.mesh_steps(result.mesh)
         result = replace(result, mesh=taken.mesh, surface=None, measured=taken.measured, beyond=None)
-    return MadeSurface(result, made.full if request.needs_full else None)
+    return MadeSurface(result, surface.full if request.needs_full else None)

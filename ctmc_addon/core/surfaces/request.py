@@ -25,7 +25,7 @@ class SurfaceRequest:
     ----------
     settings : ReconstructionSettings
     sink : Sink
-        Where the surface goes; by default it is held.
+        Sink that receives the surface; by default it is held.
     needs_full : bool
         Whether to return the full surface too, to be simplified again.
     full : Reconstruction, optional
@@ -57,7 +57,7 @@ class MadeSurface(NamedTuple):
 
 
 def share_walls(all_settings: Sequence[ReconstructionSettings]) -> bool:
-    """Return whether surfaces are made together because they share walls."""
+    """Return whether surfaces share walls and are therefore made as one complex."""
     return len(all_settings) > 1 and all(
         settings.label is not None and settings.interfaces == "shared" for settings in all_settings
     )
@@ -65,7 +65,7 @@ def share_walls(all_settings: Sequence[ReconstructionSettings]) -> bool:
 
 @dataclass(frozen=True)
 class Scope:
-    """Where a surface is extracted, and how finely.
+    """Region and stride of a surface that is extracted.
 
     Parameters
     ----------

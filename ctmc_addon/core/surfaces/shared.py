@@ -44,7 +44,7 @@ WEIGHTS = {EXTRACTING: 60, CHOOSING: 5, KEEPING: 5, SIMPLIFYING: 30, AVERAGING: 
 
 
 class TouchingLabels(Finish):
-    """Make surfaces of labels of one layer together."""
+    """Make surfaces of the labels of one layer that share walls."""
 
     extracted: LabelComplex
 
@@ -92,14 +92,14 @@ class TouchingLabels(Finish):
                 crossings = yield from stages.run(LOOKING, _crossings_steps(simplified.mesh))
             before = len(full_mesh.faces)
             results = yield from stages.run(AVERAGING, self._simplified_steps(simplified, before, full))
-        made = {
+        surfaces = {
             label: MadeSurface(
                 replace(results[label], stages=self.ran, self_intersections=crossings.get(label, 0)),
                 replace(full[label], stages=self.ran),
             )
             for label in labels
         }
-        return {**made, **errors}
+        return {**surfaces, **errors}
 
     def _full_steps(
         self, surface: ComplexSurface, mesh: ComplexMesh, labels: Iterable[int]
@@ -120,17 +120,17 @@ class TouchingLabels(Finish):
     ) -> Steps[dict[int, Reconstruction]]:
         """Return each label's own surface after simplification."""
         results: dict[int, Reconstruction] = {}
-        together = simplified.mesh
-        interfaces, borders = together.interfaces, borders_of(together.faces, together.sides)
+        complex_mesh = simplified.mesh
+        interfaces, borders = complex_mesh.interfaces, borders_of(complex_mesh.faces, complex_mesh.sides)
         for label, result in full.items():
             yield Step(len(results) / len(full))
             faces, beyond, used = borders[label]
-            mesh = TriangleMesh(together.vertices[used], faces)
+            mesh = TriangleMesh(complex_mesh.vertices[used], faces)
             if self.settings.normals == "mesh":
                 mesh = yield from averaged_steps(mesh)
             collapsed = simplified.collapsed_of.get(label, CollapsedComponents())
             own = Simplification(mesh, collapsed, simplified.handles_cut, simplified.self_intersections)
-            result = self.simplified(result, own, (full_faces, len(together.faces)))
+            result = self.simplified(result, own, (full_faces, len(complex_mesh.faces)))
             results[label] = replace(result, beyond=beyond, neighbors=neighbors_of(label, interfaces))
         return results
 

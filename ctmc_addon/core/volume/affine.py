@@ -16,12 +16,12 @@ from ..errors import VolumeError
 
 MOST_MM = 1e9
 LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
-ROUNDED = 1e-6  # of a spacing: the limits are in them as float32 too
+ROUNDED = 1e-6  # Allow for this share of a spacing: the limits are in float32 too.
 SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
-    """Return `affine` as a read-only (4, 4) float64 array; raise a `VolumeError` that says what is wrong with it."""
+    """Return `affine` as a read-only (4, 4) float64 array; raise a `VolumeError` that explains what is wrong."""
     matrix = np.array(affine, dtype=np.float64)
     if matrix.shape != (4, 4):
         raise VolumeError(f"an affine is a (4, 4) matrix, not {matrix.shape}")

@@ -55,7 +55,7 @@ class Field:
         The gray value that is used; half of a label's 0 and 1.
     notes : tuple of str
     level : float
-        Where the surface lies in the values: the threshold, or 0 mm.
+        Value at the surface: the threshold, or 0 mm.
     window_in_values : Box
         The window, counted from the first value.
     slice_steps, first_slice : int
@@ -90,7 +90,7 @@ class Field:
 
     @property
     def kind(self) -> ValueKind:
-        """What the values mean, as in `Volume`."""
+        """Return the meaning of the values, as in `Volume`."""
         return self.volume.kind if self.settings.label is None else ValueKind.LABEL
 
     @property
@@ -99,7 +99,7 @@ class Field:
         return WHOLE_VOLUME if self.settings.region is None else "the region"
 
     def again(self) -> Field:
-        """The same field, to be fetched from its first slice."""
+        """Return the same field, to be fetched from its first slice."""
         return replace(self, values=self.values.again())
 
     def at_threshold(self, threshold: float) -> Field:
@@ -107,7 +107,7 @@ class Field:
         return replace(self, threshold=threshold, level=threshold, notes=())
 
     def check(self) -> None:
-        """Raise why there would be no surface, or none but the closed border, where all values are on one side."""
+        """Raise the reason if all values are on one side: no surface, or only the closed border."""
         if self.settings.label is None:
             if self.settings.threshold is not None:
                 low, high, not_finite = finish(value_facts_steps(self.volume.part(self._window_of_volume)))
@@ -176,7 +176,7 @@ def all_values_steps(values: FieldValues) -> Steps[NDArray[Any]]:
 
 
 def held_steps(field: Field) -> Steps[Field]:
-    """Return the field with all its values in memory, for works that ask for them again and again."""
+    """Return the field with all its values in memory, for work that reads them again and again."""
     if isinstance(field.values, HeldValues):
         return field
     values = yield from all_values_steps(field.values)

@@ -34,7 +34,7 @@ class FieldValues(Protocol):
 
     @property
     def held(self) -> bool:
-        """Whether all slices may be fetched at once, as what they are made of is in memory."""
+        """Return whether all slices may be fetched at once because their source is in memory."""
 
     @property
     def own_bytes(self) -> int:
@@ -46,14 +46,14 @@ class FieldValues(Protocol):
 
     @property
     def mixes_samples(self) -> bool:
-        """Whether a value depends on samples beside its own, which may lie beyond the window."""
+        """Return whether a value depends on samples around its own, which may lie beyond the window."""
 
     @property
     def wrong_side(self) -> int:
         """Samples of a label, in the slices fetched so far, that smoothing has put on the other side of the level."""
 
     def count_within(self, first: int, stop: int) -> None:
-        """Count samples on the wrong side in the slices from `first` to `stop` alone, where they are still counted."""
+        """Count samples on the wrong side in the slices from `first` to `stop` only, if they are still counted."""
 
     def again(self) -> FieldValues:
         """The same values, to be fetched from the first slice."""
@@ -70,7 +70,7 @@ class GrayValues:
     volume : Volume
         The box that is extracted.
     needed : Box
-        Where in it no value may be NaN or infinite, unless they are replaced.
+        Box in it in which no value may be NaN or infinite, unless they are replaced.
     nan_as : float, optional
         Number that replaces NaN and infinite values.
     """
@@ -197,7 +197,7 @@ def _runs_of(numbers: list[int]) -> Iterator[range]:
 
     Examples
     --------
-    >>> list(runs_of([0, 4, 8, 10]))
+    >>> list(_runs_of([0, 4, 8, 10]))
     [range(0, 9, 4), range(10, 11)]
     """
     start = 0
@@ -211,5 +211,5 @@ def _runs_of(numbers: list[int]) -> Iterator[range]:
 
 
 def _not_finite_text(count: int) -> str:
-    """Return what is wrong with values that are not finite, and the remedy."""
+    """Return the problem with values that are not finite, and the remedy."""
     return f"{count} voxels are NaN or infinite; replace them with nan_as, such as -1024 in HU"

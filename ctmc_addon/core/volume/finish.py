@@ -20,14 +20,14 @@ _VESSELS = (
 
 
 def finish_of(label: int | None, name: str = "") -> str:
-    """Return what a structure is like to look at.
+    """Return the appearance of a structure.
 
     Parameters
     ----------
     label : int or None
         Its number; None for a surface by threshold, which is of bone.
     name : str
-        What it is called.
+        Name of the structure.
 
     Returns
     -------
@@ -39,18 +39,18 @@ def finish_of(label: int | None, name: str = "") -> str:
     >>> [finish_of(1, name) for name in ("rib_left_7", "Pfortader", "liver", "structure 3")], finish_of(None)
     (['bone', 'vessel', 'organ', 'organ'], 'bone')
     """
-    known = anatomy_of(name)
+    anatomy = anatomy_of(name)
     if label is None:
         return "bone"
-    return _finishes().get(known.rgb, "organ") if known is not None else "organ"
+    return _finishes().get(anatomy.rgb, "organ") if anatomy is not None else "organ"
 
 
 @cache
 def _finishes() -> dict[tuple[int, int, int], str]:
     """Finishes of the table's bones and vessels, by their colors."""
     return {
-        known.rgb: finish
+        anatomy.rgb: finish
         for finish, names in (("bone", _BONES), ("vessel", _VESSELS))
-        for known in map(anatomy_of, names)
-        if known is not None
+        for anatomy in map(anatomy_of, names)
+        if anatomy is not None
     }

@@ -103,7 +103,7 @@ def region_limits(volume: SampleGrid, unit: str) -> Region:
     return tuple(float(end) for end in ends)
 
 
-def converted_region(volume: SampleGrid, region: Region, unit: str, wanted: str) -> Region:
+def converted_region(volume: SampleGrid, region: Region, unit: str, target_unit: str) -> Region:
     """Return the box in voxels or mm that holds a region given in the other unit.
 
     Examples
@@ -113,11 +113,11 @@ def converted_region(volume: SampleGrid, region: Region, unit: str, wanted: str)
     >>> converted_region(box, (0.0, 0.0, 0.0, 3.0, 2.0, 1.0), "voxel", "mm")
     (-3.0, 0.0, 0.0, 0.0, 2.0, 5.0)
     """
-    if unit == wanted:
+    if unit == target_unit:
         return tuple(float(end) for end in region)
     corners = region_corners(volume, region, unit)
-    at = corners if wanted == "mm" else to_index(volume.affine, corners)
-    limits = np.array(region_limits(volume, wanted)).reshape(2, 3)
+    at = corners if target_unit == "mm" else to_index(volume.affine, corners)
+    limits = np.array(region_limits(volume, target_unit)).reshape(2, 3)
     low, high = np.clip(at.min(axis=0), *limits), np.clip(at.max(axis=0), *limits)
     return tuple(float(end) for end in (*low, *high))
 

@@ -38,7 +38,7 @@ def resliced(
     Parameters
     ----------
     corners_mm : (4, 3) float64
-        Of the plane, as `slice_corners` has them: row and column 0; last column; last column and row; last row.
+        Corners of the plane, as of `slice_corners`: row and column 0; last column; last column and row; last row.
     outside : float
         Value of samples outside the volume.
     """

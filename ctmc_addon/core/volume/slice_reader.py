@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from ..progress import Step, Steps
 
-STEP_BYTES = 1 << 22  # unpacked in 0.02 s
+STEP_BYTES = 1 << 22  # Unpack this many bytes in a step, in 0.02 s.
 
 
 class SliceReader(ABC):
@@ -66,7 +66,7 @@ class SliceReader(ABC):
         return range(slices), range(rows), range(columns)
 
     def read(self, slices: range, rows: range, columns: range) -> NDArray[Any]:
-        """Return values (slices, rows, columns): a copy in C order, or a view of what is in memory."""
+        """Return values (slices, rows, columns): a copy in C order, or a view of values in memory."""
         out = np.empty((len(slices), len(rows), len(columns)), self.dtype)
         self.fill(out, slices, rows, columns)
         return out
@@ -127,7 +127,7 @@ class ValuesInMemory(SliceReader):
         return self.values[as_slice(slices), as_slice(rows), as_slice(columns)]
 
 
-LONGEST = 1 << 62  # samples along an axis, whatever a header says
+LONGEST = 1 << 62  # The most samples along an axis, whatever a header says.
 
 
 def as_slice(numbers: range) -> slice:

@@ -25,7 +25,7 @@ PLANES = {"axial": "IS", "coronal": "PA", "sagittal": "LR"}
 HU_WINDOW = (400.0, 40.0)
 TINT = (1.0, 0.28, 0.12)
 TINT_SHARE = 0.45
-DIM = 0.5  # of the color of a label that no surface is made of
+DIM = 0.5  # Labels that no surface is made of have this share of their color.
 
 
 @dataclass(frozen=True)
@@ -125,9 +125,9 @@ def where_ray_meets(corners: NDArray[np.float64], origin: Sequence[float], direc
     Parameters
     ----------
     corners : (4, 3) ndarray of float64
-        Of the slice, as `slice_corners` returns them; any unit.
+        Corners of the slice, as `slice_corners` returns them; any unit.
     origin, direction : three floats
-        Of the ray, in the same space and unit.
+        Origin and direction of the ray, in the same space and unit.
 
     Examples
     --------
@@ -166,7 +166,7 @@ def windowed(
     labels: tuple[int, ...] = (),
     upper: float | None = None,
 ) -> NDArray[np.float32]:
-    """Return gray values as colors, (rows, columns, 4) float32 in 0..1; what will be inside the surface is tinted.
+    """Return gray values as colors, (rows, columns, 4) float32 in 0..1; values inside the surface are tinted.
 
     Parameters
     ----------
@@ -206,17 +206,17 @@ def windowed(
 def in_label_colors(
     values: NDArray[Any], colors: Mapping[int, Sequence[float]], chosen: Collection[int]
 ) -> NDArray[np.float32]:
-    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: those chosen bright, others dim, 0 black.
+    """Return labels in their colors, (rows, columns, 4) float32 in 0..1: chosen ones bright, the rest dim, 0 black.
 
     Examples
     --------
     >>> in_label_colors(np.array([[0, 1, 2]]), {1: (1, 0, 0), 2: (0, 1, 0)}, chosen=[2])[0, :, :3].tolist()
     [[0.0, 0.0, 0.0], [0.5, 0.0, 0.0], [0.0, 1.0, 0.0]]
     """
-    found, numbers = np.unique(values, return_inverse=True)
-    table = np.zeros((len(found), 4), np.float32)
+    distinct, numbers = np.unique(values, return_inverse=True)
+    table = np.zeros((len(distinct), 4), np.float32)
     table[:, 3] = 1.0
-    for row, value in zip(table, found.tolist(), strict=True):
+    for row, value in zip(table, distinct.tolist(), strict=True):
         row[:3] = np.multiply(colors.get(value, (0.0, 0.0, 0.0)), 1.0 if value in chosen else DIM)
     picture: NDArray[np.float32] = table[numbers.reshape(values.shape)]
     return picture

@@ -45,7 +45,7 @@ def _require_samples(shape: tuple[int, ...], dtype: np.dtype[Any]) -> None:
 
 
 class SampleGrid(ABC):
-    """A grid of samples in patient space: what a volume is, wherever its values are."""
+    """A grid of samples in patient space, wherever its values are."""
 
     affine: NDArray[np.float64]
     """(4, 4) float64, index (x, y, z) = (column, row, slice) to RAS+ millimeters."""
@@ -263,7 +263,7 @@ class Volume(SampleGrid):
 
     @contextmanager
     def _readable(self) -> Iterator[None]:
-        """Turn what the system says of a file that can no longer be read into a `ReadError`."""
+        """Turn the system's error on a file that can no longer be read into a `ReadError`."""
         try:
             yield
         except OSError as error:
@@ -272,10 +272,10 @@ class Volume(SampleGrid):
 
     def __reduce__(self) -> tuple[Any, ...]:
         words = (self.notes, self.name, self.kind, dict(self.label_names), dict(self.label_colors))
-        first, *others = (
+        first, *layers = (
             ValuesInMemory(layer.values, layer.reader.value_step, layer.reader.is_whole) for layer in self.each_layer
         )
-        return (Volume, (first, self.affine, *words, None, tuple(others)))
+        return (Volume, (first, self.affine, *words, None, tuple(layers)))
 
 
 def _moved(numbers: range, by: int) -> range:

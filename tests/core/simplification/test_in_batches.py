@@ -16,7 +16,12 @@ from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.mesh.triangle_mesh import SurfacePiece
 from ctmc_addon.core.simplification import in_batches
-from ctmc_addon.core.simplification.batches import Batch, batches_steps, crossing_batches_steps, near_others
+from ctmc_addon.core.simplification.batches import (
+    Batch,
+    batches_steps,
+    crossing_batches_steps,
+    faces_near_other_batches,
+)
 from ctmc_addon.core.simplification.simplify import simplification_steps, simplified_pieces_steps
 from ctmc_addon.core.simplification.whole import Goal
 
@@ -385,6 +390,6 @@ def test_no_triangle_is_near_a_batch_that_has_lost_all_of_its_own():
     mesh = TriangleMesh(np.eye(3, dtype=np.float32), np.array([[0, 1, 2]], np.int32))
     empty = TriangleMesh(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32))
     batches = [Batch(mesh, np.arange(3)), Batch(empty, np.arange(0)), Batch(mesh, np.arange(3, 6))]
-    near, owner = near_others(batches)
+    near, owner = faces_near_other_batches(batches)
     assert near.face_count == 2
     assert owner.tolist() == [0, 2]

@@ -172,7 +172,7 @@ def test_the_cost_counts_the_triangles_and_keeps_the_field_until_it_depends_on_a
     estimate = finish(cost_estimate_steps(cache, of(name)))
     assert estimate.faces == len(reconstruct(cache.volume, of(name)).mesh.faces)
     made = []
-    monkeypatch.setattr(FieldCache, "_made_steps", lambda self, settings: made.append(settings) or iter_of(self.field))
+    monkeypatch.setattr(FieldCache, "_make_steps", lambda self, settings: made.append(settings) or iter_of(self.field))
     finish(cache.field_steps(of(name, alpha=0.5, keep_parts=1, reduction=0.5, normals="mesh", topology="trilinear")))
     assert made == []
     changes = [{"close_border": True}, {"slice_steps": 2}, {"region": (0, 0, 0, 20, 20, 10)}, {"label": 2}]

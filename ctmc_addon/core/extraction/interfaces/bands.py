@@ -29,7 +29,7 @@ from .voxel_patterns import (
 )
 
 BAND_SAMPLES = 1 << 20
-OWN_FACES = (4, 2, 0)  # those at a voxel's lowest corner, with normals z, y and x
+OWN_FACES = (4, 2, 0)  # Faces at a voxel's lowest corner, with normals z, y and x.
 FACE_LIST = tuple({4: 3, 5: 3, 2: 4, 3: 4, 0: 5, 1: 5}[face] for face in range(6))
 FACE_EDGES = np.array(
     [[edge for edge, ends in enumerate(EDGES) if set(ends) <= set(face)] for face in FACES], np.intp
@@ -38,7 +38,7 @@ FACE_EDGES = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Band:
-    """The layers `low` to `high` of voxels, and what belongs to them.
+    """The layers `low` to `high` of voxels, and their crossings.
 
     Parameters
     ----------
@@ -50,11 +50,11 @@ class Band:
     mixed : (m,) intp
         Flat samples of voxels with three owners or more.
     owners : (m, 8)
-        Of the corners of those.
+        Owners of the corners of those.
     has_point : (m, 6) bool
         On which faces of those three or more owners meet.
     pattern : (m,) intp
-        Which of the patterns of `tables` those have.
+        Patterns of those, as numbered in `tables`.
     tables : PatternTables
     touching : (t, 2) intp
         Pairs of labels that share a voxel, each once.
@@ -73,7 +73,7 @@ class Band:
 
     @property
     def counts(self) -> list[int]:
-        """How many vertices each list has."""
+        """Return the number of vertices in each list."""
         points = [int(np.count_nonzero(self.has_point[:, face])) for face in OWN_FACES]
         inner = int(np.diff(self.tables.first_inner)[self.pattern].sum())
         return [*map(len, self.edges), *points, inner]
@@ -94,7 +94,7 @@ class BandFaces:
     point_edges : (e,) int32
         Vertices on edges that the points on faces, then inside voxels, are means of.
     point_first : (p + 1,) intp
-        Where those of each point begin.
+        Start of the edges of each point.
     """
 
     faces: NDArray[np.int32]
@@ -112,7 +112,7 @@ def band_ranges(shape: Sequence[int]) -> list[tuple[int, int]]:
 
 
 def find_band(owners: Owners, low: int, high: int) -> Band:
-    """Find what is crossed in the layers `low` to `high` of voxels."""
+    """Find the crossed edges and voxels in the layers `low` to `high` of voxels."""
     number = owners.number[low : high + 1]
     rows, columns = number.shape[1:]
     layer = rows * columns
@@ -198,7 +198,7 @@ def fill_band(
     Parameters
     ----------
     starts, above_starts : sequence of 7 int
-        Where each list of vertices of this band and of the one above begins.
+        Start of each list of vertices of this band and of the one above.
     """
     rows, columns = owners.number.shape[1:]
     layer = rows * columns
@@ -245,9 +245,9 @@ def fill_band(
     for face in range(6):
         of_face = nodes == FACE_POINT + face
         step = corner_steps[FACE_CORNERS[face]].min()
-        flat, known = numbers.points[FACE_LIST[face]]
-        wanted = band.mixed[at_voxel[of_face]] + step
-        mixed_faces[of_face] = known.take(np.searchsorted(flat, wanted), mode="clip")
+        flat, point_numbers = numbers.points[FACE_LIST[face]]
+        own_flat = band.mixed[at_voxel[of_face]] + step
+        mixed_faces[of_face] = point_numbers.take(np.searchsorted(flat, own_flat), mode="clip")
     turned = mixed_sides[:, 0] < mixed_sides[:, 1]
     mixed_faces[turned] = mixed_faces[turned][:, ::-1]
     mixed_sides[turned] = mixed_sides[turned][:, ::-1]

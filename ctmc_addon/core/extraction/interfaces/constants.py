@@ -16,7 +16,7 @@ from ...progress import Steps
 
 ROUNDS = 5
 GAINS = (0.3, 2.0)
-EXACT_ENOUGH = 5e-4  # of the volume
+EXACT_ENOUGH = 5e-4  # A volume is exact enough if it is off by less than this share.
 SWEEPS = 200
 FACES_AT_ONCE = 1 << 16
 
@@ -38,7 +38,7 @@ def measured_pairs_steps(
     faces, sides : (F, 3), (F, 2)
         Labels counted from 1.
     sizes_mm : (x, y, z)
-        Of the space between two samples.
+        Sides of the space between two samples.
     """
     count = labels + 1
     columns = np.ascontiguousarray(positions.T, np.float64)  # (3, V)
@@ -70,7 +70,7 @@ def measured_pairs_steps(
 def next_constants(
     missing_mm3: NDArray[np.float64], areas_mm2: NDArray[np.float64], free: NDArray[np.bool_]
 ) -> NDArray[np.float64]:
-    """Return what to add to the constants so that every label gains what it misses, (labels + 1,) mm.
+    """Return the changes of the constants that give every label its missing volume, (labels + 1,) mm.
 
     Parameters
     ----------
@@ -98,7 +98,7 @@ def next_constants(
 def next_gain(
     gain: NDArray[np.float64], before_mm3: NDArray[np.float64], missing_mm3: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return by how much to stretch the next steps, (labels + 1,), from what was missing before the last one and after.
+    """Return the factor for the next steps, (labels + 1,), from the missing volumes before and after the last one.
 
     A field is not everywhere a distance: where it rises more slowly, its surface moves farther than the constant.
 
@@ -107,7 +107,7 @@ def next_gain(
     >>> next_gain(np.ones(3), np.array([8.0, 0.0, -2.0]), np.array([-4.0, 3.0, 3.0])).round(3).tolist()
     [0.667, 1.0, 0.4]
     """
-    known = before_mm3 != 0
-    answered = 1.0 - missing_mm3 / np.where(known, before_mm3, 1.0)
-    known &= answered > 0  # else it went the wrong way
-    return np.where(known, np.clip(gain / np.where(known, answered, 1.0), *GAINS), gain)
+    usable = before_mm3 != 0
+    answered = 1.0 - missing_mm3 / np.where(usable, before_mm3, 1.0)
+    usable &= answered > 0  # else it went the wrong way
+    return np.where(usable, np.clip(gain / np.where(usable, answered, 1.0), *GAINS), gain)

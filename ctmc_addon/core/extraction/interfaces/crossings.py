@@ -36,7 +36,7 @@ class Crossings:
     ends : (n, 2) intp
         The owners of both ends.
     fields : (2, n) float64
-        At both ends how much larger the field of the low end's owner is than that of the high end's.
+        Field of the low end's owner minus that of the high end's, at both ends.
     fixed : (n,) bool
         Whether the vertex lies half-way whatever the fields are: to a sample outside a closed border.
     """
@@ -72,7 +72,7 @@ def crossings_of(
     Parameters
     ----------
     fields : sequence of LabelSamples
-        In the order of the labels' values; empty where labels are not smoothed.
+        Fields in the order of the labels' values; empty if labels are not smoothed.
     walls : mapping of (first, second) to LabelSamples
         The field between two labels, above 0 in the first.
     """
@@ -92,7 +92,7 @@ def crossings_of(
         return Crossings(axis, low, ends, values, fixed)
     positions = [of.index.take(at) for of, at in zip((owners.x, owners.y, owners.z), low, strict=True)]
     positions[axis] = np.stack([positions[axis], along.index.take(high[axis])])  # of both ends
-    others = None if owners.total is None else np.stack([owners.total[at[2], at[1], at[0]] for at in (low, high)])
+    totals = None if owners.total is None else np.stack([owners.total[at[2], at[1], at[0]] for at in (low, high)])
     between = np.zeros((2, len(flat)))
     count = len(fields) + 1
     pair = (ends[:, 0] * count + ends[:, 1]).astype(np.min_scalar_type(count * count))
@@ -108,12 +108,12 @@ def crossings_of(
             if not label:
                 continue
             values = fields[label - 1].at(*at_ends).astype(np.float64)  # (2, n)
-            beside = labels[1 - side]
-            if others is not None:
-                rest = (others[:, edge] - values) / 2
+            neighbor = labels[1 - side]
+            if totals is not None:
+                rest = (totals[:, edge] - values) / 2
                 # Both fields' mean difference, on an edge between two labels too.
-                values = values / 2 if beside else values - 0.5 + rest
-            elif owners.largest is not None and not beside:
+                values = values / 2 if neighbor else values - 0.5 + rest
+            elif owners.largest is not None and not neighbor:
                 # Its own field, but where a wall's gave it the sample.
                 column, row, layer = (number.take(edge) for number in (low, high)[side])
                 values[side] = np.where(values[side] < 0, owners.largest[layer, row, column], values[side])
@@ -134,7 +134,7 @@ class ComplexVertices:
     crossings : list of three Crossings for each band
     faces : list of BandFaces
     starts : (bands, 7) intp
-        Where the lists of each band begin.
+        Start of the lists of each band.
     count : int
         Vertices in all.
     """
@@ -159,7 +159,7 @@ class ComplexVertices:
 
     @property
     def off_edges(self) -> NDArray[np.bool_]:
-        """Whether each vertex is a mean of others, (V,)."""
+        """Return whether each vertex is a mean of other vertices, (V,)."""
         out = np.zeros(self.count, bool)
         for faces, starts in zip(self.faces, self.starts.tolist(), strict=True):
             out[starts[3] : starts[3] + len(faces.point_first) - 1] = True
@@ -173,7 +173,7 @@ class ComplexVertices:
         Parameters
         ----------
         shares : list
-            Where on its edge each vertex lies; None for half-way.
+            Position of each vertex on its edge; None for half-way.
         origins : (labels + 1, 3) intp
             The sample position from which those of each label's vertices are counted, x, y, z.
         threads : int

@@ -31,7 +31,7 @@ class LabelSamples:
     box : Box
         The window on the common grid: (start, stop) along x, y and z.
     number : (slices, rows, bricks) int32
-        Which of `bricks` has the values.
+        Number in `bricks` of the brick that has the values.
     bricks : (n, 8) float32
         The last two are the value outside and the highest value alone.
     outside : float
@@ -114,7 +114,7 @@ def samples_of_steps(values: NDArray[Any], low: tuple[int, int, int], outside: f
     Parameters
     ----------
     low : (x, y, z) int
-        Where on the grid they begin.
+        First sample on the grid.
     outside : float
         The value outside the window.
     """

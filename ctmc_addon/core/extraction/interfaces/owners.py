@@ -34,9 +34,9 @@ class Owners:
     Parameters
     ----------
     x, y, z : Axis
-        With a closed border: the outermost samples are nobody's.
+        Axes with a closed border: the outermost samples belong to no label.
     number : (z.count, y.count, x.count) unsigned
-        Which label owns a sample, counted from 1; 0 is no label.
+        Label that owns a sample, counted from 1; 0 is no label.
     largest : same shape, float32, or None
         The largest field, where fields decide who owns a sample.
     total : same shape, float32, or None
@@ -83,9 +83,9 @@ def owners_steps(
     number : (z.count, y.count, x.count) unsigned
         The owners that are known, as in `Owners`; changed in place.
     layers : sequence of int
-        Of the grid along z, rising, without the outermost: those whose owners the fields decide.
+        Layers of the grid along z, rising, without the outermost: those whose owners the fields decide.
     fields : sequence of LabelSamples
-        In the order of the labels' values; of equal fields the first one's label is the owner.
+        Fields in the order of the labels' values; of equal fields the first one's label is the owner.
     walls : mapping of (first, second) to LabelSamples
         The field between two labels, above 0 in the first: decides between them where theirs are the largest two.
     indicators : bool

@@ -32,13 +32,13 @@ from ...mesh.topology import Groups
 from ..case_table import EDGE_BETWEEN, FACES, Loop, closed_loops, roughness, triangulations
 
 CORNER_BITS = 3
-FACE_POINT = 12  # nodes: 12 edges of the voxel, then a point on each of 6 faces, then points inside
+FACE_POINT = 12  # Nodes: 12 edges of the voxel, then a point on each of 6 faces, then points inside.
 INNER_POINT = 18
 FACE_CORNERS = np.array(FACES)
 # Segments: two nodes, then the corners that stand for the label behind it and for the one in front.
 Segment = tuple[int, int, int, int]
 Triangle = tuple[int, int, int]
-Fan = dict[Triangle, tuple[int, int]]  # the labels behind and in front of each triangle
+Fan = dict[Triangle, tuple[int, int]]  # The labels behind and in front of each triangle.
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ class Pattern:
 
 @dataclass(frozen=True, eq=False)
 class PatternTables:
-    """Some patterns as arrays; those of pattern n begin at `first_triangle[n]` and `first_inner[n]`.
+    """Arrays of some patterns; entries of pattern n begin at `first_triangle[n]` and `first_inner[n]`.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ class PatternTables:
     triangles : (t, 3) intp
     sides : (t, 2) intp
     inner_first : (p + 1,) intp
-        Where the edges of every inner point begin in `inner_edges`.
+        Start of the edges of every inner point in `inner_edges`.
     inner_edges : (e,) intp
     """
 
@@ -170,7 +170,7 @@ def pattern_of(number: int) -> Pattern:
 
 
 def _parts_that_meet(fan: Fan, center: int) -> list[tuple[int, list[Triangle]]]:
-    """The parts of labels' borders that meet another part of the same label's in the point alone, small ones first."""
+    """Return the parts of labels' borders that meet a part of the same label in the point only, small ones first."""
     parts: list[tuple[int, list[Triangle]]] = []
     for label in sorted({label for both in fan.values() for label in both}):
         across: dict[Segment, Triangle] = {}

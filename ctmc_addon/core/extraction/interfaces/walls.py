@@ -25,10 +25,10 @@ from ...smoothing.label_components import LabelComponents, label_components_step
 from ...volume.volume import Box
 from .label_samples import LabelSamples, samples_of_steps
 
-LEAST_WALL = 40  # sides of voxels between two labels; of a smaller wall only what lies around islands has a field
-SMALL_ISLAND = 128  # voxels; the smoothest wall would flatten these
-SAMPLES_AT_ONCE = 1 << 17  # of the boxes of walls that are smoothed at once
-LARGEST_ISLAND = 1000  # and these where at least half of their border is with the other label; larger components hardly
+LEAST_WALL = 40  # A wall with fewer sides of voxels than this has a field only around its islands.
+SMALL_ISLAND = 128  # The smoothest wall would flatten islands of fewer voxels than this.
+SAMPLES_AT_ONCE = 1 << 17  # The boxes of walls that are smoothed at once have up to this many samples.
+LARGEST_ISLAND = 1000  # Islands up to this many voxels count if at least half of their border is with the other label.
 
 Positions = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.intp]]
 # A sample and its neighbors, along z, y and x.
@@ -36,7 +36,7 @@ AROUND = ((0, 0, 0), (0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (
 
 
 class Wall(NamedTuple):
-    """Where two labels touch.
+    """The contact of two labels.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
     owners : (slices, rows, columns) unsigned
         The label of every sample, counted from 1; 0 is no label.
     """
-    found = []
+    sides = []
     for axis in range(3):
         before, behind = (
             owners[tuple(part if each == axis else slice(None) for each in range(3))]
@@ -74,8 +74,8 @@ def find_walls(owners: NDArray[Any]) -> list[Wall]:
         low, ends = at[:, meets], ends[:, meets]
         high = low.copy()
         high[axis] += 1
-        found.append(np.concatenate([ends, low, high]))
-    every = np.concatenate(found, axis=1)
+        sides.append(np.concatenate([ends, low, high]))
+    every = np.concatenate(sides, axis=1)
     if not every.shape[1]:
         return []
     every = every[:, np.lexsort(every[1::-1])]
@@ -112,9 +112,9 @@ class _Between(NamedTuple):
     wall : Wall
     between : float32
     sign : int8
-        Of the samples: 1 in the first label, -1 in the second.
+        Sign of the samples: 1 in the first label, -1 in the second.
     islands : two of Positions
-        Where the own field of each label holds.
+        Positions where the own field of each label holds.
     along : (x, y, z)
         Positions on the common grid.
     """
@@ -141,13 +141,13 @@ def walls_samples_steps(
     Parameters
     ----------
     owners : (slices, rows, columns)
-        As `find_walls` takes them.
+        Owners as `find_walls` takes them.
     small : LabelComponents
-        What `islands_steps` returned of them.
+        Result of `islands_steps` for the owners.
     origin : (x, y, z) int
         The volume's index of the first of them.
     fields : LabelSamples
-        Of all labels.
+        Fields of all labels.
     """
     starts = []
     for wall in walls:
@@ -156,8 +156,8 @@ def walls_samples_steps(
             starts.append(start)
     smooth = [at for at, start in enumerate(starts) if start.wall.is_smooth]
     looking = [(starts[at].between, starts[at].sign) for at in smooth]
-    made = yield from between_labels_steps(looking, spacing_mm, slice_steps, budget)
-    for at, between in zip(smooth, made, strict=True):
+    smoothed = yield from between_labels_steps(looking, spacing_mm, slice_steps, budget)
+    for at, between in zip(smooth, smoothed, strict=True):
         starts[at] = starts[at]._replace(between=between)
     samples = {}
     for start in starts:
@@ -179,7 +179,7 @@ def _between_steps(
     spacing_mm: tuple[float, float, float],
     slice_steps: int,
 ) -> Steps[_Between | None]:
-    """Return half the difference of both labels' fields; None where nothing else is looked for."""
+    """Return half the difference of both labels' fields; None if only the labels' own fields are used."""
     reach = reach_of(spacing_mm)
     x, y, z = (
         (max(0, low - more), min(size, high + more))
@@ -211,7 +211,7 @@ def _between_steps(
 
 
 def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
-    """Return the small components of all labels, of which a wall's islands are some; takes what `find_walls` does."""
+    """Return the small components of all labels, among them the islands of walls; `owners` is as for `find_walls`."""
     components = yield from label_components_steps(owners)
     return components.some(components.voxels <= LARGEST_ISLAND)
 
@@ -219,7 +219,7 @@ def islands_steps(owners: NDArray[Any]) -> Steps[LabelComponents]:
 def _around_islands(
     components: LabelComponents, sign: NDArray[np.int8], goes_on: NDArray[np.bool_], slice_steps: int
 ) -> Positions:
-    """Return where on the refined grid the samples of islands and those beside them lie, along z, y and x.
+    """Return the refined positions of the samples of islands and of their neighbors, along z, y and x.
 
     Parameters
     ----------
@@ -251,10 +251,10 @@ def _mostly_inside(
 ) -> NDArray[np.bool_]:
     """Whether at least half of the outer sides of components, (components,) bool, are with samples of sign -1."""
     z, y, x, own = components.samples(selected)
-    beside, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
+    negative, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
     padded = np.pad(sign, 1)
     for way in AROUND[1:]:
         there = padded[z + way[0] + 1, y + way[1] + 1, x + way[2] + 1]
-        beside += np.bincount(own[there < 0], minlength=len(selected))
+        negative += np.bincount(own[there < 0], minlength=len(selected))
         outer += np.bincount(own[there <= 0], minlength=len(selected))
-    return 2 * beside >= outer
+    return 2 * negative >= outer

@@ -28,11 +28,11 @@ from itertools import combinations
 
 from ..case_table import EDGES, FACES, MIDPOINTS, Loop, Triangle, closed_loops, face_segments, triangulations
 
-INTERIOR = 12  # the first of the numbers that stand for vertices inside the voxel where others name an edge
+INTERIOR = 12  # Numbers from this one on are vertices inside the voxel; lower ones are edges.
 
-LONGEST_CUT = 7  # edges of a loop; longer ones bend too much for diagonals, or have none that are allowed
+LONGEST_CUT = 7  # Cut loops of up to this many edges: longer ones bend too much for diagonals, or have no allowed ones.
 
-COMMON_MULTIPLE = math.lcm(*range(1, 13))  # every number of edges divides it
+COMMON_MULTIPLE = math.lcm(*range(1, 13))  # Every number of edges divides this.
 
 Group = tuple[int, ...]
 Piece = tuple[tuple[Triangle, ...], tuple[Group, ...]]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from ..case_table import EDGES, FACES, NEAREST, TriangleTables, case_triangles
 from .cases import Piece, ambiguous_faces, surface, tunnels
 
-TIE = 2.0**-30  # share of a voxel's largest difference by which ties in its interior are lifted
+TIE = 2.0**-30  # Lift ties in a voxel's interior by this share of its largest difference.
 INSIDE = np.array([[case >> corner & 1 for corner in range(8)] for case in range(256)], bool)
 FACE_CORNERS = np.array(FACES)
 AMBIGUOUS = (
@@ -50,7 +50,7 @@ NEEDS_DECISION = AMBIGUOUS.any(axis=1)
 for corner in range(4):
     NEEDS_DECISION[1 << corner | 128 >> corner] = NEEDS_DECISION[255 - (1 << corner | 128 >> corner)] = True
 
-LOW_FACE_CORNERS = (0, 1, 3, 2)  # the corners around the low face along z; the z edges rise from them
+LOW_FACE_CORNERS = (0, 1, 3, 2)  # The corners around the low face along z; the z edges rise from them.
 
 
 @dataclass(frozen=True, eq=False)
@@ -224,7 +224,7 @@ def _connected_around(
 
 
 def crossings(values: NDArray[np.float64], threshold: float) -> NDArray[np.float64]:
-    """Where the threshold crosses the voxels' edges, (n, 12), as a share of the edge from its low corner.
+    """Return the threshold's crossings of the voxels' edges, (n, 12), as shares of the edge from its low corner.
 
     Edges that are not crossed, and those of a closed border, have 0.5.
     """
@@ -243,9 +243,9 @@ def interior_points(
     ----------
     configuration : (n,) intp
     number : (n,) intp
-        Which of the vertices inside the voxel: below `interior_count`.
+        Number of the vertex inside the voxel, below `interior_count`.
     share : (n, 12) float64
-        Where the vertices stand on the voxel's edges: `crossings`.
+        Positions of the vertices on the voxel's edges: `crossings`.
     """
     tables = trilinear_tables()
     return _moved(tables.interior_weights[configuration, number], tables.interior_offset[configuration, number], share)

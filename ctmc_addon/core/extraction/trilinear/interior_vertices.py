@@ -22,29 +22,29 @@ from ..order import Runs
 from ..vertices import VertexArrays
 from .decider import NEEDS_DECISION, crossings, decide, interior_points, trilinear_tables
 
-DECIDED_AT_ONCE = 1 << 16  # ambiguous voxels, for little memory: noise has 30,000 in a slab
+DECIDED_AT_ONCE = 1 << 16  # Decide this many ambiguous voxels at once, for little memory: noise has 30,000 in a slab.
 HIGH = np.array([[corner >> axis & 1 for axis in range(3)] for corner in range(8)])
 """(8, 3) whether a corner is the high one along x, y, z."""
 
 
 def with_trilinear_topology(slabs: Sequence[Slab], grid: Grid, sampler: Sampler, threshold: float) -> list[Slab]:
-    """The slabs with the configuration of the trilinear interpolant's surface in every ambiguous voxel.
+    """Return the slabs with the trilinear interpolant's surface in every ambiguous voxel.
 
     Most slabs have few of them, so several slabs are decided at once: it is a hundred calls either way.
     """
     of_slabs = [_ambiguous_voxels(slab) for slab in slabs]
     before = np.cumsum([0, *map(len, of_slabs[:-1])])
     cuts = [0, *(np.flatnonzero(np.diff(before // DECIDED_AT_ONCE)) + 1).tolist(), len(slabs)]
-    made = []
+    new_slabs = []
     for low, high in pairwise(cuts):
-        made += _decided(slabs[low:high], of_slabs[low:high], grid, sampler, threshold)
-    return made
+        new_slabs += _decided(slabs[low:high], of_slabs[low:high], grid, sampler, threshold)
+    return new_slabs
 
 
 def _decided(
     slabs: Sequence[Slab], of_slabs: Sequence[NDArray[np.intp]], grid: Grid, sampler: Sampler, threshold: float
 ) -> list[Slab]:
-    """The slabs with their ambiguous voxels `of_slabs` decided together."""
+    """Return the slabs with their ambiguous voxels `of_slabs` decided at once."""
     samples = zip(*(slab.samples(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)), strict=True)
     x, y, z = map(np.concatenate, samples)
     values = corner_values((x, y, z), grid, sampler)
@@ -53,13 +53,13 @@ def _decided(
     cases = [slab.configuration.take(voxels) for slab, voxels in zip(slabs, of_slabs, strict=True)]
     decided = decide(values, threshold, np.concatenate(cases).astype(np.uint8))
     has_interior = trilinear_tables().interior_count.take(decided) > 0
-    made, end = [], 0
+    new_slabs, end = [], 0
     for slab, voxels in zip(slabs, of_slabs, strict=True):
         own = slice(end, end := end + len(voxels))
         configuration = slab.configuration.copy()
         configuration[voxels] = decided[own]
         inside = np.flatnonzero(has_interior[own])
-        made.append(
+        new_slabs.append(
             replace(
                 slab,
                 configuration=configuration,
@@ -68,11 +68,11 @@ def _decided(
                 tables=trilinear_tables(),
             )
         )
-    return made
+    return new_slabs
 
 
 def _ambiguous_voxels(slab: Slab) -> NDArray[np.intp]:
-    """Which of the voxels that are no ghost cells have more than one surface."""
+    """Return the voxels with more than one possible surface, without ghost cells."""
     needs_decision = NEEDS_DECISION.take(slab.configuration)
     needs_decision[slab.ghosts] = False
     return np.flatnonzero(needs_decision)

@@ -22,13 +22,13 @@ from .structure import Structure, total
 MM_PER_M = 1000.0
 MOST_BYTES = (1 << 32) - 1
 ROUGHNESS = 0.45
-FLOAT, SHORT, INTEGER = 5126, 5123, 5125  # component types
-VERTICES, INDICES = 34962, 34963  # what a buffer view is for
-MOST_SHORT = 65535  # vertices that 16 bits number; the last number is kept free, 3.7.2.1
+FLOAT, SHORT, INTEGER = 5126, 5123, 5125  # Component types.
+VERTICES, INDICES = 34962, 34963  # Targets of buffer views.
+MOST_SHORT = 65535  # 16 bits number this many vertices; the last number is kept free, 3.7.2.1.
 
 
 def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
-    """Write a GLB: the base color is linear, as glTF has it; what is not opaque is blended."""
+    """Write a GLB: the base color is linear, as glTF has it; transparent structures are blended."""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
     offset = 0

@@ -16,10 +16,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-LEVELS = 65535  # of a position along an axis
-EDGE_SHARE = 256  # a step need not be finer than this share of a usual edge
-BLOCK_EDGES = 6  # usual edges along a block: 2.1 bytes of a triangle, where the order of extraction takes 2.8
-LEVEL = 9  # of Deflate
+LEVELS = 65535  # A position has this many levels along an axis.
+EDGE_SHARE = 256  # A step is at least a usual edge divided by this.
+# A block is this many usual edges long: 2.1 bytes of a triangle, where the order of extraction takes 2.8.
+BLOCK_EDGES = 6
+LEVEL = 9  # The level of Deflate.
 
 
 class Packed(NamedTuple):

@@ -42,7 +42,7 @@ def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]
 
 
 def _element(structure: Structure) -> str:
-    """A structure as an element of the page: what it is as an attribute, its mesh as text."""
+    """Return a structure as an element of the page: its properties as an attribute, its mesh as text."""
     mesh = packed(structure.vertices, structure.faces)
     facts = html.escape(json.dumps(_facts(structure, mesh), separators=(",", ":"), ensure_ascii=False))
     content = base64.b64encode(mesh.content).decode("ascii")

@@ -33,7 +33,7 @@ class Structure:
     normals : (V, 3) float32 or None
         Unit length, pointing outside; without them a file gets the means of the triangles'.
     volume_mm3 : float or None
-        Of a closed surface; None for an open one.
+        Volume of a closed surface; None for an open one.
     """
 
     name: str
@@ -83,7 +83,7 @@ def as_structures(structures: Iterable[Structure], target: str) -> list[Structur
 
 
 def _unique(name: str, taken: set[str]) -> str:
-    """The name, or with the first number that nobody has."""
+    """Return the name, with the first free number if it is taken."""
     number, unique = 1, name
     while file_key(unique) in taken:
         number += 1

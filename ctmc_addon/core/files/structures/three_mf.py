@@ -17,7 +17,7 @@ from ..mesh_files import parts_of
 from .structure import Structure, hex_color, total
 
 MOST_VERTICES = 1 << 31
-MATERIALS = 1  # the number of the group of materials; objects follow
+MATERIALS = 1  # The number of the group of materials; objects follow.
 TYPES = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<Types xmlns="http://schemas.openxmlformats.org/package/2006/content-types">'

@@ -16,7 +16,7 @@ from .structure import Structure
 
 
 def write_obj_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
-    """Write an OBJ, and its MTL beside it."""
+    """Write an OBJ, and its MTL next to it."""
     materials = path.with_suffix(".mtl")
     with materials.open("wb") as file:
         file.write(b"# CTMC\n")
@@ -36,7 +36,6 @@ def write_obj_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
 
 
 def _word(structure: Structure) -> str:
-    """A name as one word."""
     return structure.name.replace(" ", "_")
 
 

@@ -24,7 +24,7 @@ Writer = Callable[[Path, Sequence[Structure]], Steps[None]]
 WRITERS: dict[str, Writer] = dict(
     zip(STRUCTURE_SUFFIXES, (write_obj_steps, write_glb_steps, write_3mf_steps, write_page_steps), strict=True)
 )
-TURNED = (".obj", ".3mf")  # whose axes can be LPS; those of the others are fixed
+TURNED = (".obj", ".3mf")  # The axes of these formats can be LPS; the other formats fix their axes.
 
 
 def write_structures(path: str | os.PathLike[str], structures: Sequence[Structure], space: str = "ras") -> None:
@@ -49,7 +49,7 @@ def write_structures(path: str | os.PathLike[str], structures: Sequence[Structur
 
 
 def write_structures_steps(path: Path, structures: Sequence[Structure], space: str = "ras") -> Steps[None]:
-    """`write_structures` as steps, straight to a path: that the files are whole is up to the caller."""
+    """Do what `write_structures` does as steps, straight to a path; the caller makes sure that files are whole."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         formats = ", ".join(STRUCTURE_SUFFIXES)

@@ -33,12 +33,12 @@ from .triangle_angles import degrees_of, doubled_areas, smallest_tangents, squar
 STEPS = 1000
 """Alphas that are looked at are whole numbers divided by this."""
 ALPHAS_AT_ONCE = 64
-WITNESSES = 64  # triangles that are followed over all alphas at once
+WITNESSES = 64  # Follow this many triangles over all alphas at once.
 
 
 @dataclass(frozen=True)
 class AlphaChoice:
-    """An alpha that was chosen from a surface, and what it costs.
+    """An alpha that was chosen from a surface, and its cost.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class AlphaChoice:
         return self.smallest_angle_deg >= self.min_angle_deg
 
     def sentence(self) -> str:
-        """What was chosen and what it costs, in words."""
+        """Return the chosen alpha and what it costs, in words."""
         cost = (
             f"compared with alpha 1 its vertices move by {length_text(self.mean_mm, 3)} on average and "
             f"{length_text(self.largest_mm, 3)} at most"
@@ -138,7 +138,7 @@ def chosen_alpha_steps(one_pass: Callable[[], Pieces], min_angle_deg: float, mos
 
 
 def kept_alpha_steps(pass_at: Callable[[float], Pieces], min_angle_deg: float) -> Steps[AlphaChoice]:
-    """`chosen_alpha_steps` for a surface whose small components are dropped, which hangs on alpha too, if little.
+    """Choose alpha for a surface without small components, whose choice depends on alpha too, if little.
 
     `pass_at` an alpha gives the pieces that are kept there. What was chosen is looked at with those, until it stays.
     """
@@ -151,7 +151,7 @@ def kept_alpha_steps(pass_at: Callable[[float], Pieces], min_angle_deg: float) -
 
 
 class _Piece(NamedTuple):
-    """Both ends of the vertices of a piece, with those of the next that its triangles need, and how many are its."""
+    """Vertices of a piece at both ends of alpha, with those of the next that its triangles use."""
 
     midpoints: NDArray[np.float32]
     linear: NDArray[np.float32]
@@ -160,7 +160,7 @@ class _Piece(NamedTuple):
 
 
 class _Moved:
-    """How far alpha 1 is from alpha 0, summed vertex after vertex, so that it matters not where pieces are cut."""
+    """Sum of the distances between alpha 1 and alpha 0, added vertex by vertex so that cuts do not matter."""
 
     def __init__(self) -> None:
         self._sum = self.largest = 0.0
@@ -219,18 +219,18 @@ class _Search:
     def _below_steps(self, piece: _Piece) -> Steps[tuple[NDArray[np.intp], float]]:
         """The triangles of a piece that are below at the present alpha, the worst first, and the smallest tangent."""
         vertices = blend(piece.midpoints, piece.linear, self.alpha)
-        found, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
+        numbers, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
         for start in range(0, len(piece.faces), FACES_PER_STEP):
             tangent = _tangents_at(vertices[piece.faces[start : start + FACES_PER_STEP]])
             smallest = min(smallest, float(tangent.min()))
             below = np.flatnonzero(tangent < self._needed)
-            found.append(below + start)
+            numbers.append(below + start)
             tangents.append(tangent[below])
             yield PAUSE
-        return np.concatenate(found)[np.argsort(np.concatenate(tangents), kind="stable")], smallest
+        return np.concatenate(numbers)[np.argsort(np.concatenate(tangents), kind="stable")], smallest
 
     def _sorted_below(self, piece: _Piece, faces: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Those of some triangles that are below at the present alpha, the worst first."""
+        """Return the triangles of some that are below at the present alpha, the worst first."""
         corners = piece.faces[faces]
         tangent = _tangents_at(blend(piece.midpoints[corners], piece.linear[corners], self.alpha))
         order = np.argsort(tangent, kind="stable")

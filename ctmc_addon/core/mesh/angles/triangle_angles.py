@@ -27,7 +27,7 @@ BINS = OCTAVES << (23 - DROPPED_BITS)
 
 @dataclass(frozen=True)
 class TriangleQuality:
-    """How good the triangles of a surface are.
+    """Quality of the triangles of a surface.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class QualitySums:
         ----------
         corners : three (n, 3) float64
         vectors : (n, 3) float64
-            Of length twice the area, as `face_vectors` returns them.
+            Vectors of length twice the area, as `face_vectors` returns them.
         """
         if not len(vectors):
             return
@@ -130,7 +130,7 @@ def _radius_ratios(doubled: Doubles, squares: Sequence[Doubles]) -> Doubles:
     Examples
     --------
     >>> corners = np.array([[[0.0, 0, 0]], [[4, 0, 0]], [[0, 3, 0]]])
-    >>> radius_ratios(doubled_areas(corners), squared_sides(corners))
+    >>> _radius_ratios(doubled_areas(corners), squared_sides(corners))
     array([1.25])
     """
     a, b, c = (np.sqrt(square) for square in squares)

@@ -29,7 +29,7 @@ class SurfaceDistance:
     mean : float
         Mean of the two mean distances at the samples, from each surface to the other.
     percentile_95 : float
-        What 95 % of the samples of each surface stay within: the larger of the two ways.
+        Distance within which 95 % of the samples of each surface stay: the larger of the two ways.
     largest : float
         The largest distance at any sample or vertex of either.
     """
@@ -40,7 +40,7 @@ class SurfaceDistance:
 
 
 class ReferenceSurface:
-    """A surface that others are measured against; its tree and samples are made once, when first asked for."""
+    """A surface to measure other surfaces against; its tree and samples are made once, at first use."""
 
     def __init__(self, mesh: TriangleMesh) -> None:
         self.mesh = mesh
@@ -69,7 +69,7 @@ class ReferenceSurface:
 
 
 def surface_distance(mesh: TriangleMesh, reference: TriangleMesh) -> SurfaceDistance:
-    """How far two surfaces are from each other.
+    """Measure the distance between two surfaces.
 
     Parameters
     ----------

@@ -27,12 +27,12 @@ from ..topology import FACES_PER_STEP
 from ..triangle_mesh import TriangleMesh
 from ..vectors import cross, dot
 
-BRANCH = 4  # boxes in a box
-BLOCK = 2048  # points that go down the tree together: their pairs stay in the cache
-CROWD = 16  # pairs a point, from which on it pays to improve the bounds
-MARGIN = 2.0**-21  # of the mesh's extent, by which boxes are too large: some units in the last place of float32
-SLACK = 1 + 2.0**-18  # of a squared bound, for the same reason
-CODE_BITS = 21  # a coordinate has in a Morton code
+BRANCH = 4  # A box has this many children.
+BLOCK = 2048  # This many points go down the tree at once: their pairs stay in the cache.
+CROWD = 16  # Improve the bounds once a point has more pairs than this.
+MARGIN = 2.0**-21  # Boxes are too large by this share of the mesh's extent: some units in the last place of float32.
+SLACK = 1 + 2.0**-18  # Widen a squared bound by this factor, for the same reason.
+CODE_BITS = 21  # A coordinate has this many bits in a Morton code.
 
 
 def distances(points: NDArray[Any], mesh: TriangleMesh) -> Doubles:
@@ -218,13 +218,13 @@ class TriangleTree:
         )
 
     def _bounds(self, points: NDArray[Any]) -> Doubles:
-        """Squared distance from every point (3, n) to the nearer of two triangles beside it in Morton order."""
+        """Return the squared distance from every point (3, n) to the nearer of its two neighbors in Morton order."""
         after = np.minimum(np.searchsorted(self._sorted_codes, self._codes(points.T)), len(self.order) - 1)
         point = np.arange(points.shape[1])
         return np.minimum(self._squared(points, point, after), self._squared(points, point, np.maximum(after - 1, 0)))
 
     def _codes_steps(self, count: int, points_of: Callable[[slice], Doubles]) -> Steps[NDArray[np.uint64]]:
-        """`_codes` of so many points, of which `points_of` gives any block."""
+        """Return the codes of all points, of which `points_of` gives any block."""
         codes = np.empty(count, np.uint64)
         for start in range(0, count, FACES_PER_STEP):
             block = slice(start, start + FACES_PER_STEP)
@@ -233,7 +233,7 @@ class TriangleTree:
         return codes
 
     def _codes(self, points: NDArray[Any]) -> NDArray[np.uint64]:
-        """Place of every point (n, 3) on a curve through the mesh's box that keeps neighbors together."""
+        """Return the position of every point (n, 3) on a curve through the mesh's box that keeps neighbors close."""
         return morton_codes(points, self._low, self._cells_per_unit)
 
 
@@ -284,7 +284,7 @@ def _to_segment(from_start: NDArray[Any], along: NDArray[Any]) -> NDArray[Any]:
 
 
 def _least_of_each(sorted_numbers: Indices, values: NDArray[Any]) -> NDArray[np.intp]:
-    """Where each number has its least value, the first of equals, in numbers that never fall."""
+    """Return the position of the least value for each number, the first of equals; the numbers never fall."""
     starts = _starts(sorted_numbers)
     least = np.minimum.reduceat(values, starts)
     places = np.flatnonzero(values == np.repeat(least, np.diff(starts, append=len(values))))
@@ -292,7 +292,7 @@ def _least_of_each(sorted_numbers: Indices, values: NDArray[Any]) -> NDArray[np.
 
 
 def _starts(sorted_numbers: Indices) -> NDArray[np.intp]:
-    """Where a new number begins, in numbers that never fall."""
+    """Return the positions at which a new number begins; the numbers never fall."""
     return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
 
 

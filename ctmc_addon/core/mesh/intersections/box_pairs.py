@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from ...arrays import Flags, Floats, Ints
 
 SHIFT = 2
-BRANCH = 1 << SHIFT  # boxes in a box
-BLOCK = 1 << 15  # pairs that are compared together
-_FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # of a box with itself every pair of children once
+BRANCH = 1 << SHIFT  # A box has this many children.
+BLOCK = 1 << 15  # Compare this many pairs at once.
+_FORWARD = np.arange(BRANCH)[:, None] <= np.arange(BRANCH)  # A box and itself give every pair of children once.
 
 
 class BoxTree:
@@ -68,9 +68,9 @@ class BoxTree:
             near &= np.take(selected, first, axis=1)[:, None] | np.take(selected, second, axis=1)
         itself = np.flatnonzero(first == second)
         near[:, :, itself] &= _FORWARD[:, :, None]
-        found = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
-        pair = found >> 2 * SHIFT
-        one, other = found >> SHIFT & BRANCH - 1, found & BRANCH - 1
+        flat = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
+        pair = flat >> 2 * SHIFT
+        one, other = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
         return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
 
 

@@ -32,9 +32,9 @@ from .triangle_pairs import have_no_area, surely_apart, triangles_at_edge_meet, 
 
 Pairs = Iterator[tuple[Ints, Ints]]
 
-TOGETHER = 16  # blocks of pairs whose doubtful ones are decided together
-FEW = 8  # times as many triangles as selected ones, from which on those far away are left out first
-PLANE_ERROR = 64 * EPSILON  # of the square of a triangle's size times an offset, both in the largest norm
+BLOCKS_AT_ONCE = 16  # Decide the doubtful pairs of this many blocks at once.
+FEW = 8  # Leave out far triangles first if there are this many times as many triangles as selected ones.
+PLANE_ERROR = 64 * EPSILON  # Error per square of a triangle's size times an offset, both in the largest norm.
 
 
 def self_intersections(vertices: NDArray[Any], faces: NDArray[Any], selected: Flags | None = None) -> Indices:
@@ -89,16 +89,16 @@ def self_intersections_steps(
     mesh = _Triangles(columns, rows)
     yield from mesh.measure_steps()
     flat = mesh.flat if selected is None else mesh.flat[selected[mesh.flat]]
-    found = [np.stack([flat, flat])]
+    pair_blocks = [np.stack([flat, flat])]
     doubtful: list[list[Indices]] = []
     while (block := next(blocks, None)) is not None:
         doubtful.append(mesh.doubtful(*block))
-        if len(doubtful) == TOGETHER:
-            found += mesh.meeting(_joined(doubtful))
+        if len(doubtful) == BLOCKS_AT_ONCE:
+            pair_blocks += mesh.meeting(_joined(doubtful))
             doubtful = []
         yield PAUSE
-    found += mesh.meeting(_joined(doubtful))
-    pairs = np.sort(numbers[np.concatenate(found, axis=1)], axis=0)
+    pair_blocks += mesh.meeting(_joined(doubtful))
+    pairs = np.sort(numbers[np.concatenate(pair_blocks, axis=1)], axis=0)
     return np.ascontiguousarray(pairs[:, np.lexsort(pairs[::-1])].T)
 
 
@@ -130,7 +130,7 @@ def _used(columns: Floats, faces: Ints) -> tuple[Floats, Ints]:
 
 
 class _Triangles:
-    """Triangles in columns, and what is known of each.
+    """Triangles in columns, and facts about each.
 
     columns : (3, V) float32
     faces : (3, F) int32
@@ -166,7 +166,7 @@ class _Triangles:
         yield PAUSE
 
     def doubtful(self, first: Ints, second: Ints) -> list[Indices]:
-        """Of pairs of triangles whose boxes overlap those that may meet: (2, n) for 0, 1, 2 and 3 common vertices."""
+        """Return the pairs that may meet, of boxes that overlap: (2, n) each for 0, 1, 2 and 3 common vertices."""
         if len(self.flat):
             solid = ~(np.take(self.is_flat, first) | np.take(self.is_flat, second))
             first, second = first[solid], second[solid]
@@ -177,8 +177,8 @@ class _Triangles:
             common |= same.view(np.uint8) << np.uint8(row)
         left = np.flatnonzero(common & np.take(self.proved, first) == 0)
         count = _COUNT[common[left]]
-        for planes, others in ((first, second), (second, first)):
-            near = ~self._one_side(planes[left], others[left], _OWN[count])
+        for planes, opposite in ((first, second), (second, first)):
+            near = ~self._one_side(planes[left], opposite[left], _OWN[count])
             left, count = left[near], count[near]
         pairs = np.stack([first[left], second[left]])
         return [np.compress(count == number, pairs, axis=1) for number in range(4)]
@@ -192,7 +192,7 @@ class _Triangles:
         return _doubles(self.corners, triangles)
 
     def _one_side(self, planes: Ints, triangles: Ints, own: NDArray[np.uint8]) -> Flags:
-        """Whether so many corners of triangles are surely on one side of planes: all but those that it is through."""
+        """Return whether the corners of triangles, but for those in `own` planes, are surely on one side."""
         x, y, z = np.take(self.normals, planes, axis=1)
         least, error = np.take(self.offsets, planes), np.take(self.errors, planes)
         most = least + error
@@ -206,14 +206,14 @@ class _Triangles:
         return (np.maximum(above, below) == own) & (np.minimum(above, below) == 0)
 
     def _meet(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs without a common vertex meet."""
+        """Return whether each pair without a common vertex meets."""
         met = ~surely_apart(self._corners(first), self._corners(second))
         left = np.flatnonzero(met)
         met[left] = triangles_meet(self._corners(first[left]), self._corners(second[left]))
         return met
 
     def _meet_beyond_vertex(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs with one common vertex meet elsewhere."""
+        """Return whether each pair with one common vertex meets elsewhere."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         turned = []
@@ -224,12 +224,12 @@ class _Triangles:
         return triangles_at_vertex_meet(*sides)
 
     def _meet_beyond_edge(self, first: Ints, second: Ints) -> Flags:
-        """Which of these pairs with a common edge lie on each other."""
+        """Return whether the triangles of each pair with a common edge lie on each other."""
         ours, theirs = self.faces[:, first], self.faces[:, second]
         same = ours[:, None] == theirs
         column = np.arange(len(first))
-        alone = same.any(axis=1).argmin(axis=0)
-        points = [ours[(alone + turn) % 3, column] for turn in (1, 2, 0)]
+        own_corner = same.any(axis=1).argmin(axis=0)
+        points = [ours[(own_corner + turn) % 3, column] for turn in (1, 2, 0)]
         points.append(theirs[same.any(axis=0).argmin(axis=0), column])
         return triangles_at_edge_meet(*(_doubles([self.columns], point)[0] for point in points))
 
@@ -244,12 +244,13 @@ def _joined(blocks: list[list[Indices]]) -> list[Indices]:
     return [np.concatenate([empty, *(block[number] for block in blocks)], axis=1) for number in range(4)]
 
 
-_COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # bits set
-_OWN = np.array([3, 2, 1, 4], np.uint8)  # corners that are not common; two triangles of the same corners always meet
+_COUNT = np.array([0, 1, 1, 2, 1, 2, 2, 3], np.uint8)  # The number of bits set.
+# The number of corners that are not common; two triangles of the same corners always meet.
+_OWN = np.array([3, 2, 1, 4], np.uint8)
 
 
 def _order_steps(columns: Floats, faces: Ints) -> Steps[Indices]:
-    """The order of the triangles (3, F) along a curve that keeps neighbors together, (F,)."""
+    """Return the order of the triangles (3, F) along a curve that keeps neighbors close, (F,)."""
     low, high = columns.min(axis=1), columns.max(axis=1)
     extent = float((high.astype(np.float64) - low).max()) or 1.0
     corner = np.take(columns, faces[0], axis=1).T

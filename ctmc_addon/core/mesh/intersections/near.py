@@ -8,11 +8,11 @@ import numpy as np
 from ...arrays import Flags, Floats, Ints
 from ...progress import PAUSE, Steps
 
-CELLS = 128  # of the grid, along each axis
+CELLS = 128  # The grid has this many cells along each axis.
 
 
 def near_faces_steps(columns: Floats, faces: Ints, selected: Flags) -> Steps[Flags]:
-    """Which triangles are near a selected one, (F,) bool: all whose box meets that of one, and some more.
+    """Return which triangles are near a selected one, (F,) bool: all whose box meets its box, and some more.
 
     Parameters
     ----------

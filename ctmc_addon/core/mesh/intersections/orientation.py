@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from ...arrays import Doubles, Signs
 
 EPSILON = 2.0**-53
-SIDE_ERROR = 8 * EPSILON  # of the sum of the absolute products: (7 + 56 eps) eps, rounded up
+SIDE_ERROR = 8 * EPSILON  # Error per sum of the absolute products: (7 + 56 eps) eps, rounded up.
 TURN_ERROR = 4 * EPSILON  # (3 + 16 eps) eps, rounded up
-WHOLE = 2.0**149  # times any float32 is a whole number, which float64 holds
-BITS = 36  # of a difference of coordinates, so that a doubtful volume is below 2^62
+WHOLE = 2.0**149  # Any float32 times this is a whole number, which float64 holds.
+BITS = 36  # A difference of coordinates has this many bits, so that a doubtful volume is below 2^62.
 
 
 def sides(a: Doubles, b: Doubles, c: Doubles, d: Doubles) -> Signs:
@@ -68,8 +68,8 @@ def turns(a: Doubles, b: Doubles, c: Doubles) -> Signs:
 
 def _exact_signs(points: list[Doubles], value: Callable[..., Any]) -> Signs:
     """Signs of doubtful values of all but the last point from there, (n,)."""
-    *others, last = points
-    _, exponent = np.frexp(np.maximum.reduce([np.abs(point - last) for point in others]))
+    *leading, last = points
+    _, exponent = np.frexp(np.maximum.reduce([np.abs(point - last) for point in leading]))
     # A factor for each axis changes no sign.
     scaled = [np.ldexp(point, BITS - exponent) for point in points]
     whole = np.logical_and.reduce([np.rint(point) == point for point in scaled]).all(axis=0)
@@ -79,7 +79,7 @@ def _exact_signs(points: list[Doubles], value: Callable[..., Any]) -> Signs:
     out[at] = np.sign(value(*((point[:, at] - origin).astype(np.int64) for point in scaled[:-1])))
     for column in np.flatnonzero(~whole).tolist():
         place = _whole_numbers(last[:, column])
-        number = value(*(np.subtract(_whole_numbers(point[:, column]), place) for point in others))
+        number = value(*(np.subtract(_whole_numbers(point[:, column]), place) for point in leading))
         out[column] = (number > 0) - (number < 0)
     return out
 

@@ -13,14 +13,14 @@ from ...arrays import Doubles, Flags, Floats, Ints
 from ...progress import PAUSE, Steps
 from ..vectors import dot
 
-LEAST = 1e-6  # sine between a triangle and the direction, at least: far above what rounding does
+LEAST = 1e-6  # The sine between a triangle and the direction is at least this: far above what rounding does.
 STEEP = 0.9
 
 
 def flat_stars_steps(
     corners: list[Floats], faces: Ints, vertex_count: int, normals: Doubles, errors: Doubles
 ) -> Steps[Flags]:
-    """Which vertices are proved so, (V,) bool.
+    """Return which vertices are proved to have a flat star of triangles, (V,) bool.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ def flat_stars_steps(
     normals : (3, F) float64
         As long as twice the area of each triangle.
     errors : (F,) float64
-        By how much their products with a unit vector may be wrong.
+        Errors of their products with a unit vector, at most.
     """
     least = LEAST * np.sqrt(dot(normals, normals)) + errors
     direction = np.zeros((3, vertex_count))

@@ -30,9 +30,9 @@ def keep_complex_components_steps(
     ----------
     surface : ComplexSurface
     labels : sequence of int
-        Those whose components are looked at, each for itself.
+        Labels whose components are looked at, each by itself.
     alpha : float
-        At which to measure.
+        Alpha at which to measure.
     limits : ComponentLimits
 
     Returns
@@ -40,15 +40,15 @@ def keep_complex_components_steps(
     surface : ComplexSurface
         Triangles whose two sides are now the same are dropped; vertices are renumbered in their order.
     errors : dict of int to MeshError
-        For every label of which nothing is left.
+        Error for every label of which nothing is left.
     """
     sides, errors = surface.sides.copy(), {}
     borders = borders_of(surface.faces, surface.sides)
     for label in labels:
         own = np.flatnonzero((surface.sides == label).any(axis=1))
-        alone, beyond = surface.within(borders[label])
+        own_surface, beyond = surface.within(borders[label])
         try:
-            component, keep, volumes = yield from kept_faces_steps(alone, alpha, limits)
+            component, keep, volumes = yield from kept_faces_steps(own_surface, alpha, limits)
         except MeshError as error:
             errors[label] = error
             sides[sides == label] = 0
@@ -58,8 +58,8 @@ def keep_complex_components_steps(
         # A small cavity is filled where it holds nothing but what has no label.
         filled = (volumes < 0) & ~keep
         filled[component[beyond != 0]] = False
-        gone = own[~keep[component] & ~filled[component]]
-        sides[gone] = np.where(surface.sides[gone] == label, 0, sides[gone])
+        released = own[~keep[component] & ~filled[component]]
+        sides[released] = np.where(surface.sides[released] == label, 0, sides[released])
         within = own[filled[component]]
         sides[within] = label
     return _between_different(surface, sides), errors

@@ -23,7 +23,7 @@ from .pinched_vertices import split_pinched
 
 
 class _Interface(NamedTuple):
-    """Where two labels meet.
+    """The contact of two labels.
 
     Parameters
     ----------
@@ -31,7 +31,7 @@ class _Interface(NamedTuple):
         The labels; 0 is what has no label.
     triangles : int
     area : float
-        In the square of the vertices' unit.
+        Area in the square of the vertices' unit.
     """
 
     behind: int
@@ -41,7 +41,7 @@ class _Interface(NamedTuple):
 
 
 class Neighbor(NamedTuple):
-    """What a label's surface borders on: a label, or 0 for what has none; the area in mm2."""
+    """Label on the other side of a label's surface, 0 for none, and the area between them, mm2."""
 
     label: int
     triangles: int
@@ -49,11 +49,11 @@ class Neighbor(NamedTuple):
 
 
 def neighbors_of(label: int, interfaces: Iterable[_Interface]) -> tuple[Neighbor, ...]:
-    """Return the labels that a label borders on, in the order of their numbers; what has no label is left out.
+    """Return the labels that a label borders on, in the order of their numbers, without 0.
 
     Examples
     --------
-    >>> neighbors_of(2, [Interface(1, 0, 4, 8.0), Interface(2, 0, 9, 7.0), Interface(2, 1, 5, 3.5)])
+    >>> neighbors_of(2, [_Interface(1, 0, 4, 8.0), _Interface(2, 0, 9, 7.0), _Interface(2, 1, 5, 3.5)])
     (Neighbor(label=1, triangles=5, area_mm2=3.5),)
     """
     both = ((each, other) for each in interfaces for other in (each.behind, each.front))
@@ -117,7 +117,7 @@ class ComplexMesh:
 
 @dataclass(frozen=True, eq=False)
 class ComplexSurface:
-    """What extraction found: for every vertex both ends of alpha (Su and Ma, eq. 5 to 7).
+    """Extracted surface: every vertex at both ends of alpha (Su and Ma, eq. 5 to 7).
 
     Parameters
     ----------
@@ -139,7 +139,7 @@ class ComplexSurface:
 
     @property
     def may_cross(self) -> NDArray[np.bool_]:
-        """Whether a triangle may cross others, (F,): those of the case table do not, as with one label."""
+        """Return whether a triangle may cross another one, (F,); triangles of the case table never do."""
         return self.off_edges[self.faces].any(axis=1)
 
     def at(self, alpha: float) -> ComplexMesh:
@@ -151,7 +151,7 @@ class ComplexSurface:
         return self.within(bordering(self.faces, self.sides, label))
 
     def within(self, border: Border) -> tuple[Surface, NDArray[np.int32]]:
-        """Return what `of_label` does, of a label whose border is known."""
+        """Return the surface that `of_label` returns, for a given border of a label."""
         used = border.used
         return Surface(self.midpoints[used], self.linear[used], border.faces), border.beyond
 

@@ -21,7 +21,7 @@ def split_pinched(faces: Ints, candidates: NDArray[np.bool_]) -> tuple[Ints, Int
     Parameters
     ----------
     faces : (F, 3) int32
-        Of a surface no edge of which has more than two triangles.
+        Faces of a surface no edge of which has more than two triangles.
     candidates : (V,) bool
         The vertices that are looked at.
 

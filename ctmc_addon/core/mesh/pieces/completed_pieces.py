@@ -25,7 +25,7 @@ class CompletedPiece:
     ----------
     mesh : TriangleMesh
     own : int
-        How many of its vertices are the piece's; they come first.
+        Number of the piece's own vertices; they come first.
     first : int
         Number of its first vertex in the whole surface; the others follow, those of the next piece too.
     """
@@ -57,7 +57,7 @@ def completed_pieces_steps(pieces: SurfacePieces[T]) -> Generator[Step | Complet
     Raises
     ------
     MeshError
-        Where triangles reach beyond the next piece.
+        If triangles reach beyond the next piece.
     """
     first = 0
     source = WithResult(with_next_steps(pieces))

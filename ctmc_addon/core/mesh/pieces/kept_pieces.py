@@ -24,12 +24,12 @@ from .completed_pieces import completed_pieces_steps
 from .piece_links import PieceLinks
 from .spool import Spool
 
-LINKING, WEIGHING, MEASURING, ENCLOSING, KEEPING = range(5)  # passes
+LINKING, WEIGHING, MEASURING, ENCLOSING, KEEPING = range(5)  # The passes.
 TITLES = ("Joining components", "Measuring components", "Measuring components", "Finding cavities", "")
 PASSES = len(TITLES)
-MOST_PAIRS = 1 << 20  # of a ray and a component, before they are summed up
+MOST_PAIRS = 1 << 20  # Sum up pairs of a ray and a component once there are this many.
 
-Decision = tuple[NDArray[np.bool_], NDArray[np.float64]]  # which components stay, and their signed volumes
+Decision = tuple[NDArray[np.bool_], NDArray[np.float64]]  # The components that stay, and their signed volumes.
 
 
 class KeptPieces:
@@ -40,7 +40,7 @@ class KeptPieces:
     one_pass : callable
         Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
     limits : ComponentLimits
-        Which components stay.
+        Limits that decide which components stay.
     spool : Spool, optional
         Keeps the component of each triangle; by default they stay in memory.
     """
@@ -198,8 +198,8 @@ class KeptPieces:
             mesh, component = item
             corners = mesh.vertices[mesh.faces.ravel()]
             low, high = corners.min(axis=0), corners.max(axis=0)
-            beside = (points[:, 1:] >= low[1:]) & (points[:, 1:] <= high[1:])
-            near = np.flatnonzero(beside.all(axis=1) & (points[:, 0] <= high[0]))
+            in_reach = (points[:, 1:] >= low[1:]) & (points[:, 1:] <= high[1:])
+            near = np.flatnonzero(in_reach.all(axis=1) & (points[:, 0] <= high[0]))
             if not len(near):
                 continue
             ray, face, leaves = finish(crossings_steps(mesh, points[near]))
@@ -246,7 +246,7 @@ def keep_components_steps(surface: Surface, alpha: float, limits: ComponentLimit
 
 
 def kept_and_removed_steps(surface: Surface, alpha: float, limits: ComponentLimits) -> Steps[tuple[Surface, int]]:
-    """Return what `keep_components_steps` returns, and how many components were removed, cavities among them."""
+    """Do what `keep_components_steps` does, and count the removed components, cavities among them."""
     kept = KeptPieces(lambda _: replayed_steps([surface]), limits)
     for item in kept.pieces_steps(alpha):
         if isinstance(item, Step):

@@ -18,9 +18,9 @@ from ...errors import OutputError
 from ...progress import Step, Steps, WithResult
 from ..triangle_mesh import Pieces, Surface
 
-VERTEX_BYTES = 36  # its two ends of alpha and its normal
-FACE_BYTES = 16  # a triangle's vertices, and the number of its component
-VAR_TMP = Path("/var/tmp")  # on disk where /tmp is memory
+VERTEX_BYTES = 36  # A vertex has two ends of alpha and a normal.
+FACE_BYTES = 16  # A triangle has three vertices and the number of its component.
+VAR_TMP = Path("/var/tmp")  # On disk where /tmp is memory.
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Spool:
     most_bytes : float
         Bytes that may stay in memory; an array that does not fit goes to the file. By default all stay.
     folder : Path, optional
-        Where the file lies; by default where the system keeps temporary files on disk.
+        Folder of the file; by default where the system keeps temporary files on disk.
     """
 
     def __init__(self, most_bytes: float = math.inf, folder: Path | None = None) -> None:
@@ -67,7 +67,7 @@ class Spool:
         Raises
         ------
         OutputError
-            Where the file cannot be written.
+            If the file cannot be written.
         """
         size = sum(array.nbytes for array in arrays)
         if self.held_bytes + size <= self.most_bytes:
@@ -123,7 +123,7 @@ class Spool:
 
 
 def temporary_folder() -> Path:
-    """Return where temporary files lie on disk: what TMPDIR says, else not in a /tmp that may be memory."""
+    """Return the folder of temporary files on disk: TMPDIR, or one that is not a /tmp in memory."""
     on_disk = "TMPDIR" not in os.environ and os.name == "posix" and os.access(VAR_TMP, os.W_OK)
     return VAR_TMP if on_disk else Path(tempfile.gettempdir())
 
@@ -142,7 +142,7 @@ class SpooledPieces:
         self._result: int | None = None
 
     def take_steps(self, pieces: Pieces) -> Steps[None]:
-        """Take all pieces, and what their maker returns."""
+        """Take all pieces, and the result of their maker."""
         source = WithResult(pieces)
         for item in source:
             if isinstance(item, Step):
@@ -153,7 +153,7 @@ class SpooledPieces:
         self._result = source.result
 
     def pieces_steps(self, last: bool = False) -> Pieces:
-        """Yield the pieces, and return what their maker returned; `last` releases them."""
+        """Yield the pieces, and return the result of their maker; `last` releases them."""
         for number, entry in enumerate(self._numbers):
             yield Step(number / len(self._numbers))
             yield Surface(*self.spool.get(entry, last))

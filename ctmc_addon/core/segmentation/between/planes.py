@@ -74,12 +74,12 @@ class _BetweenPlanes:
 
 
 def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, float]) -> Steps[_BetweenPlanes]:
-    """Measure what lies between two planes.
+    """Measure the body between two planes.
 
     Parameters
     ----------
     below, above : Outline
-        Of one shape.
+        Outlines of one shape.
     sides_mm : (rows, columns) float
         Distances between samples.
 
@@ -100,45 +100,47 @@ def between_planes_steps(below: Outline, above: Outline, sides_mm: tuple[float, 
     return _BetweenPlanes(below.mask & above.mask, differing, below_mm, above_mm, -ON_SURFACE * min(sides_mm))
 
 
-def _signed_mm_steps(outline: Outline, wanted: Flags, sides_mm: tuple[float, float]) -> Steps[Doubles]:
+def _signed_mm_steps(outline: Outline, selected: Flags, sides_mm: tuple[float, float]) -> Steps[Doubles]:
     """Return the distances of some samples to the surface, (n,), + inside.
 
     The surface passes between a sample and the nearest one on its other side, so it is no farther than that one.
     """
-    inside = outline.mask[wanted]
+    inside = outline.mask[selected]
     if not inside.size:
         return np.zeros(0)
     most_mm = np.empty(inside.size)
     for side, mask in ((inside, ~outline.mask), (~inside, outline.mask)):
-        most_mm[side] = _to_samples_mm(mask, wanted & ~mask, sides_mm)
-    mm = yield from _to_edges_steps(outline, wanted, most_mm, sides_mm)
+        most_mm[side] = _to_samples_mm(mask, selected & ~mask, sides_mm)
+    mm = yield from _to_edges_steps(outline, selected, most_mm, sides_mm)
     return np.where(inside, mm, -mm)
 
 
-def _to_samples_mm(mask: Flags, wanted: Flags, sides_mm: tuple[float, float]) -> Doubles:
+def _to_samples_mm(mask: Flags, selected: Flags, sides_mm: tuple[float, float]) -> Doubles:
     """Return the distances from some samples to the nearest of a mask, (n,); infinite where it has none."""
     rows_mm, columns_mm = sides_mm
     limit_mm = FIRST_LIMIT * max(sides_mm)
     while True:
-        squares = squared_distances(mask[None], (columns_mm, rows_mm, 1.0), limit_mm)[0][wanted]
+        squares = squared_distances(mask[None], (columns_mm, rows_mm, 1.0), limit_mm)[0][selected]
         if not mask.any() or float(squares.max(initial=0.0)) <= limit_mm * limit_mm:
             return np.sqrt(squares.astype(np.float64))
         limit_mm *= 2
 
 
-def _to_edges_steps(outline: Outline, wanted: Flags, most_mm: Doubles, sides_mm: tuple[float, float]) -> Steps[Doubles]:
+def _to_edges_steps(
+    outline: Outline, selected: Flags, most_mm: Doubles, sides_mm: tuple[float, float]
+) -> Steps[Doubles]:
     """Return the distances from some samples to the nearest edge on the surface, (n,), `most_mm` where none is nearer.
 
     Edges of a keyhole and of united contours lie in part within the body. A point of an edge is on the surface if
     samples around it lie on both sides.
     """
-    rows, columns = np.nonzero(wanted)
+    rows, columns = np.nonzero(selected)
     scale = np.array(sides_mm[::-1])
     low, high = np.minimum(outline.start, outline.end) * scale, np.maximum(outline.start, outline.end) * scale
     surface = _on_surface(outline.mask)
     at_mm = np.stack([columns, rows], axis=1) * scale
     nearest_mm = most_mm.copy()
-    tile = rows // TILE * wanted.shape[1] + columns // TILE
+    tile = rows // TILE * selected.shape[1] + columns // TILE
     order = np.argsort(tile, kind="stable")
     for samples in np.split(order, np.flatnonzero(np.diff(tile[order])) + 1):
         reach = float(most_mm[samples].max()) * (1 + 1e-6)

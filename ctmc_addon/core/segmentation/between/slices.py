@@ -26,8 +26,8 @@ from ...smoothing.bricks import WIDTH, Bricks, near_surface, number_bricks, pack
 from ...smoothing.relaxation import relax_steps
 from ..distance import Floats, Spacing, squared_distances
 
-NARROW_PIXELS = 3  # to either side of the surface that are smoothed
-ROUNDS = 24  # of smoothing
+NARROW_PIXELS = 3  # Smooth this many pixels to either side of the surface.
+ROUNDS = 24  # Smooth for this many rounds.
 STAGES = {"Measuring distances": 3, "Filling slices": 2, "Smoothing": 5}
 
 
@@ -74,10 +74,10 @@ def between_slices_steps(
     stages = Stages(STAGES)
     first, columns = int(numbers[0]), layers.shape[2]
     wide = np.pad(layers[numbers], ((0, 0), (0, 0), (0, -columns % WIDTH)), mode="edge")  # to whole bricks
-    known = yield from stages.run(measuring, _distances_steps(wide, numbers - first, sides))
-    body = yield from stages.run(filling, _filled_steps(known))
+    distances = yield from stages.run(measuring, _distances_steps(wide, numbers - first, sides))
+    body = yield from stages.run(filling, _filled_steps(distances))
     voxel_mm = (sides[1], sides[0], spacing_mm[2 - axis])
-    yield from stages.run(smoothing, _smoothed_steps(body, known, voxel_mm, budget or Budget()))
+    yield from stages.run(smoothing, _smoothed_steps(body, distances, voxel_mm, budget or Budget()))
     filled = np.zeros(mask.shape, bool)
     np.moveaxis(filled, axis, 0)[first : first + len(body)] = body[:, :, :columns]
     return filled
@@ -122,7 +122,7 @@ class Distances:
     Parameters
     ----------
     numbers : (drawn,) intp
-        Of the drawn slices, from 0.
+        Numbers of the drawn slices, from 0.
     values : (drawn, rows, columns) float32
         Millimeters, positive inside.
     slopes : (drawn, rows, columns) float32
@@ -172,34 +172,34 @@ def _distances_steps(drawn: Flags, numbers: NDArray[np.intp], sides_mm: Sequence
     return Distances(numbers, values, slopes)
 
 
-def _filled_steps(known: Distances) -> Steps[Flags]:
+def _filled_steps(distances: Distances) -> Steps[Flags]:
     """The interpolated body, (slices, rows, columns) from the first drawn slice to the last."""
-    count = int(known.numbers[-1]) + 1
-    body = np.empty((count, *known.values.shape[1:]), bool)
+    count = int(distances.numbers[-1]) + 1
+    body = np.empty((count, *distances.values.shape[1:]), bool)
     for number in range(count):
-        np.greater(known.at(number), 0, out=body[number])
+        np.greater(distances.at(number), 0, out=body[number])
         yield Step((number + 1) / count)
     return body
 
 
-def _smoothed_steps(body: Flags, known: Distances, voxel_mm: Spacing, budget: Budget) -> Steps[None]:
+def _smoothed_steps(body: Flags, distances: Distances, voxel_mm: Spacing, budget: Budget) -> Steps[None]:
     """Smooth the interpolated body in place; `voxel_mm` is along columns, rows and slices."""
     code = packed(body)
     bricks = number_bricks(near_surface(code, (NARROW_PIXELS,) * 3), code != 0)
-    start = yield from _start_steps(bricks, known, voxel_mm)
+    start = yield from _start_steps(bricks, distances, voxel_mm)
     with threads_of(budget.thread_count) as pool:
         yield from relax_steps(bricks, start.field, start.low, start.high, voxel_mm, ROUNDS, pool)
     body.reshape(-1, WIDTH)[bricks.place[: bricks.active]] = start.field[: bricks.active] > 0
 
 
-def _start_steps(bricks: Bricks, known: Distances, voxel_mm: Spacing) -> Steps[Start]:
+def _start_steps(bricks: Bricks, distances: Distances, voxel_mm: Spacing) -> Steps[Start]:
     """The interpolated distances over the bricks, and the bounds that drawn slices set."""
     field, low, high = (np.zeros((len(bricks), WIDTH), np.float32) for _ in range(3))
     least, infinite = np.float32(NEAREST_ZERO * min(voxel_mm)), np.float32(np.inf)
     count, layer = bricks.shape[0], bricks.shape[1] * bricks.shape[2]
     for number in range(count):
-        values = known.at(number).reshape(-1, WIDTH)
-        below, above = (known.values[at].reshape(-1, WIDTH) for at in known.between(number))
+        values = distances.at(number).reshape(-1, WIDTH)
+        below, above = (distances.values[at].reshape(-1, WIDTH) for at in distances.between(number))
         for first, stop in ((0, bricks.active), (bricks.active, len(bricks.place))):  # each in the grid's order
             bounds = np.searchsorted(bricks.place[first:stop], (number * layer, (number + 1) * layer))
             part = slice(first + int(bounds[0]), first + int(bounds[1]))

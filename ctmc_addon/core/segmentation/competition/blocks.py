@@ -16,8 +16,8 @@ from .border import BorderEvidence, drawn_shares, value_ratios
 
 Factors = tuple[int, int, int]
 MOST = 1 << 20
-SIDE_MM = 1.4  # blocks are not made larger than twice this while there are few enough of them
-VALUE = np.float32(0.1)  # of a voxel's own value at the border
+SIDE_MM = 1.4  # Blocks are not larger than twice this while there are few enough of them.
+VALUE = np.float32(0.1)  # A voxel's own value has this weight at the border.
 VOXELS_PER_STEP = 1 << 18
 
 
@@ -80,7 +80,7 @@ def drawn_steps(
     tissue : (slices, rows, columns) float32
     permitted : (slices, rows, columns) bool, optional
     borders : mapping of int to BorderEvidence
-        By structure; of two that want a voxel, the surer one has it.
+        Evidence by structure; of two that claim a voxel, the surer one has it.
     factors : (z, y, x) int
         Voxels of a block.
     """

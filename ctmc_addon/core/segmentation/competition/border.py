@@ -26,14 +26,15 @@ from ..points import Sample, sample_in
 from .claims import Claims, Floats, Sides
 from .geodesic import NEVER, cost_of
 
-AROUND_MM = 15.0  # of a structure, whose values are the other histogram
-BIN, BINS = 4.0, 256  # units of the values, around the mean of what was clicked
-BLUR = 8.0  # of the histograms, units of the values
-CLICKED = 0.3  # share of the clicked values in a histogram; what is claimed is the rest
+AROUND_MM = 15.0  # Values up to this far around a structure are the other histogram.
+# The width of a bin in units of the values, and the number of bins around the mean of what was clicked.
+BIN, BINS = 4.0, 256
+BLUR = 8.0  # Blur the histograms by this many units of the values.
+CLICKED = 0.3  # The clicked values have this share in a histogram; claimed values have the rest.
 RAREST = 1e-4
-SUREST = 3.0  # the largest log of a ratio
-CLAIM, CLAIM_MM = 1.2, 6.0  # cost of the other side of a claim, in full so many mm of time from its border
-EDGE = 20.0  # units of the values by block: a change that makes the border cheap
+SUREST = 3.0  # The largest log of a ratio.
+CLAIM, CLAIM_MM = 1.2, 6.0  # Cost of the other side of a claim, in full from this many mm of time from its border on.
+EDGE = 20.0  # A change by this many units of the values from block to block makes the border cheap.
 CHEAPEST = 0.1
 PER_UNIT = 8  # Prices are looked up by the squared change, in steps of an eighth of a unit.
 # They fall as a Gaussian of the change, in 256ths. The exponential of each block would have another last bit on another
@@ -41,11 +42,11 @@ PER_UNIT = 8  # Prices are looked up by the squared change, in steps of an eight
 FALLING = np.rint(256 * np.exp(np.arange(7 * PER_UNIT * EDGE * EDGE) / (-PER_UNIT * EDGE * EDGE))) / 256
 PRICES = (CHEAPEST + (1 - CHEAPEST) * FALLING).astype(np.float32)
 ROUNDS = 40
-STEP, DUAL_STEP = np.float32(0.3), np.float32(0.27)  # their product below 1/12, for three axes
+STEP, DUAL_STEP = np.float32(0.3), np.float32(0.27)  # Their product is below 1/12, for three axes.
 
 
 class BorderEvidence(NamedTuple):
-    """How sure each block of a window belongs to a structure, 0 to 1, and what values say, for voxels at the border.
+    """Certainty that a block belongs to a structure, 0 to 1, and evidence of values for voxels at the border.
 
     Parameters
     ----------
@@ -74,7 +75,7 @@ def border_steps(
     values : (slices, rows, columns) float32
         Means of blocks, little smoothed.
     sides_mm : (z, y, x) float
-        Of a block.
+        Sides of a block.
     clicks : sequence of ((slice, row, column), int)
         Blocks, and the structure of each; 0 for the surroundings.
     structure : int
@@ -89,21 +90,21 @@ def border_steps(
     inside = labels == structure
     around = yield from equal_part(near_steps(inside, (x, y, z), AROUND_MM), 0, 4)
     own = [sample_in(block, window) for block, number in clicks if number == structure]
-    others = [
+    outside_blocks = [
         sample_in(block, window)
         for block, number in clicks
         if number != structure and all(side.start <= at < side.stop for at, side in zip(block, window, strict=True))
     ]
     lowest = float(np.rint(np.mean([near[block] for block in own]))) - BIN * BINS / 2
     bins = _bins(near, lowest)
-    ratios = _log(_frequencies(bins, inside, own)) - _log(_frequencies(bins, around & ~inside, others))
+    ratios = _log(_frequencies(bins, inside, own)) - _log(_frequencies(bins, around & ~inside, outside_blocks))
     np.clip(ratios, -SUREST, SUREST, out=ratios)
     surely = np.clip(left * np.float32(1 / cost_of(CLAIM_MM)), -1, 1)
     surely[(times < NEVER) & ~inside] *= -1
     gain = ratios[bins] + np.float32(CLAIM) * surely
     gain[~reached] = -SUREST - CLAIM
     fixed = np.zeros(near.shape, np.int8)
-    for block in others:
+    for block in outside_blocks:
         fixed[block] = -1
     for block in own:
         fixed[block] = 1
@@ -135,7 +136,7 @@ def _log(frequencies: NDArray[np.float64]) -> Floats:
 
 
 def _prices(values: Floats) -> Floats:
-    """Return what a border costs in each block: less where values change."""
+    """Return the cost of a border in each block: less where values change."""
     squares = np.zeros_like(values)
     for axis, count in enumerate(values.shape):
         if count > 1:

@@ -26,26 +26,27 @@ from ..points import Sample, sample_in, window_around
 from .geodesic import BLOCKED, NEVER, Times, cost_of, sweep_steps
 
 Sides = tuple[float, float, float]
-BINS = 128  # of times, for the sharpest cut
+BINS = 128  # Bins of times, for the sharpest cut.
 # Shares of the sharpness that are taken off at the longest time, so that a near cut wins over a leak.
 FAR, FAR_CORRECTION, FAR_BONE = 0.4, 0.6, 0.1
-BONE_SHARE = 0.1  # of a structure, at least, has bone's values where it is a bone: the rest may be marrow
-COHERENT = 0.9  # share of the sharpness that is a rise or a fall alone, around a structure in a larger one
-VALLEY, FLAT = 0.5, 0.25  # sharpness and rise behind its cut, as shares of the rise there
-LEAST_RISE = 4.0  # units of the values from block to block, against noise
-LONGER = 1.5  # times the reach of the first click: its longest time, for what differences of values cost
-BEYOND = 1.5  # times the cut: where the border may lie at most
-BALL_MM = 3.0  # around a click what is like it belongs to it
-ALIKE_MM = 20.0  # of time by difference alone
-SMALLEST = 3  # times the ball of a click, against noise
-REACH_MM, REACH = 6.0, 6.0  # of a correction: so many mm, and so many times its distance from what is right, at most
-LEAST_REACH, RADIUS_MM = 2.0, 4.0  # in a small structure as many times as its radius has this length
-LIKE = 30.0  # units of values by which what a correction adds may differ from what is known
-RARE = 0.02  # share of the structure's values, at either end, that it is not known by
+BONE_SHARE = 0.1  # At least this share of a bone has bone's values: the rest may be marrow.
+COHERENT = 0.9  # Around a structure in a larger one this share of the sharpness is only a rise or only a fall.
+VALLEY, FLAT = 0.5, 0.25  # Sharpness and rise behind a structure's cut, as shares of the rise there.
+LEAST_RISE = 4.0  # A rise from block to block in units of the values, against noise.
+LONGER = 1.5  # The first click's longest time is this many times its reach, for what differences of values cost.
+BEYOND = 1.5  # The border lies at most this many times the cut away.
+BALL_MM = 3.0  # Similar values this near to a click belong to it.
+ALIKE_MM = 20.0  # Values that differ from the click's by at most this time are like it.
+SMALLEST = 3  # A claim is at least this many times the ball of a click, against noise.
+# A correction reaches at most this many mm, and this many times its distance from what is right.
+REACH_MM, REACH = 6.0, 6.0
+LEAST_REACH, RADIUS_MM = 2.0, 4.0  # A small structure has the factor radius / RADIUS_MM instead of REACH.
+LIKE = 30.0  # Values that a correction adds differ from the structure's by at most this many units.
+RARE = 0.02  # Ignore this share of the structure's values at either end.
 
 
 class Ground(NamedTuple):
-    """What times are counted on.
+    """Blocks on which times are counted.
 
     Parameters
     ----------
@@ -54,7 +55,7 @@ class Ground(NamedTuple):
     heights : (slices, rows, columns) int32
         As of `geodesic.heights_of`.
     sides_mm : (z, y, x) float
-        Of a block.
+        Sides of a block.
     bone : float
         Values above it are bone's; infinite where values are not HU.
     """
@@ -66,14 +67,14 @@ class Ground(NamedTuple):
 
 
 class Claims(NamedTuple):
-    """What clicks have claimed of a grid of blocks.
+    """Blocks of a grid that clicks have claimed.
 
     Parameters
     ----------
     labels : (slices, rows, columns) uint8
         Numbers of structures; 0 for the surroundings and for what no click has claimed.
     times : (slices, rows, columns) uint32
-        From the click that has claimed a block, `NEVER` where none has.
+        Time from the click that has claimed a block, `NEVER` if none has.
     left : (slices, rows, columns) int32
         Time that was left to the click that has claimed a block; below 0 where no click has, by how much it is missed.
     reached : (slices, rows, columns) bool
@@ -97,7 +98,7 @@ def no_claims(shape: tuple[int, ...]) -> Claims:
 
 
 def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, max_mm: float) -> Steps[None]:
-    """Let a click in a block claim what is around it, in place.
+    """Let a click in a block claim the blocks around it, in place.
 
     Parameters
     ----------
@@ -117,20 +118,20 @@ def claim_steps(claims: Claims, ground: Ground, block: Sample, structure: int, m
     own = claims.part(window)
     values, heights = ground.values[window], ground.heights[window]
     ball, alike = _ball(heights, sample_in(block, window), ground.sides_mm)
-    known = ground.values[claims.labels == structure] if structure else values[:0]
+    own_values = ground.values[claims.labels == structure] if structure else values[:0]
     passable = _squares_from(sample_in(block, window), values.shape, ground.sides_mm) <= reach_mm * reach_mm
-    if known.size:
-        passable &= _is_like(values, known, values[ball][alike])
+    if own_values.size:
+        passable &= _is_like(values, own_values, values[ball][alike])
     heights = heights + np.where(passable, 0, np.int32(BLOCKED))
     times = np.full(heights.shape, NEVER, np.uint32)
     times[ball][alike] = 0
     times = yield from sweep_steps(times, heights, (x, y, z))
-    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10) * (LONGER if structure and not known.size else 1))
+    longest = cost_of(max(reach_mm - BALL_MM, reach_mm / 10) * (LONGER if structure and not own_values.size else 1))
     nearer = times < own.times
     cut = longest
     if structure:
         competing = np.where(nearer, times, np.uint32(NEVER))
-        far = FAR if not known.size else FAR_BONE if _is_bone(known, ground.bone) else FAR_CORRECTION
+        far = FAR if not own_values.size else FAR_BONE if _is_bone(own_values, ground.bone) else FAR_CORRECTION
         cut = _sharpest_cut(competing, values, own.labels == structure, SMALLEST * alike.size, longest, far)
         own.reached[...] |= times < min(longest, BEYOND * cut)
     left = np.int32(cut) - times.astype(np.int32)
@@ -158,15 +159,17 @@ def _reach_mm(labels: NDArray[np.uint8], block: Sample, structure: int, sides_mm
     return min(max_mm, min(REACH_MM, radius_mm) + slope * away_mm)
 
 
-def _is_bone(known: Floats, bone: float) -> bool:
+def _is_bone(own_values: Floats, bone: float) -> bool:
     """Return whether a structure of these values is a bone, inside which shell and marrow differ as much as borders."""
-    return bool(np.count_nonzero(known > bone) > BONE_SHARE * known.size)
+    return bool(np.count_nonzero(own_values > bone) > BONE_SHARE * own_values.size)
 
 
-def _is_like(values: Floats, known: Floats, clicked: Floats) -> Flags:
+def _is_like(values: Floats, own_values: Floats, clicked: Floats) -> Flags:
     """Return which values lie near those that a structure has, or near those of a click."""
-    rare = int(known.size * RARE)
-    low, high = np.partition(known, (rare, known.size - 1 - rare))[[rare, known.size - 1 - rare]].tolist()
+    rare = int(own_values.size * RARE)
+    low, high = np.partition(own_values, (rare, own_values.size - 1 - rare))[
+        [rare, own_values.size - 1 - rare]
+    ].tolist()
     low, high = min(low, float(clicked.min())) - LIKE, max(high, float(clicked.max())) + LIKE
     return (values >= low) & (values <= high)
 
@@ -187,7 +190,7 @@ def _ball(heights: Ints, block: Sample, sides_mm: Sides) -> tuple[Window, Flags]
 
 
 def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, longest: int, far: float) -> int:
-    """Return the time to cut off at: where values differ most across the border of what is inside, on average.
+    """Return the time to cut off at: where values differ most across the border of the inside, on average.
 
     A pair of neighbors counts while one is inside and the other is not. Pairs are summed in bins of time, so all cuts
     are compared in one look at the pairs.
@@ -200,7 +203,7 @@ def _sharpest_cut(times: Times, values: Floats, same: Flags, smallest: int, long
         `NEVER` where another click is nearer.
     values : (slices, rows, columns) float32
     same : (slices, rows, columns) bool
-        What is the structure's already; a border with it does not count.
+        Blocks of the structure already; a border with them does not count.
     smallest : int
         Blocks that are inside at least.
     longest : int

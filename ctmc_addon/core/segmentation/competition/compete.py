@@ -36,14 +36,15 @@ from .geodesic import BLOCKED, heights_of
 MOST_CLICKS = 255
 HU_PER_MM = 2.0
 MAX_MM = 65.0
-LIMITS = (0.01, 10_000.0)  # of both
-CLICKED_MM = 1.5  # around a click that is its own whatever values say
-NOISE_MM = 1.0  # of the values that borders are drawn by
-SIGMA_MM = 1.7  # more, for those that times are counted on
-SOFT_HU, MIDDLE_HU = 150.0, 50.0  # differences count in full near soft tissue, less in bone and air
-BONE_HU, BONE = 150.0, 0.1  # above it so much of that: bone differs more inside than from what is around it
+LIMITS = (0.01, 10_000.0)  # The limits of both numbers of a competition.
+CLICKED_MM = 1.5  # Samples this near to a click are its own, whatever their values say.
+NOISE_MM = 1.0  # Smooth the values that borders are drawn by with this sigma.
+SIGMA_MM = 1.7  # Smooth the values that times are counted on by this much more.
+SOFT_HU, MIDDLE_HU = 150.0, 50.0  # Differences count in full near soft tissue, less in bone and air.
+# Above this value differences count by this factor: bone varies more inside than at its border.
+BONE_HU, BONE = 150.0, 0.1
 TABLE_HU = (-1024, 3072)
-GRAY_HU = 120.0  # between the lowest and the highest percent of values that are not HU
+GRAY_HU = 120.0  # HU that the range from the lowest to the highest percent of other values stands for.
 STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
 
 
@@ -68,7 +69,7 @@ def compete_steps(
     volume : Volume
         HU; other gray values are scaled so that 98 % of them lie within 120 HU.
     clicks : sequence of Click
-        At most 255, in their order: a later one corrects what the earlier ones come to.
+        At most 255 clicks, in their order: a later one corrects the result of the earlier ones.
     allowed : (slices, rows, columns) bool, optional
         Such as a range: other voxels belong to no structure.
     hu_per_mm : float
@@ -127,7 +128,7 @@ def _require_within(name: str, value: float) -> None:
 
 
 def _own_clicks(clicks: Sequence[Click], volume: Volume) -> list[Click]:
-    """Return the clicks in structures; refuse what none can be."""
+    """Return the clicks in structures; refuse impossible ones."""
     if len(clicks) > MOST_CLICKS:
         raise SettingsError(
             f"{len(clicks)} clicks are too many, at most {MOST_CLICKS} can compete; draw in several regions"
@@ -222,7 +223,6 @@ def _claims_steps(
 def _borders_steps(
     claims: Claims, means: Floats, sides_mm: Sides, clicks: Sequence[tuple[Sample, int]]
 ) -> Steps[dict[int, BorderEvidence]]:
-    """Find the border of every structure."""
     borders = {}
     structures = sorted({structure for _, structure in clicks if structure})
     for number, structure in enumerate(structures):

@@ -18,9 +18,9 @@ from ...progress import Step, Steps
 from ..distance import Spacing
 
 Times = NDArray[np.uint32]
-UNIT = 32  # steps of time in a millimeter
+UNIT = 32  # A millimeter is this many steps of time.
 NEVER = 1 << 30
-BLOCKED = 1 << 28  # a step up or down that no time is left after; a difference of heights
+BLOCKED = 1 << 28  # A difference of heights after which no time is left, up or down.
 ROUNDS = 3
 
 
@@ -36,12 +36,12 @@ def cost_of(mm: float) -> int:
 
 
 def heights_of(values: NDArray[np.float32], units_per_mm: float) -> Ints:
-    """Return values as integers whose differences are differences of times; so many units of them are a millimeter."""
+    """Return values as integers whose differences are times; `units_per_mm` units of values are a millimeter."""
     return np.rint(values * np.float32(UNIT / units_per_mm)).astype(np.int32)
 
 
 def sweep_steps(times: Times, heights: Ints, spacing_mm: Spacing, rounds: int = ROUNDS) -> Steps[Times]:
-    """Lower the times of all samples to what their neighbors' times and the way from them allow.
+    """Lower the times of all samples to those that the neighbors' times and steps allow.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ def sweep_steps(times: Times, heights: Ints, spacing_mm: Spacing, rounds: int = 
         As of `heights_of`; `BLOCKED` is added where no way leads through.
     spacing_mm : (x, y, z) float
     rounds : int
-        At most so many; fewer where nothing changes any more.
+        Rounds at most; fewer if nothing changes any more.
     """
     sides = list(reversed(spacing_mm))
     for number in range(rounds):

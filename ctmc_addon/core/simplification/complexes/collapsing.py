@@ -88,11 +88,11 @@ class CollapsingComplex(CollapsingMesh):
         return (yield from super().remove_components_steps(excess))
 
     def removed_faces(self, faces: Ints) -> Flags:
-        """Which faces (F, 3) of the complex given went with their components, (F,) bool."""
+        """Return which faces (F, 3) of the given complex were removed with their components, (F,) bool."""
         return ~self.components.present[self.first_component[faces[:, 0]]]
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
-        """Which edges connect two corners, or two junctions and not along their line."""
+        """Return which edges connect two corners, or two junctions and not along their line."""
         rank, locked = self.junctions.rank, self.locked
         a, b = np.take(rank, first), np.take(rank, second)
         a_locked, b_locked = np.take(locked, first), np.take(locked, second)
@@ -101,12 +101,12 @@ class CollapsingComplex(CollapsingMesh):
         return across | (a_locked & (b_locked | (b > a))) | (b_locked & (a > b))
 
     def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Of which edges the second end has the higher rank, or is locked."""
+        """Return of which edges the second end has the higher rank, or is locked."""
         rank, locked = self.junctions.rank, self.locked
         return (rank[second] > rank[first]) | (locked[second] & ~locked[first])
 
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
-        """Which collapses would change how the complex is connected, (n,) bool."""
+        """Return which collapses would change how the complex is connected, (n,) bool."""
         return (
             yield from violates_link_condition_steps(
                 collapses,
@@ -146,14 +146,14 @@ class CollapsingComplex(CollapsingMesh):
 
     def within_budget(self, collapses: Collapses, budget: int) -> Collapses:
         """The cheapest of the collapses that remove no more than twice `budget` faces: some remove three or more."""
-        gone = np.bincount(collapses.owner[collapses.gone], minlength=len(collapses.edges))
-        if gone.sum() <= 2 * budget:
+        counts = np.bincount(collapses.owner[collapses.vanishing], minlength=len(collapses.edges))
+        if counts.sum() <= 2 * budget:
             return collapses
         order = np.argsort(self.priority(collapses.edges), kind="stable")
         selected = np.zeros(len(order), bool)
-        selected[order[np.cumsum(gone[order]) <= 2 * budget]] = True
+        selected[order[np.cumsum(counts[order]) <= 2 * budget]] = True
         if not selected.any():
-            fewest = order[gone[order] <= 2 * budget][:1]
+            fewest = order[counts[order] <= 2 * budget][:1]
             selected[fewest] = True
             if not len(fewest):
                 self.cost[collapses.edges] = np.inf
@@ -186,13 +186,13 @@ class CollapsingComplex(CollapsingMesh):
         self.logged = tuple(np.append(*each) for each in zip(self.logged, added, strict=True))
 
     def normals_added(self, collapses: Collapses) -> Floats:
-        """Those of the vertices that go, but a vertex of a line keeps its own."""
+        """Return the normals of the vertices that go; a vertex of a line keeps its own."""
         rank = self.junctions.rank
         own = rank[collapses.kept] > rank[collapses.dropped]
         return np.where(own, np.float32(0.0), super().normals_added(collapses))
 
     def begin_log(self, crossing: Ints | None = None) -> None:
-        """Begin a log, and keep what belongs to the faces, edges and vertices that it numbers."""
+        """Begin a log, and keep the data of the faces, edges and vertices that it numbers."""
         super().begin_log(crossing)
         self.logged = self.turned, self.junctions.interface, self.junctions.rank
 
@@ -206,12 +206,12 @@ class CollapsingComplex(CollapsingMesh):
         junctions.rank = np.append(junctions.rank, rank[vertices])
 
     def was_undone(self) -> None:
-        """Find the junction edges anew: two edges that were one are not both of a line."""
+        """Find the junction edges again: of two merged edges only one may be part of a line."""
         left = self.face_edges[:, self.faces[0] != self.dummy]
         self.junctions.edges = np.bincount(left.ravel(), minlength=len(self.cost)) != 2
 
     def compact_steps(self) -> Steps[Indices]:
-        """Leave out faces, edges and vertices that are gone; which vertices are left."""
+        """Leave out removed faces, edges and vertices; return which vertices are left."""
         faces, edges = self.faces[0] != self.dummy, self.edges[0] != self.dummy
         vertices = yield from super().compact_steps()
         self.turned = self.turned[faces]

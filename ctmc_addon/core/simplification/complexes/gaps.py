@@ -98,26 +98,26 @@ def gaps_filled_steps(
     stays = np.where(area[first] >= area[second], second, first)
     takes = np.zeros(walls, np.int32)
     takes[stays] = label[goes]
-    gone = np.zeros(walls, bool)
-    gone[goes] = True
+    removed = np.zeros(walls, bool)
+    removed[goes] = True
     sides = mesh.sides.copy()
     filled = takes[wall] != 0
     at = outer[filled]
     sides[at] = np.where(sides[at] == 0, takes[wall[filled]][:, None], sides[at])
     left = np.ones(len(mesh.faces), bool)
-    left[outer[gone[wall]]] = False
+    left[outer[removed[wall]]] = False
     used, faces = compacted(mesh.faces[left], len(mesh.vertices))
     normals = None if mesh.normals is None else mesh.normals[used]
-    made = ComplexMesh(mesh.vertices[used], faces, sides[left], normals)
+    result = ComplexMesh(mesh.vertices[used], faces, sides[left], normals)
     filled_by = {}
     for taker in np.unique(label[goes]).tolist():
         own = volumes[label[goes] == taker]
         filled_by[taker] = CollapsedComponents(len(own), float(own.max()), math.fsum(own.tolist()))
-    return made, filled_by
+    return result, filled_by
 
 
 def _near_lines_steps(mesh: ComplexMesh, rings: int) -> Steps[Indices]:
-    """The triangles up to `rings` away from a vertex of two interfaces: those of small gaps, and few of the others."""
+    """Find the triangles up to `rings` away from a vertex of two interfaces: all of small gaps, and few more."""
     near = junction_vertices(mesh.faces, mesh.sides)
     yield PAUSE
     for _ in range(rings):
@@ -151,14 +151,13 @@ def _euler(wall: Indices, corners: Ints, around: Ints) -> Indices:
 
 
 def _area(mesh: ComplexMesh) -> float:
-    """Area of all triangles."""
     a, b, c = (np.take(mesh.vertices.T, corner, axis=1) for corner in mesh.faces.T)
     normal = cross(b - a, c - a)
     return float(np.sqrt(dot(normal, normal)).sum(dtype=np.float64)) / 2.0
 
 
 def _volumes(mesh: ComplexMesh, outer: Indices, wall: Indices, walls: int) -> NDArray[np.float64]:
-    """What every wall adds to the volume that lies around the labels, which is positive in a gap."""
+    """Return the share of every wall in the volume around the labels, which is positive in a gap."""
     corners = np.take(mesh.faces, outer, axis=0)
     origin = mesh.vertices[0].astype(np.float64)
     a, b, c = (mesh.vertices[corner].astype(np.float64).T - origin[:, None] for corner in corners.T)

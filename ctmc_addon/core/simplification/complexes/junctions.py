@@ -29,15 +29,15 @@ from ...arrays import Flags, Ints
 from ...progress import PAUSE, Steps
 from ..collapses import Collapses, shared_neighbors_steps, shuffled
 
-INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # ranks of vertices
+INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # The ranks of vertices.
 
 
 @dataclass(eq=False)
 class Junctions:
-    """What is a junction in a complex.
+    """Junctions of a complex.
 
     edges : (E,) bool
-        Which edges are junction edges.
+        Edges that are junction edges.
     interface : (E,) int32
         Number of an interface that each edge is in, between two labels where there is one.
     rank : (V,) int8
@@ -135,7 +135,7 @@ def junctions_steps(
 
 
 def _contacts_steps(faces: Ints, interface: Ints, labels: Ints, vertex_count: int) -> Steps[Flags]:
-    """Vertices at which two labels and what has none meet, and nothing else, (V,) bool."""
+    """Return the vertices at which only two labels and the outside meet, (V,) bool."""
     of_vertex = np.zeros(vertex_count, np.int32)
     for corner in faces:
         of_vertex[corner] = interface
@@ -158,17 +158,17 @@ def _contacts_steps(faces: Ints, interface: Ints, labels: Ints, vertex_count: in
 def violates_link_condition_steps(
     collapses: Collapses, faces: Ints, edges: Ints, face_edges: Ints, junctions: Junctions, walls: Flags
 ) -> Steps[Flags]:
-    """Which collapses would change how the labels are connected, (n,) bool.
+    """Return which collapses would change how the labels are connected, (n,) bool.
 
     `edges` are (2, E), the other arrays (3, F); `walls` says which faces are between two labels.
     """
     count, vertex_count = len(collapses.edges), len(junctions.rank)
-    across = np.bincount(collapses.owner[collapses.gone], minlength=count)
+    across = np.bincount(collapses.owner[collapses.vanishing], minlength=count)
     shared, _ = yield from shared_neighbors_steps(collapses, edges, vertex_count)
     refused = np.bincount(shared, minlength=count) != across
     lines, third = yield from shared_neighbors_steps(collapses, edges[:, junctions.edges], vertex_count)
     # Of a contact of one triangle both labels have the face that goes, so neither sees a third neighbor.
-    at = np.flatnonzero(collapses.gone & np.take(walls, collapses.faces))
+    at = np.flatnonzero(collapses.vanishing & np.take(walls, collapses.faces))
     at = at[(np.take(junctions.rank, np.take(faces, collapses.faces[at], axis=1)) == CONTACT).all(axis=0)]
     owner = collapses.owner[at].astype(np.int64)
     apex = np.take(faces, collapses.faces[at], axis=1).sum(axis=0, dtype=np.int64)
@@ -177,7 +177,7 @@ def violates_link_condition_steps(
 
     moves = np.zeros(vertex_count, bool)
     moves[collapses.kept] = moves[collapses.dropped] = True
-    left = np.flatnonzero(~collapses.gone)
+    left = np.flatnonzero(~collapses.vanishing)
     number = collapses.faces[left]
     slot = np.argmax(np.take(moves, np.take(faces, number, axis=1)), axis=0)
     opposite = face_edges[(slot + 1) % 3, number]

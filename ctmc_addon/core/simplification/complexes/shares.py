@@ -44,7 +44,7 @@ class Shares:
         self.least = policy.least_share * asked
 
     def update(self, interface: Ints) -> None:
-        """Weigh the interfaces anew for the triangles there are now, (f,) numbers of interfaces."""
+        """Weigh the interfaces by the present triangles, (f,) numbers of interfaces."""
         if len(self.labels) == 1:
             return
         now = np.bincount(interface, minlength=len(self.weight))
@@ -75,7 +75,7 @@ def _power_of_two(octave: Doubles) -> Doubles:
 
     Examples
     --------
-    >>> power_of_two(np.array([-1.0, 0.0, 0.5, 1.0])).tolist()
+    >>> _power_of_two(np.array([-1.0, 0.0, 0.5, 1.0])).tolist()
     [0.5, 1.0, 1.5, 2.0]
     """
     whole = np.floor(octave)

@@ -45,7 +45,7 @@ Collapsed = dict[int, CollapsedComponents]
 
 @dataclass(frozen=True, eq=False)
 class ComplexSimplification:
-    """A simplified complex, and what went.
+    """A simplified complex, and the components removed.
 
     mesh : ComplexMesh
     full_faces, faces : mapping of int to int
@@ -53,7 +53,7 @@ class ComplexSimplification:
     collapsed : CollapsedComponents
         Small components that went as a whole, what touches being one.
     collapsed_of : mapping of int to CollapsedComponents
-        Of every label's own surface, for the labels that lost some; what lies within a label counts for both.
+        Components that each label's own surface lost, if any; those inside a label count for both.
     handles_cut : int
     self_intersections : int or None
         Pairs of triangles that cross each other, of one label or two; None where that was not tested.
@@ -73,7 +73,7 @@ class _Part:
     """Labels that touch: numbers of their triangles, rising, and whether it is one label that nothing touches."""
 
     faces: Indices
-    alone: bool
+    isolated: bool
 
 
 def simplify_complex(
@@ -125,7 +125,7 @@ def simplify_complex_steps(
     largest_component: float = math.inf,
     policy: Policy = POLICY,
 ) -> Steps[ComplexSimplification]:
-    """Do what `simplify_complex` does, as steps; also return how many triangles each label has, and what went.
+    """Do what `simplify_complex` does, as steps; also return each label's triangles and lost components.
 
     No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
     """
@@ -139,14 +139,14 @@ def simplify_complex_steps(
         return ComplexSimplification(mesh, before, before, CollapsedComponents(), {})
     parts = _parts(mesh)
     stages = Stages(STAGES)
-    together, again = STAGES
-    simplified, results = yield from stages.run(together, _parts_steps(mesh, parts, goal, target, budget))
+    in_parts, again = STAGES
+    simplified, results = yield from stages.run(in_parts, _parts_steps(mesh, parts, goal, target, budget))
     crossing = sum(each.self_intersections or 0 for each, _ in results)
     if len(parts) > 1 and max_error is None:
         pairs = yield from stages.run(again, self_intersections_steps(simplified.vertices, simplified.faces))
         if len(pairs) > crossing:
             # Labels that do not touch have come to cross: simplified together they do not.
-            parts = [_Part(np.arange(full), alone=False)]
+            parts = [_Part(np.arange(full), isolated=False)]
             steps = _parts_steps(mesh, parts, goal, target, budget)
             simplified, results = yield from stages.run(again, steps)
             crossing = sum(each.self_intersections or 0 for each, _ in results)
@@ -162,15 +162,15 @@ def simplify_complex_steps(
 def _parts_steps(
     mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget
 ) -> Steps[tuple[ComplexMesh, list[tuple[Simplification, Collapsed]]]]:
-    """Simplify each part; the largest comes last, and makes good what others could not remove."""
-    touching = max((len(part.faces) for part in parts if not part.alone), default=0)
+    """Simplify each part; the largest comes last, and makes good what the rest could not remove."""
+    touching = max((len(part.faces) for part in parts if not part.isolated), default=0)
     what = f"simplifying {touching} triangles of labels that touch"
     policy = goal.policy
     bytes_each = policy.complex_face_bytes if goal.max_error is None else policy.bounded_complex_face_bytes
     budget.require(bytes_each * touching, what, "use a larger stride, fewer labels or a region")
     largest = max(range(len(parts)), key=lambda number: len(parts[number].faces))
     order = [number for number in range(len(parts)) if number != largest] + [largest]
-    made: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
+    part_results: dict[int, tuple[ComplexMesh, Simplification, Collapsed]] = {}
     left = done = 0
     for number in order:
         part = parts[number]
@@ -179,17 +179,17 @@ def _parts_steps(
             own = replace(goal, reduction=None, target_faces=max(1, target - left))
         elif goal.target_faces is not None:
             own = replace(goal, target_faces=max(1, round(len(part.faces) * target / len(mesh.faces))))
-        steps = _part_steps(_extracted(mesh, part.faces), part.alone, own, budget)
-        name = f"Simplifying labels, group {len(made) + 1} of {len(order)}"
+        steps = _part_steps(_extracted(mesh, part.faces), part.isolated, own, budget)
+        name = f"Simplifying labels, group {len(part_results) + 1} of {len(order)}"
         stages = Stages({"": done, name: len(part.faces), " ": len(mesh.faces) - done - len(part.faces)})
-        made[number] = yield from stages.run(name, steps)
-        left, done = left + len(made[number][0].faces), done + len(part.faces)
-    in_order = [made[number] for number in range(len(parts))]
+        part_results[number] = yield from stages.run(name, steps)
+        left, done = left + len(part_results[number][0].faces), done + len(part.faces)
+    in_order = [part_results[number] for number in range(len(parts))]
     return _joined([each[0] for each in in_order]), [each[1:] for each in in_order]
 
 
 def _faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
-    """How many triangles border each label, without 0."""
+    """Return the number of triangles that border each label, without 0."""
     labels, interface = interfaces_of(mesh.sides)
     counts = np.bincount(interface, minlength=labels.shape[1])
     return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
@@ -216,10 +216,10 @@ def label_distances_steps(
 
 
 def _part_steps(
-    mesh: ComplexMesh, alone: bool, goal: Goal, budget: Budget
+    mesh: ComplexMesh, isolated: bool, goal: Goal, budget: Budget
 ) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
-    """Simplify labels that touch, or a label as if there were no other; also return what each label lost."""
-    if not alone:
+    """Simplify labels that touch, or an isolated label; also return the components that each label lost."""
+    if not isolated:
         target = goal.target(len(mesh.faces))
         filled: Collapsed = {}
         if target >= len(mesh.faces):
@@ -230,14 +230,14 @@ def _part_steps(
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         yield from hold_bound_steps(collapsing)
-        made = collapsing.complex_mesh()
-        whole = TriangleMesh(made.vertices, made.faces, made.normals)
+        simplified = collapsing.complex_mesh()
+        whole = TriangleMesh(simplified.vertices, simplified.faces, simplified.normals)
         crossing = collapsing.crossing_count
         of_labels = yield from _collapsed_steps(mesh, collapsing.removed_faces(mesh.faces))
         for label, gaps in filled.items():
             of_labels[label] = of_labels.get(label, CollapsedComponents()) + gaps
         collapsed = sum(filled.values(), collapsing.collapsed_components)
-        return made, Simplification(whole, collapsed, collapsing.handles_cut, crossing), of_labels
+        return simplified, Simplification(whole, collapsed, collapsing.handles_cut, crossing), of_labels
     label = mesh.labels[0]
     goals = goal.reduction, goal.target_faces, goal.max_error
     surface = mesh.of_label(label)

@@ -31,7 +31,7 @@ def refinement_of(spacing_mm: Spacing, settings: ReconstructionSettings) -> int:
 def used_settings(settings: ReconstructionSettings) -> list[str]:
     """Return the names of the settings but for those of smoothings that are not done, and of a choice of alpha."""
     own = smoothing_of(settings).settings
-    others = {name for smoothing in SMOOTHINGS.values() for name in smoothing.settings if name not in own}
+    excluded = {name for smoothing in SMOOTHINGS.values() for name in smoothing.settings if name not in own}
     if settings.alpha != AUTO:
-        others.add("min_angle_deg")
-    return [name for name in SETTINGS if name not in others]
+        excluded.add("min_angle_deg")
+    return [name for name in SETTINGS if name not in excluded]

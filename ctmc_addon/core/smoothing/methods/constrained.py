@@ -86,7 +86,7 @@ class Constrained(Smoothing):
         return settings.slice_steps or automatic_refinement(spacing_mm)
 
     def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
-        """Return the notes on a field of a label that shares walls: it does not enclose what it would alone."""
+        """Return the notes on a field of a label that shares walls: it may enclose another volume than by itself."""
         return tuple(_smoothed_note(slice_steps) if isinstance(note, _SmoothedNote) else note for note in notes)
 
 

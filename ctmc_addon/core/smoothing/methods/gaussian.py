@@ -50,7 +50,7 @@ class Gaussian(Smoothing):
         return self.reach(spacing_mm, settings)
 
     def caption(self, settings: ReconstructionSettings) -> str:
-        """Return what a figure's caption says of it."""
+        """Return the words of a figure's caption on this smoothing."""
         return f"Gaussian of {settings.smoothing_width_mm:g} mm"
 
 
@@ -63,7 +63,7 @@ class GaussianValues:
     spacing_mm : (x, y, z) float
     sigma_mm : float
     counted : Box, optional
-        Where samples of a label on the wrong side are counted: a label's.
+        Box in which samples of a label on the wrong side are counted: a label's.
     level : float
         Inside is ``value >= level``.
     budget : Budget
@@ -124,7 +124,7 @@ class GaussianValues:
         return smoothed
 
     def count_within(self, first: int, stop: int) -> None:
-        """Count samples on the wrong side in the slices from `first` to `stop` alone."""
+        """Count samples on the wrong side in the slices from `first` to `stop` only."""
         self._next, self._end = first, stop
 
     def _count(self, smoothed: NDArray[np.float32], numbers: Sequence[int], counted: Box) -> None:

@@ -18,7 +18,7 @@ class Smoothing:
     Parameters
     ----------
     name : str
-        In settings.
+        Name in settings.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class Smoothing:
     weight : int
         Usual time beside that of looking at the values.
     voxel_seconds : float
-        Of a preview, before any has been timed; slow on purpose.
+        Seconds for a voxel of a preview, before any has been timed; slow on purpose.
     settings : tuple of str
         Settings that it alone reads, but for the width.
     reads : tuple of str
@@ -59,9 +59,9 @@ class Smoothing:
         Parameters
         ----------
         field : Field
-            With gray values, or a label's 0 and 1, of a box that holds `reach`.
+            Field with gray values, or a label's 0 and 1, of a box that holds `reach`.
         volume : Volume
-            That the field is a box of.
+            Volume that the field is a box of.
         budget : Budget
         with_surface : bool
             Whether the field is to keep its surface, if smoothing makes the one of the settings.
@@ -94,7 +94,7 @@ class Smoothing:
         return (4, 4 * (2 * reach + 1)) if reach else (item, 0)
 
     def caption(self, settings: ReconstructionSettings) -> str:
-        """Return what a figure's caption says of it."""
+        """Return the words of a figure's caption on this smoothing."""
         del settings
         return f"{self.name} smoothing"
 
@@ -104,7 +104,7 @@ class Smoothing:
         return ()
 
     def shared_notes(self, notes: tuple[str, ...], slice_steps: int) -> tuple[str, ...]:
-        """Return the notes on a field of a label that shares walls, from those on it alone."""
+        """Return the notes on a field of a label that shares walls, from the notes on it without them."""
         del slice_steps
         return notes
 
@@ -113,7 +113,7 @@ class Unsmoothed(Smoothing):
     """The values as they are."""
 
     def caption(self, settings: ReconstructionSettings) -> str:
-        """Return what a figure's caption says of it."""
+        """Return the words of a figure's caption on this smoothing."""
         del settings
         return "not smoothed"
 

@@ -25,7 +25,7 @@ PLURALS = ("s", "es", "n", "en", "e")
 
 
 class Anatomy(NamedTuple):
-    """How a structure is shown.
+    """Appearance of a structure.
 
     Parameters
     ----------
@@ -55,7 +55,7 @@ def anatomy_of(name: str) -> Anatomy | None:
     """
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
     plain = _folded(spaced).replace("_", " ").replace("non-enhancing", "enhancing")
-    plain = ABBREVIATED.sub(lambda found: _table()["abbreviations"][found[1]] + " ", plain)
+    plain = ABBREVIATED.sub(lambda match: _table()["abbreviations"][match[1]] + " ", plain)
     words = re.findall(r"[a-z]+", plain)
     if not words or not set(words).isdisjoint(_table()["negations"]):
         return None
@@ -85,15 +85,15 @@ def _folded(name: str) -> str:
 
 
 def _listed(words: list[str]) -> Anatomy | None:
-    """The entry of the table for these words: as they are, without sides, and without where they lie."""
+    """Return the entry of the table for these words: as they are, without sides, and without position."""
     long = [word for word in words if len(word) > 1]
     sides = set(_table()["sides"])
     for chosen in (words, long, [word for word in long if word not in sides], _without_fillers(long)):
         key = "".join(chosen)
         for plain in (key, *_without_sides(key)):
-            found = _singular(plain)
-            if found is not None:
-                return found
+            anatomy = _singular(plain)
+            if anatomy is not None:
+                return anatomy
     return None
 
 
@@ -117,8 +117,8 @@ def _singular(key: str) -> Anatomy | None:
 
 def _first_of_several(spaced: str, plain: str) -> Anatomy | None:
     """The first of two structures that a name counts: 'liver with tumor' is a liver."""
-    first, *others = FURTHER.split(plain, maxsplit=1)
-    return anatomy_of(first) if others and len(first) < len(spaced) else None
+    first, *rest = FURTHER.split(plain, maxsplit=1)
+    return anatomy_of(first) if rest and len(first) < len(spaced) else None
 
 
 def _by_a_word(words: list[str]) -> Anatomy | None:

@@ -23,11 +23,11 @@ from ..value_kind import ValueKind
 from ..volume import Box, Volume
 from .whole_labels import NotWholeError
 
-SLAB_VALUES = 1 << 20  # looked at in one go
-ALL = "all"  # the word for every label
-MOST_LABELS = 1 << 16  # more are not labels
-LISTED = 20  # in a message
-CLOSE = 5  # names that are proposed for an unknown one
+SLAB_VALUES = 1 << 20  # Look at this many values in one go.
+ALL = "all"  # The word for every label.
+MOST_LABELS = 1 << 16  # More values than this are not labels.
+LISTED = 20  # A message lists this many labels.
+CLOSE = 5  # Propose this many names for an unknown one.
 
 
 class LabelExtent(NamedTuple):
@@ -47,14 +47,14 @@ class LabelExtent(NamedTuple):
 Extents = dict[int, LabelExtent]
 
 
-class _Found(NamedTuple):
-    """The labels of a box, and what was changed of the values to find them."""
+class _BoxExtents(NamedTuple):
+    """The labels of a box, and notes on changes of values made to find them."""
 
     extents: Extents
     notes: tuple[str, ...]
 
 
-_found: WeakKeyDictionary[Volume, dict[Box, _Found]] = WeakKeyDictionary()
+_extents_of: WeakKeyDictionary[Volume, dict[Box, _BoxExtents]] = WeakKeyDictionary()
 
 
 def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | None = None) -> Steps[Extents]:
@@ -77,23 +77,23 @@ def label_extents_steps(volume: Volume, box: Box | None = None, threads: int | N
     x, y, z = volume.size
     box = box or ((0, x), (0, y), (0, z))
     volume = volume.as_labels
-    of_box = _found.setdefault(volume, {})
+    of_box = _extents_of.setdefault(volume, {})
     if box not in of_box:
-        found: Extents = {}
+        extents: Extents = {}
         for layer in volume.each_layer:
-            found |= yield from _scan_steps(layer, box, None, threads)
-        of_box[box] = _Found(dict(sorted(found.items())), _notes_of(volume))
+            extents |= yield from _scan_steps(layer, box, None, threads)
+        of_box[box] = _BoxExtents(dict(sorted(extents.items())), _notes_of(volume))
     return of_box[box].extents
 
 
 def label_notes(volume: Volume, box: Box) -> tuple[str, ...]:
-    """Return what was changed of values to find the labels of a box: more than the volume's own notes say.
+    """Return notes on changes of values that finding the labels of a box made, besides the volume's own notes.
 
     It is the same whatever was read of other boxes since, if all labels of this one were looked for.
     """
     volume = volume.as_labels
-    known = _found.get(volume, {}).get(box)
-    notes = _notes_of(volume) if known is None else known.notes
+    cached = _extents_of.get(volume, {}).get(box)
+    notes = _notes_of(volume) if cached is None else cached.notes
     return tuple(note for note in notes if note not in volume.notes)
 
 
@@ -104,9 +104,9 @@ def _notes_of(volume: Volume) -> tuple[str, ...]:
 def label_extent_steps(volume: Volume, label: int, box: Box, threads: int | None = None) -> Steps[LabelExtent | None]:
     """Return one label's extent in a box, None where it has no voxel there."""
     volume = volume.as_labels
-    known = _found.get(volume, {}).get(box)
-    if known is not None:
-        return known.extents.get(label)
+    cached = _extents_of.get(volume, {}).get(box)
+    if cached is not None:
+        return cached.extents.get(label)
     for layer in volume.each_layer:
         extent = (yield from _scan_steps(layer, box, label, threads)).get(label)
         if extent is not None:
@@ -205,15 +205,15 @@ def not_a_label_steps(volume: Volume) -> Steps[str]:
 
 
 def _labels_called(volume: Volume, name: str) -> list[int]:
-    wanted = _plain(name)
-    found = [label for label, known in volume.label_names.items() if _plain(known) == wanted]
-    if found:
-        return found
-    names = {_plain(known): known for known in volume.label_names.values()}
+    plain_name = _plain(name)
+    labels = [label for label, own_name in volume.label_names.items() if _plain(own_name) == plain_name]
+    if labels:
+        return labels
+    names = {_plain(own_name): own_name for own_name in volume.label_names.values()}
     if not names:
         raise LabelError(f"the labels of {volume.name} have no names, so none is called {name!r}; give a number")
-    close = difflib.get_close_matches(wanted, names, CLOSE)
-    close += [plain for plain in names if wanted in plain and plain not in close][: CLOSE - len(close)]
+    close = difflib.get_close_matches(plain_name, names, CLOSE)
+    close += [plain for plain in names if plain_name in plain and plain not in close][: CLOSE - len(close)]
     listed = [names[plain] for plain in close] or list(names.values())[:LISTED]
     more = "similar names are" if close else f"there are {len(names)}, such as" if len(names) > LISTED else "there are"
     raise AbsentLabelError(f"no label is called {name!r}; {more} {', '.join(listed)}")
@@ -242,23 +242,23 @@ def _scan_steps(volume: Volume, box: Box, only: int | None, threads: int | None)
         extents[:, [3, 6]] += low
         return labels, extents
 
-    found: dict[int, int] = {}  # label, and where it stands in `parts`
+    part_of: dict[int, int] = {}  # label, and where it stands in `parts`
     for labels, extents in (yield from map_steps(look, range(0, slices, step), workers)):
         for label, extent in zip(labels, extents, strict=True):
-            at = found.setdefault(label, len(parts))
+            at = part_of.setdefault(label, len(parts))
             if at == len(parts):
                 parts.append(extent)
             else:
-                known = parts[at]
-                known[0] += extent[0]
-                known[1:4] = np.minimum(known[1:4], extent[1:4])
-                known[4:] = np.maximum(known[4:], extent[4:])
-        if len(found) > MOST_LABELS:
+                total = parts[at]
+                total[0] += extent[0]
+                total[1:4] = np.minimum(total[1:4], extent[1:4])
+                total[4:] = np.maximum(total[4:], extent[4:])
+        if len(part_of) > MOST_LABELS:
             raise LabelError(f"more than {MOST_LABELS} values are not labels; give a threshold, or a label volume")
     (x, _), (y, _), (z, _) = box
     out: Extents = {}
-    for label in sorted(found):
-        voxels, x0, y0, z0, x1, y1, z1 = parts[found[label]].tolist()
+    for label in sorted(part_of):
+        voxels, x0, y0, z0, x1, y1, z1 = parts[part_of[label]].tolist()
         out[label] = LabelExtent(voxels, ((x + x0, x + x1), (y + y0, y + y1), (z + z0, z + z1)))
     return out
 
@@ -293,13 +293,13 @@ def slab_extents(slab: NDArray[Any]) -> tuple[list[int], NDArray[np.int64]]:
 
 
 def _mask_extent(mask: NDArray[np.bool_]) -> NDArray[np.int64]:
-    """Return what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) where none is.
+    """Do what `slab_extents` does for the samples that are set: (1, 7), or (0, 7) if none is.
 
     Examples
     --------
     >>> mask = np.zeros((4, 5, 6), bool)
     >>> mask[1, 2, 3:5] = True
-    >>> mask_extent(mask).tolist()
+    >>> _mask_extent(mask).tolist()
     [[2, 3, 2, 1, 5, 3, 2]]
     """
     voxels = np.count_nonzero(mask)

@@ -35,7 +35,7 @@ class _Renumbered(SliceReader):
 
     @property
     def is_whole(self) -> bool:
-        """Whether those of the other reader are whole numbers."""
+        """Return whether the labels of the other reader are whole numbers."""
         return self.reader.is_whole
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
@@ -84,7 +84,7 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     sizes = np.array(labels.size)
     corners = np.array(np.meshgrid(*[(0, size - 1) for size in sizes], indexing="ij"), float).reshape(3, 8).T
     there_mm = transform_points(labels.affine, corners)  # (8, 3)
-    found = to_index(ct.affine, there_mm)
+    indices = to_index(ct.affine, there_mm)
     matrix = index_to_index(labels.affine, ct.affine)
     axes = np.rint(matrix[:3, :3]).astype(np.int64)
     if np.abs(axes).max() > 1 or any((np.abs(axes).sum(axis=axis) != 1).any() for axis in (0, 1)):
@@ -95,7 +95,7 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
         )
     shift = np.rint(matrix[:3, 3]).astype(np.int64)
     nearest = product(corners, axes.T) + shift
-    if np.abs(found - nearest).max() > NEAR:
+    if np.abs(indices - nearest).max() > NEAR:
         away = np.sqrt(((transform_points(ct.affine, nearest) - there_mm) ** 2).sum(axis=1)).max()
         raise VolumeError(
             f"{labels.name} has samples up to {away:.3g} mm away from those of the CT; resample it to "
@@ -153,7 +153,7 @@ def _on_grid(layer: Volume, ct: Volume, axes: NDArray[np.int64], shift: NDArray[
 
 
 def free_offset(used: Collection[int], values: Collection[int]) -> int:
-    """Return what to add to labels so that none has a number that is used: 0 where none has.
+    """Return the number to add to labels so that none has a used number: 0 if none has.
 
     Examples
     --------
@@ -174,8 +174,8 @@ def combined_labels(sources: Sequence[tuple[Volume, int]]) -> Volume:
     >>> both.label_names, [int(layer.values.max()) for layer in both.each_layer]
     ({1: 'liver', 2: 'tumor'}, [1, 2])
     """
-    (first, _), *others = sources
-    if not others and not sources[0][1]:
+    (first, _), *rest = sources
+    if not rest and not sources[0][1]:
         return first
     readers: list[SliceReader] = []
     names: dict[int, str] = {}

@@ -10,8 +10,8 @@ LinearColor = tuple[float, float, float]
 
 # Okabe and Ito's colors, sRGB: told apart by color-blind eyes too. https://jfly.uni-koeln.de/color/
 HUES = ((213, 94, 0), (0, 114, 178), (240, 228, 66), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0))
-LIGHTNESS = (1.0, 0.62, 1.35)  # of the first seven labels, the next seven, the third; then all of them again
-BONE: RGB = (226, 215, 191)  # of a surface by threshold
+LIGHTNESS = (1.0, 0.62, 1.35)  # The first seven labels, the next seven, the third; then all of them again.
+BONE: RGB = (226, 215, 191)  # The color of a surface by threshold.
 
 
 def linear(rgb: RGB) -> LinearColor:
@@ -62,7 +62,7 @@ def structure_color(label: int | None, rgb: RGB | None = None, name: str = "") -
     >>> structure_color(1, (9, 9, 9), "liver"), structure_color(2, None, "structure 2")
     (Anatomy(rgb=(9, 9, 9), opacity=0.6), Anatomy(rgb=(0, 114, 178), opacity=1.0))
     """
-    known = anatomy_of(name)
+    anatomy = anatomy_of(name)
     if label is None:
         return Anatomy(rgb or BONE, 1.0)
-    return Anatomy(rgb or (known.rgb if known else label_rgb(label)), known.opacity if known else 1.0)
+    return Anatomy(rgb or (anatomy.rgb if anatomy else label_rgb(label)), anatomy.opacity if anatomy else 1.0)

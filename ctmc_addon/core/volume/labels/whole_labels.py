@@ -24,7 +24,7 @@ LARGEST = (1 << 53) - 1  # From 2**53 on float64 does not hold every whole numbe
 
 
 class NotWholeError(LabelError):
-    """A value that stands for no whole number; `value_text` is the number, `why` says what is wrong with it."""
+    """A value that stands for no whole number; `value_text` is the number, `why` explains the problem."""
 
     def __init__(self, sentence: str = "", value_text: str = "", why: str = "") -> None:
         super().__init__(sentence)
@@ -42,14 +42,14 @@ def _refusal(name: str, value: float, why: str) -> NotWholeError:
 
 
 class WholeNumbers:
-    """Turns values into labels, and keeps what a user must know of it. Threads may share it.
+    """Turns values into labels, and keeps notes for the user. Threads may share it.
 
     Parameters
     ----------
     value_step : float
         As `SliceReader.value_step`.
     name : str
-        Of the volume, for errors.
+        Name of the volume, for errors.
 
     Examples
     --------
@@ -83,7 +83,7 @@ class WholeNumbers:
         Raises
         ------
         NotWholeError
-            With the first value that stands for none.
+            For the first value that stands for no whole number.
         """
         if values.dtype.kind != "f" or not values.size:
             return values
@@ -98,7 +98,7 @@ class WholeNumbers:
         return values if is_whole else nearest
 
     def _rounded(self, values: NDArray[np.float64], nearest: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return what values that are not whole are read as, and keep the farthest for the notes."""
+        """Return values that are not whole as they are read, and keep the farthest for the notes."""
         missing = np.isnan(values)
         if missing.any():
             with self._lock:
@@ -142,7 +142,7 @@ class WholeLabels(SliceReader):
 
     @property
     def own_bytes(self) -> int:
-        """Those of the other reader, as labels of values in memory are looked at a few slices at a time."""
+        """Return the bytes of the other reader: labels of values in memory are read a few slices at a time."""
         return self.reader.own_bytes
 
     def fill(self, out: NDArray[Any], slices: range, rows: range, columns: range) -> None:
@@ -152,7 +152,7 @@ class WholeLabels(SliceReader):
             self._round(out[start : start + self.at_once])
 
     def in_memory_steps(self) -> Steps[ValuesInMemory]:
-        """Return all labels, in the place of values that are in memory: these are rounded."""
+        """Return all labels, rounding values that are in memory in place."""
         values = yield from self.reader.values_steps(*self.everything)
         out = values if values.flags.writeable else values.copy()
         for start in range(0, len(out), self.at_once):

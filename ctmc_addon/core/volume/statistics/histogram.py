@@ -14,7 +14,7 @@ from ..value_kind import ValueKind
 from .tissues import TISSUES
 from .values import VolumeStatistics
 
-HU_SHOWN = (-1100.0, 3100.0)  # beyond lie only padding and metal
+HU_SHOWN = (-1100.0, 3100.0)  # Only padding and metal lie beyond.
 
 
 class Limits(NamedTuple):
@@ -56,8 +56,8 @@ def shown_range(statistics: VolumeStatistics, kind: str, *values: float | None) 
         low, high = 0.0, 1.0
     if kind == ValueKind.HU and low < HU_SHOWN[1] and high > HU_SHOWN[0]:
         low, high = max(low, HU_SHOWN[0]), min(high, HU_SHOWN[1])
-    known = [value for value in values if value is not None and math.isfinite(value)]
-    low, high = min([low, *known]), max([high, *known])
+    finite = [value for value in values if value is not None and math.isfinite(value)]
+    low, high = min([low, *finite]), max([high, *finite])
     return (low, high) if low < high else (low - 0.5, high + 0.5)
 
 

@@ -17,8 +17,8 @@ from ..labels.extents import label_extent_steps
 from ..labels.label_sources import moved_box, samples_on_grid, turned_values
 from ..volume import Box, Volume
 
-SLAB_SLICES = 16  # looked at in one go
-SAME_PLACE = 1e-2  # voxels by which the corners of two volumes may differ
+SLAB_SLICES = 16  # Look at this many slices in one go.
+SAME_PLACE = 1e-2  # The corners of two volumes may differ by this many voxels.
 
 
 class InsideValues(NamedTuple):
@@ -48,7 +48,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
         Their samples are samples of the CT, in any order and direction of the axes, of all of it or of a part.
     label : int
     box : ((x, stop), (y, stop), (z, stop)), optional
-        In the labels; by default the whole volume.
+        Box in the labels; by default the whole volume.
 
     Raises
     ------
@@ -112,7 +112,6 @@ def range_values_steps(
 
 
 def _whole_box(volume: Volume) -> Box:
-    """Return the box of all samples."""
     x, y, z = volume.size
     return (0, x), (0, y), (0, z)
 

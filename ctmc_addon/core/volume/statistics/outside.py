@@ -12,7 +12,7 @@ AIR = -800.0  # HU; air at and below it
 
 
 def outside_air(values: NDArray[Any], ends: int | None = None, air: float = AIR) -> NDArray[np.bool_]:
-    """Where the samples of a slice, (rows, columns), are at or below `air` and joined by such to its border.
+    """Return where the samples of a slice, (rows, columns), are at or below `air` and connected to its border.
 
     Parameters
     ----------
@@ -74,7 +74,7 @@ def _run_numbers(mask: NDArray[np.bool_]) -> NDArray[np.intp]:
 
     Examples
     --------
-    >>> run_numbers(np.array([[True, True, False, True], [True, False, False, True]])).tolist()
+    >>> _run_numbers(np.array([[True, True, False, True], [True, False, False, True]])).tolist()
     [[1, 1, 1, 2], [3, 3, 3, 4]]
     """
     begins = mask.copy()

@@ -22,8 +22,8 @@ from ..volume import Box, Volume
 from .values import Histogram, box_histogram_steps, histogram, is_counted, value_range
 
 WHOLE_VOLUME = "this volume"
-HALF_LABEL = 0.5  # a label is extracted from 0 (outside) and 1 (inside)
-QUICK_VALUES = 1 << 22  # counted in less than 0.1 s
+HALF_LABEL = 0.5  # A label is extracted from 0 (outside) and 1 (inside).
+QUICK_VALUES = 1 << 22  # This many values are counted in less than 0.1 s.
 _otsu: WeakKeyDictionary[Volume, dict[Box, float]] = WeakKeyDictionary()
 
 
@@ -95,7 +95,6 @@ def otsu(values: NDArray[Any]) -> float:
 
 
 def _otsu_of_histogram(histogram: Histogram) -> float:
-    """Return Otsu's threshold of a histogram."""
     counts, start, width = histogram
     counts = _without_padding(counts)
     filled = np.flatnonzero(counts)
@@ -145,9 +144,9 @@ def check_threshold(
     values : (slices, rows, columns)
         NaN and infinite values are ignored.
     kind : ValueKind
-        As in `Volume`: what the values mean.
+        Meaning of the values, as in `Volume`.
     place : str
-        Whose values they are, for the message.
+        Owner of the values, for the message.
     """
     low, high = value_range(values)
     if upper is not None and threshold > upper:  # Otsu's threshold; settings that contradict each other are refused

@@ -54,7 +54,7 @@ def tissue_name(kind: str, threshold: float, upper: float | None = None) -> str:
 
 
 def surface_name(kind: str, threshold: float, upper: float | None = None) -> str:
-    """Return what a surface is called: after its tissue and its limits.
+    """Return the name of a surface: its tissue and its limits.
 
     Examples
     --------

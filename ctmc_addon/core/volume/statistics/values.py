@@ -19,7 +19,7 @@ from ..labels.extents import label_extents_steps
 from ..value_kind import ValueKind
 from ..volume import Box, SampleGrid, Volume
 
-BINS = 1024  # for floats, and for integers over too wide a range to count each value
+BINS = 1024  # Bins for floats, and for integers over too wide a range to count each value.
 MOST_INTEGERS = 2**17
 SLAB_VALUES = 2**20
 
@@ -129,7 +129,7 @@ def _narrow_histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     return counts[filled[0] : filled[-1] + 1].copy(), lowest + float(filled[0]) - 0.5, 1.0
 
 
-_histograms: WeakKeyDictionary[Volume, Histogram] = WeakKeyDictionary()  # of whole volumes
+_histograms: WeakKeyDictionary[Volume, Histogram] = WeakKeyDictionary()  # The histograms of whole volumes.
 
 
 def box_histogram_steps(volume: Volume, box: Box) -> Steps[Histogram]:
@@ -166,7 +166,7 @@ class VolumeStatistics:
     non_finite : int
         Voxels that are NaN or infinite.
     labels : tuple of (value, voxels)
-        Of a label volume, without 0, in the order of their values.
+        Labels of a label volume, without 0, in the order of their values.
     fingerprint : str
         The same for the same values at the same position.
     """
