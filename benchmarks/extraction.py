@@ -9,11 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ctmc_addon.core.cost_estimate import CALIBRATION, FieldCache, cost_estimate_steps
 from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
+from ctmc_addon.core.planning.cost_estimate import CALIBRATION, FieldCache, cost_estimate_steps
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.surfaces.extract import reconstruct

@@ -4,7 +4,6 @@
 from typing import TYPE_CHECKING
 
 from ..version import VERSION
-from .case_plan import asked_bytes, asks_for_memory, case_bytes, case_process_is_large, cases_at_once, cases_bytes
 from .described import AUTO, Described, Setting, checked, defaults, descriptions, setting
 from .errors import (
     AbsentLabelError,
@@ -53,7 +52,15 @@ from .measures import (
     measures_in,
 )
 from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
-from .plan import advised_steps, fits_in_memory, plan_steps, reads_at_once, shown_stride, triangle_bytes
+from .planning.case_plan import (
+    asked_bytes,
+    asks_for_memory,
+    case_bytes,
+    case_process_is_large,
+    cases_at_once,
+    cases_bytes,
+)
+from .planning.plan import advised_steps, fits_in_memory, plan_steps, reads_at_once, shown_stride, triangle_bytes
 from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
 from .reconstruction import Reconstruction, Stage
 from .settings import (
@@ -77,10 +84,10 @@ from .units import Unit, length_text, unit_of, volume_text
 from .volume.volume import Volume
 
 if TYPE_CHECKING:
-    from .cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
     from .files.structures import Structure, write_structures, write_structures_steps
     from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances
+    from .planning.cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
     from .preview import LEAVE_IT, Preview, PreviewResult
     from .simplification.simplify import simplify, simplify_steps
     from .structure_table import (

@@ -29,10 +29,10 @@ from ..mesh.topology import component_numbers_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
-from .batches import Batch
-from .collapses import TURN, shuffled
+from .batches.pieces import Batch
+from .engine.collapses import TURN, shuffled
+from .engine.quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 from .policy import POLICY, Policy
-from .quadrics import EdgeQuadric, best_step, error, face_quadrics, times
 
 BLOCK = 1 << 15  # Work out the quadrics of this many faces at once: they fit the cache.
 ID_BITS = 21  # Bits of a vertex number: three numbers and a direction fit into 64 bits.

@@ -18,8 +18,8 @@ from typing import Generic, TypeVar
 from ..machine.budget import Budget
 from ..mesh.triangle_mesh import SurfacePiece, SurfacePieces, TriangleMesh
 from ..progress import Steps, WithResult, finish
-from .batches import batches_steps
-from .in_batches import in_batches_steps
+from .batches.in_batches import in_batches_steps
+from .batches.pieces import batches_steps
 from .policy import POLICY, Policy
 from .whole import Goal, Simplification, require_finite, whole_steps
 

@@ -13,14 +13,14 @@ from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Step, Steps, equal_part
-from .batch_memory import held_batches, seam_vertices
-from .batches import Batch
-from .bounded import hold_bound_steps
+from .batches.memory import held_batches, seam_vertices
+from .batches.pieces import Batch
+from .bounds.bounded import hold_bound_steps
+from .bounds.uncrossing import uncross_steps
 from .clustering import clustered_steps
-from .component_removal import CollapsedComponents, Staying
-from .edge_collapse import CollapsingMesh
+from .engine.component_removal import CollapsedComponents, Staying
+from .engine.edge_collapse import CollapsingMesh
 from .policy import POLICY, Policy
-from .uncrossing import uncross_steps
 
 STAGES = {"Simplifying": 1}
 BOUNDED_STAGES = {"Simplifying": 4, "Checking the error": 1}

@@ -16,7 +16,7 @@ from ..errors import CtmcError, LabelError, MemoryLimitError
 from ..machine.budget import Budget
 from ..machine.memory import give_back
 from ..machine.parallel import side_by_side_steps
-from ..plan import advised_steps
+from ..planning.plan import advised_steps
 from ..progress import Stages, Steps
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink

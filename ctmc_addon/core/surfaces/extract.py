@@ -21,7 +21,7 @@ from ..mesh.faces_shown import face_notes
 from ..mesh.pieces.kept_pieces import KeptPieces
 from ..mesh.pieces.spool import Spool, SpooledPieces
 from ..mesh.triangle_mesh import Pieces, Surface, at_alpha_steps
-from ..plan import required_steps
+from ..planning.plan import required_steps
 from ..progress import Steps, WithResult, finish
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings

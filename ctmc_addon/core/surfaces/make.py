@@ -12,7 +12,7 @@ from dataclasses import replace
 
 from ..errors import CtmcError, LabelError, MemoryLimitError
 from ..machine.budget import Budget
-from ..plan import advised_steps
+from ..planning.plan import advised_steps
 from ..progress import Stages, Steps, equal_part
 from ..sinks import HOLD
 from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps

@@ -19,7 +19,7 @@ from ..progress import Step, Steps
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
-from ..simplification.component_removal import CollapsedComponents
+from ..simplification.engine.component_removal import CollapsedComponents
 from ..simplification.whole import Simplification
 from ..sinks import HOLD, Taken
 from ..volume.volume import Volume

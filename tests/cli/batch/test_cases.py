@@ -9,7 +9,8 @@ from ctmc_addon.cli.arguments import with_flags
 from ctmc_addon.cli.batch.cases import collect, values_of
 from ctmc_addon.cli.batch.command import need_of
 from ctmc_addon.core import ReconstructionSettings
-from ctmc_addon.core.case_plan import (
+from ctmc_addon.core.errors import CtmcError
+from ctmc_addon.core.planning.case_plan import (
     BLENDER_PROCESS_BYTES,
     CASE_VOXEL_BYTES,
     PROCESS_BYTES,
@@ -17,7 +18,6 @@ from ctmc_addon.core.case_plan import (
     asks_for_memory,
     case_bytes,
 )
-from ctmc_addon.core.errors import CtmcError
 from ctmc_addon.readers import ReadingOptions
 
 READING = ReadingOptions()

@@ -23,9 +23,9 @@ from ctmc_addon.cli.batch.files import remove_own_unfinished, unfinished_folder
 from ctmc_addon.cli.batch.process import CaseProcess, first_to_grant, fits, run_here, run_task
 from ctmc_addon.cli.batch.worker import MARK, NEEDS, OVER
 from ctmc_addon.core import VERSION, CtmcError, MemoryLimitError
-from ctmc_addon.core.case_plan import PROCESS_BYTES
 from ctmc_addon.core.machine.memory import peak_bytes, reset_peak_bytes, resident_bytes
 from ctmc_addon.core.machine.own_process import PACKAGE
+from ctmc_addon.core.planning.case_plan import PROCESS_BYTES
 
 # Says that it is over after every task; ends at a task called "bad", makes one called "long" without end, and asks for
 # memory where a task says how much. After one called "last" it dies before it is given another.

@@ -61,7 +61,7 @@ def test_what_does_not_fit_is_fetched_slab_by_slab_with_the_same_bytes(
     words = [phantom_folder / "volume-4.nii.gz", "--threshold", "-300", *flags]
     monkeypatch.setattr("ctmc_addon.core.extraction.grid.UNIT_SAMPLES", 1)
     assert ctmc("reconstruct", *words, "-o", tmp_path / "memory.ply").code == 0
-    monkeypatch.setattr("ctmc_addon.core.plan.READ_SHARE", 0.0)
+    monkeypatch.setattr("ctmc_addon.core.planning.plan.READ_SHARE", 0.0)
     monkeypatch.setattr("ctmc_addon.cli.commands.reconstruct.Budget", partial(core.Budget, slab_bytes=1))
     fetched = []
     fill = readers.result.Volume.samples
@@ -358,7 +358,7 @@ def test_a_surface_of_values_that_are_fetched_has_the_bytes_of_one_in_memory(ctm
     np.save(tmp_path / "ct.npy", np.random.default_rng(0).random((22, 23, 24)).astype(np.float32))
     words = ["reconstruct", tmp_path / "ct.npy", *flags, "-o"]
     assert ctmc(*words, tmp_path / "memory.ply").code == 0
-    monkeypatch.setattr("ctmc_addon.core.plan.READ_SHARE", 0.0)
+    monkeypatch.setattr("ctmc_addon.core.planning.plan.READ_SHARE", 0.0)
     monkeypatch.setattr("ctmc_addon.readers.VolumeSource.read_steps", lambda *_, **__: pytest.fail("read whole"))
     assert ctmc(*words, tmp_path / "fetched.ply").code == 0
     assert (tmp_path / "fetched.ply").read_bytes() == (tmp_path / "memory.ply").read_bytes()

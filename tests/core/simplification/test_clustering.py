@@ -7,7 +7,7 @@ from meshes import as_mesh, assert_sound, boundary_edges, icosphere, joined, non
 
 from ctmc_addon.core import finish, marching_cubes
 from ctmc_addon.core.mesh import surface_distance
-from ctmc_addon.core.simplification.batches import Batch
+from ctmc_addon.core.simplification.batches.pieces import Batch
 from ctmc_addon.core.simplification.clustering import clustered_steps
 
 

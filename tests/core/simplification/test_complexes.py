@@ -21,7 +21,7 @@ from ctmc_addon.core.simplification.complexes.simplify import (
     simplify_complex,
     simplify_complex_steps,
 )
-from ctmc_addon.core.simplification.component_removal import CollapsedComponents
+from ctmc_addon.core.simplification.engine.component_removal import CollapsedComponents
 
 SEEDS = [[-3.1, 0.4, 1.2], [2.7, 2.2, -0.8], [0.6, -3.0, 0.3], [0.2, 1.0, 3.6]]
 

@@ -6,8 +6,8 @@ import pytest
 from meshes import icosphere
 
 from ctmc_addon.core import TriangleMesh, finish
-from ctmc_addon.core.simplification.collapses import independent_set_steps, with_normals_steps
-from ctmc_addon.core.simplification.edge_collapse import CollapsingMesh
+from ctmc_addon.core.simplification.engine.collapses import independent_set_steps, with_normals_steps
+from ctmc_addon.core.simplification.engine.edge_collapse import CollapsingMesh
 
 
 @pytest.fixture

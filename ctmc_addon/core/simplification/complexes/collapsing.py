@@ -12,10 +12,10 @@ from ...arrays import Flags, Floats, Indices, Ints
 from ...mesh.labels.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
-from ..collapse_rules import Surface
-from ..collapses import Collapses
-from ..edge_collapse import CollapsingMesh
-from ..handles import Cuts, handle_cuts_steps
+from ..engine.collapse_rules import Surface
+from ..engine.collapses import Collapses
+from ..engine.edge_collapse import CollapsingMesh
+from ..engine.handles import Cuts, handle_cuts_steps
 from ..policy import POLICY, Policy
 from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares

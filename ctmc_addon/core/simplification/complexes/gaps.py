@@ -17,7 +17,7 @@ from ...mesh.labels.label_complex import ComplexMesh, junction_vertices
 from ...mesh.topology import compacted, component_numbers_steps, edges_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
-from ..component_removal import CollapsedComponents
+from ..engine.component_removal import CollapsedComponents
 from ..policy import POLICY, Policy
 
 TETRAHEDRON = 4  # A closed surface has no fewer triangles.

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Flags, Ints
 from ...progress import PAUSE, Steps
-from ..collapses import Collapses, shared_neighbors_steps, shuffled
+from ..engine.collapses import Collapses, shared_neighbors_steps, shuffled
 
 INTERIOR, CONTACT, ON_LINE, CORNER = 0, 1, 2, 3  # The ranks of vertices.
 

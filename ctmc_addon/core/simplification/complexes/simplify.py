@@ -28,8 +28,8 @@ from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Stages, Step, Steps, equal_part, finish
-from ..bounded import hold_bound_steps
-from ..component_removal import CollapsedComponents, Staying
+from ..bounds.bounded import hold_bound_steps
+from ..engine.component_removal import CollapsedComponents, Staying
 from ..policy import POLICY, Policy
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite

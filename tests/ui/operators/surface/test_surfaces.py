@@ -126,7 +126,7 @@ def too_large(loaded, monkeypatch):
 
 
 def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, too_large, ball_file):
-    from ctmc_addon.core.cost_estimate import FieldCache
+    from ctmc_addon.core.planning.cost_estimate import FieldCache
     from ctmc_addon.ui.state.cost_estimates import estimate_steps
 
     loaded.ctmc.reduction = 0.9
