@@ -179,7 +179,12 @@ def test_wrong_usage_has_exit_code_2(ctmc, words):
 @pytest.mark.once
 @pytest.mark.parametrize("there", [False, True])
 @pytest.mark.parametrize(
-    "fails", ["core.files.mesh_files.write_mesh", "blender.figure.render.render_figure_steps", "cli.outputs.write_json"]
+    "fails",
+    [
+        "core.files.mesh_files.write_mesh",
+        "blender.figure.rendering.render.render_figure_steps",
+        "cli.outputs.write_json",
+    ],
 )
 def test_when_one_output_fails_none_is_left(ctmc, phantom_folder, small_pictures, tmp_path, monkeypatch, fails, there):
     names = ["f.png", "r.json", "t.stl"]

@@ -117,7 +117,7 @@ def test_the_side_of_one_pixel_is_always_measured(ctmc, segmentation, tmp_path):
     outcome = ctmc("experiment", "voxels", segmentation, *words)
     assert outcome.code == 0, outcome.errors
     assert [row["stride"] for row in rows_in(tmp_path / "t")] == [1, 3]
-    assert "alpha has no effect" in outcome.out
+    assert "Alpha has no effect" in outcome.out
     assert "one run of each, after one that is not counted" in outcome.out
     assert "improved, %" in outcome.out
 

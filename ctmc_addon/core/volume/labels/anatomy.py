@@ -8,7 +8,6 @@ every second one is darker.
 from __future__ import annotations
 
 import re
-import tomllib
 import unicodedata
 from collections.abc import Mapping
 from functools import cache
@@ -148,6 +147,8 @@ def _rgb(color: str) -> tuple[int, int, int]:
 
 @cache
 def _table() -> Mapping[str, Any]:
+    import tomllib  # Only a command that names structures needs it.
+
     return tomllib.loads(Path(__file__).with_name("anatomy.toml").read_text("utf-8"))
 
 

@@ -43,7 +43,7 @@ def test_the_time_of_the_panel_is_read_and_noted(scene, tmp_path):
     assert "ctmc.load Load This Time" in layout.buttons
     assert "--time 2" in results.command_text(scene)
     scene.ctmc.time = 4
-    with pytest.raises(RuntimeError, match=r"no time 4, as heart\.nii holds 3 times; choose from 1 to 3"):
+    with pytest.raises(RuntimeError, match=r"no time 4, because heart\.nii holds 3 times; choose from 1 to 3"):
         bpy.ops.ctmc.load(again=True)
     assert volumes.loaded(scene).reading.time == 2
 
