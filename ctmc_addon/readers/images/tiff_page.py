@@ -50,7 +50,6 @@ SIZES = {"u": (8, 16, 32, 64), "i": (8, 16, 32, 64), "f": (32, 64)}
 UNCOMPRESSED, GROUP_4, JPEG = 1, 4, 7  # Values of Compression.
 WITHOUT_END = (2, 3)  # Nobody could tell where pixels of CCITT run lengths and of Group 3 end.
 STREAMS = {8: "zlib", 32946: "zlib", 50013: "zlib", 34925: "lzma", 50000: "zstd"}
-COUNTED = (8, 32773, 32946, 34925)  # Deflate, PackBits and LZMA; other codecs stop at the end of the page.
 BY_PILLOW = (GROUP_4, JPEG)  # imagecodecs may round JPEG in another way.
 EXACT_MODES = {  # Pillow's types whose values are those stored, by the bits of a sample.
     1: ("1", "P"), 2: ("L", "P"), 4: ("L", "P"), 8: ("L", "P", "LA", "RGB", "RGBA"), 12: ("I;16",),
@@ -222,8 +221,6 @@ def page_pixels(
             "save it without a predictor"
         )
     _check_ends(page, layout, path, lock)
-    if layout.compression in COUNTED and page.keyframe.fillorder == 1:
-        _check_length(page, layout, path, lock)
     pixels = None
     if layout.compression not in BY_PILLOW:
         try:
@@ -300,24 +297,6 @@ def _check_ends(page: Any, layout: PageLayout, path: Path, lock: AbstractContext
             layout.compression == JPEG and not content.rstrip(b"\0").endswith(END_OF_JPEG)
         ):
             raise damaged(path, "the end of a compressed strip is missing")
-
-
-def _check_length(page: Any, layout: PageLayout, path: Path, lock: AbstractContextManager[Any]) -> None:
-    """Refuse a first strip or tile that unpacks to more than its pixels; tifffile would cut it silently."""
-    tifffile, key, file = needed("tifffile", "tifffile", "TIFF"), page.keyframe, page.parent.filehandle
-    rows, columns = min(key.rowsperstrip, layout.shape[0]), layout.shape[1]
-    if key.is_tiled:
-        rows, columns = key.tilelength, key.tilewidth
-    most = rows * -(-columns * (1 if layout.separate else layout.samples) * layout.bits // 8)
-    with lock:
-        file.seek(page.dataoffsets[0])
-        content = file.read(page.databytecounts[0])
-    try:
-        length = len(tifffile.TIFF.DECOMPRESSORS[layout.compression](content))
-    except (*DAMAGE, ImportError):
-        return  # Reading the page reports it.
-    if length > most:
-        raise damaged(path, f"a strip or tile unpacks to {length} bytes, and its pixels have {most}")
 
 
 class _FromPage(io.RawIOBase):

@@ -398,14 +398,3 @@ def test_colors_of_another_kind_are_refused(tmp_path, kind):
     pages = [gray_page(plane, 8, t262=(3, [kind])) for plane in numbers(8)]
     with pytest.raises(ReadError, match=rf"has colors of PhotometricInterpretation {kind}; save it as gray"):
         read_volume(saved(tmp_path, pages))
-
-
-@pytest.mark.parametrize("compression", [DEFLATE, PACKBITS, LZMA])
-@pytest.mark.parametrize("bits", [1, 8, 16])
-def test_strips_that_unpack_to_more_than_their_page_are_refused(tmp_path, compression, bits):
-    pages = [gray_page(plane, bits, compression) for plane in numbers(bits)]
-    assert read_volume(saved(tmp_path, pages)).values.shape == numbers(bits).shape
-    for tags, _ in pages:
-        tags[256] = (3, [tags[256][1][0] - 8])
-    with pytest.raises(ReadError, match=r"unpacks to \d+ bytes, and its pixels have \d+\); copy it again"):
-        read_volume(saved(tmp_path, pages))
