@@ -27,8 +27,7 @@ from ..core import (
 )
 from ..core.files.input_files import add_inputs
 from ..core.volume import ALL
-from ..reporting.command_line import command_of as command_of
-from ..reporting.command_line import flag_of as flag_of
+from ..reporting.command_line import command_of as command_of, flag_of as flag_of
 from ..reporting.settings_toml import from_toml
 from .described_flags import Numbers, add_flag, add_labels_flag, given, is_number, value_reader
 

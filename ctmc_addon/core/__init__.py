@@ -3,110 +3,168 @@
 
 from typing import TYPE_CHECKING
 
-from ..version import VERSION
-from .described import AUTO, Described, Setting, checked, defaults, descriptions, setting
+from ..version import VERSION as VERSION
+from .described import (
+    AUTO as AUTO,
+    Described as Described,
+    Setting as Setting,
+    checked as checked,
+    defaults as defaults,
+    descriptions as descriptions,
+    setting as setting,
+)
 from .errors import (
-    AbsentLabelError,
-    CtmcError,
-    LabelError,
-    MemoryLimitError,
-    MeshError,
-    OutputError,
-    ReadError,
-    SettingsError,
-    ThresholdError,
-    VolumeError,
-    one_line,
+    AbsentLabelError as AbsentLabelError,
+    CtmcError as CtmcError,
+    LabelError as LabelError,
+    MemoryLimitError as MemoryLimitError,
+    MeshError as MeshError,
+    OutputError as OutputError,
+    ReadError as ReadError,
+    SettingsError as SettingsError,
+    ThresholdError as ThresholdError,
+    VolumeError as VolumeError,
+    one_line as one_line,
 )
-from .extraction.field_pieces import SlabResult, SlabTask, slab_result_steps
-from .extraction.marching_cubes import marching_cubes
-from .files.mesh_files import STRUCTURE_SUFFIXES, files_of
+from .extraction.field_pieces import (
+    SlabResult as SlabResult,
+    SlabTask as SlabTask,
+    slab_result_steps as slab_result_steps,
+)
+from .extraction.marching_cubes import marching_cubes as marching_cubes
+from .files.mesh_files import STRUCTURE_SUFFIXES as STRUCTURE_SUFFIXES, files_of as files_of
 from .later import lazy_names
-from .machine.budget import Budget, SlabWorkers
+from .machine.budget import Budget as Budget, SlabWorkers as SlabWorkers
 from .machine.memory import (
-    NO_THREAD,
-    address_space_available,
-    amount,
-    available_bytes,
-    give_back,
-    keep_little,
-    peak_bytes,
-    reset_peak_bytes,
-    resident_bytes,
+    NO_THREAD as NO_THREAD,
+    address_space_available as address_space_available,
+    amount as amount,
+    available_bytes as available_bytes,
+    give_back as give_back,
+    keep_little as keep_little,
+    peak_bytes as peak_bytes,
+    refusal as memory_refusal,
+    require as require_memory,
+    reset_peak_bytes as reset_peak_bytes,
+    resident_bytes as resident_bytes,
 )
-from .machine.memory import refusal as memory_refusal
-from .machine.memory import require as require_memory
-from .machine.own_process import BOOT, ending, first_request, interpreter, own_output, requests, say, temporary_files_in
-from .machine.parallel import map_steps, processors, side_by_side_steps, worker_count
+from .machine.own_process import (
+    BOOT as BOOT,
+    ending as ending,
+    first_request as first_request,
+    interpreter as interpreter,
+    own_output as own_output,
+    requests as requests,
+    say as say,
+    temporary_files_in as temporary_files_in,
+)
+from .machine.parallel import (
+    map_steps as map_steps,
+    processors as processors,
+    side_by_side_steps as side_by_side_steps,
+    worker_count as worker_count,
+)
 from .measures import (
-    GRAY_VALUES,
-    HU,
-    MEASURES,
-    UNKNOWN,
-    FinishedSurface,
-    Measure,
-    Place,
-    columns_in,
-    combined,
-    measure,
-    measures_in,
+    GRAY_VALUES as GRAY_VALUES,
+    HU as HU,
+    MEASURES as MEASURES,
+    UNKNOWN as UNKNOWN,
+    FinishedSurface as FinishedSurface,
+    Measure as Measure,
+    Place as Place,
+    columns_in as columns_in,
+    combined as combined,
+    measure as measure,
+    measures_in as measures_in,
 )
-from .mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
+from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
-    asked_bytes,
-    asks_for_memory,
-    case_bytes,
-    case_process_is_large,
-    cases_at_once,
-    cases_bytes,
+    asked_bytes as asked_bytes,
+    asks_for_memory as asks_for_memory,
+    case_bytes as case_bytes,
+    case_process_is_large as case_process_is_large,
+    cases_at_once as cases_at_once,
+    cases_bytes as cases_bytes,
 )
-from .planning.plan import advised_steps, fits_in_memory, plan_steps, reads_at_once, shown_stride, triangle_bytes
-from .progress import PAUSE, Stages, Step, Steps, equal_part, finish, timed_steps
-from .reconstruction import Reconstruction, Stage
+from .planning.plan import (
+    advised_steps as advised_steps,
+    fits_in_memory as fits_in_memory,
+    plan_steps as plan_steps,
+    reads_at_once as reads_at_once,
+    shown_stride as shown_stride,
+    triangle_bytes as triangle_bytes,
+)
+from .progress import (
+    PAUSE as PAUSE,
+    Stages as Stages,
+    Step as Step,
+    Steps as Steps,
+    equal_part as equal_part,
+    finish as finish,
+    timed_steps as timed_steps,
+)
+from .reconstruction import Reconstruction as Reconstruction, Stage as Stage
 from .settings import (
-    EXCLUSIVE,
-    GOALS,
-    SETTINGS,
-    SIMPLIFICATION,
-    ReconstructionSettings,
-    is_allowed,
-    settings_of_stage,
-    with_present_names,
+    EXCLUSIVE as EXCLUSIVE,
+    GOALS as GOALS,
+    SETTINGS as SETTINGS,
+    SIMPLIFICATION as SIMPLIFICATION,
+    ReconstructionSettings as ReconstructionSettings,
+    is_allowed as is_allowed,
+    settings_of_stage as settings_of_stage,
+    with_present_names as with_present_names,
 )
-from .sinks import HOLD, Hold, Sink, Write
-from .smoothing.choices import done_smoothing, has_width
-from .smoothing.methods import SMOOTHINGS, smoothing_of, used_settings
-from .surfaces.extract import reconstruct, reconstruct_steps, result_and_full_steps
-from .surfaces.finish import simplified_steps, without_small_steps
-from .surfaces.make import make_surfaces_steps
-from .surfaces.request import MadeSurface, SurfaceRequest, share_walls
-from .units import Unit, length_text, unit_of, volume_text
-from .volume.volume import Volume
+from .sinks import HOLD as HOLD, Hold as Hold, Sink as Sink, Write as Write
+from .smoothing.choices import done_smoothing as done_smoothing, has_width as has_width
+from .smoothing.methods import SMOOTHINGS as SMOOTHINGS, smoothing_of as smoothing_of, used_settings as used_settings
+from .surfaces.extract import (
+    reconstruct as reconstruct,
+    reconstruct_steps as reconstruct_steps,
+    result_and_full_steps as result_and_full_steps,
+)
+from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
+from .surfaces.make import make_surfaces_steps as make_surfaces_steps
+from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
+from .units import Unit as Unit, length_text as length_text, unit_of as unit_of, volume_text as volume_text
+from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
-    from .files.structures import Structure, write_structures, write_structures_steps
-    from .mesh.angles.alpha_choice import AlphaChoice, chosen_alpha_steps
-    from .mesh.distance.triangle_tree import distances
-    from .planning.cost_estimate import CALIBRATION, CostEstimate, FieldCache, cost_estimate_steps
-    from .preview import LEAVE_IT, Preview, PreviewResult
-    from .simplification.simplify import simplify, simplify_steps
+    from .files.structures import (
+        Structure as Structure,
+        write_structures as write_structures,
+        write_structures_steps as write_structures_steps,
+    )
+    from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
+    from .mesh.distance.triangle_tree import distances as distances
+    from .planning.cost_estimate import (
+        CALIBRATION as CALIBRATION,
+        CostEstimate as CostEstimate,
+        FieldCache as FieldCache,
+        cost_estimate_steps as cost_estimate_steps,
+    )
+    from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
+    from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
     from .structure_table import (
-        StructureRow,
-        measure_structures,
-        measure_structures_steps,
-        structure_row_steps,
-        table_cells,
-        table_csv,
-        table_heads,
+        StructureRow as StructureRow,
+        measure_structures as measure_structures,
+        measure_structures_steps as measure_structures_steps,
+        structure_row_steps as structure_row_steps,
+        table_cells as table_cells,
+        table_csv as table_csv,
+        table_heads as table_heads,
     )
     from .structures import (
-        chosen_opacities,
-        opacities_of,
-        require_opacities,
-        save_structures,
-        structure_names,
-        structures_of,
+        chosen_opacities as chosen_opacities,
+        opacities_of as opacities_of,
+        require_opacities as require_opacities,
+        save_structures as save_structures,
+        structure_names as structure_names,
+        structures_of as structures_of,
     )
-    from .surfaces.labels import LabelSurfaces, reconstruct_labels, reconstruct_labels_steps
+    from .surfaces.labels import (
+        LabelSurfaces as LabelSurfaces,
+        reconstruct_labels as reconstruct_labels,
+        reconstruct_labels_steps as reconstruct_labels_steps,
+    )
 
 __getattr__ = lazy_names(__name__)

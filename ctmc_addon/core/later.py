@@ -39,9 +39,9 @@ def _modules_of(package: str) -> dict[str, str]:
     """Return the module of each name under `if TYPE_CHECKING:`, relative to the package."""
     spec = find_spec(package)
     loader: Any = spec.loader if spec else None
-    source = loader.get_source(package)
+    source = loader.get_source(package) or ""  # A package without its source has no lazy names.
     return {
-        alias.name: "." * node.level + (node.module or "")
+        alias.asname or alias.name: "." * node.level + (node.module or "")
         for block in ast.parse(source).body
         if isinstance(block, ast.If) and isinstance(block.test, ast.Name) and block.test.id == "TYPE_CHECKING"
         for node in block.body

@@ -8,8 +8,7 @@ def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
     from .properties import drawing, figure, preferences, scans, settings, view
-    from .state import drawing_files, drawings, label_looks, session, structures, volumes
-    from .state import scans as active_scan
+    from .state import drawing_files, drawings, label_looks, scans as active_scan, session, structures, volumes
     from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (

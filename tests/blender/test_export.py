@@ -20,9 +20,9 @@ from ctmc_addon.blender.surface import (
     add_reconstruction,
     apply_shape_and_modifiers,
     evaluated_triangles,
+    mesh_data as meshes,
     update_reconstruction,
 )
-from ctmc_addon.blender.surface import mesh_data as meshes
 from ctmc_addon.core import files_of
 from ctmc_addon.core.errors import MeshError, OutputError
 from ctmc_addon.core.files.mesh_files import SURFACE_SUFFIXES as SUFFIXES

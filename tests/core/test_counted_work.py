@@ -74,11 +74,12 @@ def work_of(run):
         elif event == "return":
             returned += nested_bytes(argument)
 
+    before = sys.getprofile()
     sys.setprofile(count)
     try:
         run()
     finally:
-        sys.setprofile(None)
+        sys.setprofile(before)
     tracemalloc.start()
     try:
         run()

@@ -7,13 +7,19 @@ import numpy as np
 import pytest
 
 hypothesis = pytest.importorskip("hypothesis", reason="the Python package hypothesis is not installed")
-from hypothesis import Phase, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, Phase, given, settings, strategies as st
 
 from ctmc_addon.core import Budget, ReconstructionSettings, Volume, reconstruct, reconstruct_labels
 
 # A failure is shown as it was drawn: a smaller one takes minutes to find.
-DRAWN = settings(derandomize=True, database=None, deadline=None, max_examples=20, phases=[Phase.generate])
+DRAWN = settings(
+    derandomize=True,
+    database=None,
+    deadline=None,
+    max_examples=20,
+    phases=[Phase.generate],
+    suppress_health_check=[HealthCheck.too_slow],
+)
 SEEDS = st.integers(0, 2**32 - 1)
 SIDES = st.integers(4, 9)
 SHAPES = st.tuples(SIDES, SIDES, SIDES)

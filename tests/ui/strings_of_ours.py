@@ -17,11 +17,14 @@ import bpy
 import ctmc_addon
 from ctmc_addon.core import Place, measures_in
 from ctmc_addon.ui import translations
-from ctmc_addon.ui.properties import drawing as drawing_properties
-from ctmc_addon.ui.properties import figure as figure_properties
-from ctmc_addon.ui.properties import preferences, structures
-from ctmc_addon.ui.properties import settings as properties
-from ctmc_addon.ui.properties import view as view_properties
+from ctmc_addon.ui.properties import (
+    drawing as drawing_properties,
+    figure as figure_properties,
+    preferences,
+    settings as properties,
+    structures,
+    view as view_properties,
+)
 
 PACKAGE = Path(ctmc_addon.__file__).parent
 # Calls that show their first argument, or the argument of this name.

@@ -5,7 +5,7 @@ Su and Ma, eq. 2 to 4. One departure: under a stride the differences are those o
 neighboring voxels, not of the enlarged voxel's corners as equation 4 read literally would have it.
 The wider difference would blur the shading for nothing.
 
-In index space; pipeline.py carries normals to millimeters by affine.py. Example: on an edge along x from sample 4
+In index space; field_pieces.py carries normals to millimeters by affine.py. Example: on an edge along x from sample 4
 to 6 with the crossing at 4.4, the gradient is that of the values at columns 4 and 5, interpolated by 0.4.
 """
 

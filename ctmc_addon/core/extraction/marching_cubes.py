@@ -13,8 +13,8 @@ Three passes, each over slabs of sample layers and each spread over threads. Rea
     vertices.py         3. a vertex is placed on every crossed edge, with its normal (gradients.py)
     faces.py               the triangles' corners are gathered
 
-For `topology="trilinear"` the second pass goes on: trilinear_decider.py decides ambiguous voxels by their gray
-values, trilinear_cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
+For `topology="trilinear"` the second pass goes on with the modules of trilinear/: decider.py decides ambiguous voxels
+by their gray values, cases.py has their triangles, interior_vertices.py places the vertices that some have inside.
 
 field_pieces.py does this for a field whose values are fetched some slices at a time.
 

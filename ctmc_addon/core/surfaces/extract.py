@@ -109,6 +109,7 @@ def result_and_full_steps(
         if not settings.simplifies_here:
             raise
         give_back()  # The full surface was released with its steps.
+        making.stages.seconds = {PREPARING: making.stages.seconds[PREPARING]}  # Seconds are those of one attempt.
     return MadeSurface((yield from making.result_steps()))
 
 

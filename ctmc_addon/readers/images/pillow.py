@@ -103,7 +103,7 @@ def gray_slice(header: Picture) -> NDArray[Any]:
         content = header.path.read_bytes()
         with pillow.open(io.BytesIO(content)) as image:
             image.verify()  # Check sums of PNG, which imageio passes over.
-        pixels = iio.imread(content, plugin="pillow", mode=header.decode_as)
+        pixels = iio.imread(content, plugin="pillow", index=0, mode=header.decode_as)
     except (*PILLOW_ERRORS, pillow.DecompressionBombError) as error:
         raise ReadError(
             f"{header.path.name} is truncated or damaged ({_image_reason(error)}); copy it again"

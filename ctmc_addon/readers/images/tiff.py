@@ -177,6 +177,9 @@ def _open_tiff(path: Path, as_ome: bool = True) -> Any:
             options = {} if as_ome else {"is_ome": False}
             tiff = on_error.enter_context(tifffile.TiffFile(path, **_without_companions(tifffile), **options))
             count, stored = len(tiff.pages), 0
+            tiff.filehandle.seek(tiff.pages.next_page_offset)
+            if tiff.filehandle.read(tiff.tiff.offsetsize) != bytes(tiff.tiff.offsetsize):
+                raise ValueError(f"its chain of pages breaks off after {count}")
             tiff.pages[0], tiff.series[0]  # found when asked for
             if tiff.is_shaped:
                 stored = sum(int(np.prod(entry["shape"])) for entry in tiff.shaped_metadata or () if "shape" in entry)

@@ -107,6 +107,8 @@ def reading(path: Path) -> Iterator[None]:
     """Turn what tifffile raises or logs while it reads a file into a `ReadError`."""
     tifffile = needed("tifffile", "tifffile", "TIFF")
     complaints, logger = _Complaints(), logging.getLogger("tifffile")
+    logger.disabled = False  # The host's configuration of logging may have switched it off.
+    logger.setLevel(min(logger.level, logging.WARNING))
     logger.addHandler(complaints)
     try:
         yield

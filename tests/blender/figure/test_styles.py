@@ -12,8 +12,7 @@ Image = pytest.importorskip("PIL.Image")
 from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.spec import Cell, FigureStyle, Page, ShownSurface
 from ctmc_addon.blender.figure.styles import SHARES, edge_widths, mean_edges
-from ctmc_addon.blender.surface import add_reconstruction
-from ctmc_addon.blender.surface import mesh_data as meshes
+from ctmc_addon.blender.surface import add_reconstruction, mesh_data as meshes
 from ctmc_addon.core import finish
 
 BARE = {"scale_bar": False, "orientation": False}

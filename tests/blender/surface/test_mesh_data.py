@@ -8,8 +8,12 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.surface import add_reconstruction, apply_shape_and_modifiers, refresh_normals
-from ctmc_addon.blender.surface import mesh_data as meshes
+from ctmc_addon.blender.surface import (
+    add_reconstruction,
+    apply_shape_and_modifiers,
+    mesh_data as meshes,
+    refresh_normals,
+)
 from ctmc_addon.blender.surface.evaluate import evaluated_object
 from ctmc_addon.core import MeshError, finish
 

@@ -18,7 +18,6 @@ from ctmc_addon.core import (
     advised_steps,
     cost_estimate_steps,
     finish,
-    plan,
     plan_steps,
     reconstruct,
     reconstruct_labels,
@@ -27,6 +26,7 @@ from ctmc_addon.core import (
 from ctmc_addon.core.extraction.field_pieces import WORK_BYTES
 from ctmc_addon.core.extraction.marching_cubes import Counts
 from ctmc_addon.core.phantom import foam
+from ctmc_addon.core.planning import plan
 from ctmc_addon.core.planning.plan import FACE_BYTES, Plan, widest_slices
 from ctmc_addon.core.simplification.batches import in_batches
 from ctmc_addon.core.simplification.batches.memory import held_batches, seam_vertices

@@ -15,6 +15,7 @@ from ctmc_addon.core.segmentation import (
     change_of,
     combined,
     connected_steps,
+    distance as distance_module,
     drawn_axis,
     holes_filled_steps,
     islands_steps,
@@ -23,7 +24,6 @@ from ctmc_addon.core.segmentation import (
     range_mask_steps,
     sample_at,
 )
-from ctmc_addon.core.segmentation import distance as distance_module
 from ctmc_addon.core.segmentation.distance import near_steps, squared_distances
 from ctmc_addon.core.segmentation.packed import unpack_into
 

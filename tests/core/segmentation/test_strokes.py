@@ -10,9 +10,13 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import SettingsError, Volume, finish
-from ctmc_addon.core.segmentation import brush, brushed_window, scissors_steps
-from ctmc_addon.core.segmentation import scissors as scissors_module
-from ctmc_addon.core.segmentation import strokes as strokes_module
+from ctmc_addon.core.segmentation import (
+    brush,
+    brushed_window,
+    scissors as scissors_module,
+    scissors_steps,
+    strokes as strokes_module,
+)
 
 OBLIQUE = np.array([[-0.9, 0.1, 0.3, 12.0], [0.2, 0.8, -0.2, -5.0], [0.1, 0.3, 2.4, 7.0], [0.0, 0.0, 0.0, 1.0]])
 SHAPE = (10, 24, 28)

@@ -21,8 +21,8 @@ from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.smoothing.bounds import Start, carried
 from ctmc_addon.core.smoothing.bricks import FEWEST_ROWS, ROWS_AT_ONCE, near_surface, number_bricks, over_rows, packed
-from ctmc_addon.core.smoothing.constrained import THICK as THICK_GRIDS
 from ctmc_addon.core.smoothing.constrained import (
+    THICK as THICK_GRIDS,
     THIN,
     _bits,
     _coarser,

@@ -19,8 +19,7 @@ from ctmc_addon.readers import read_volume
 from ctmc_addon.readers.dicom.codestream import frame_damage
 
 hypothesis = pytest.importorskip("hypothesis", reason="the Python package hypothesis is not installed")
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
+from hypothesis import HealthCheck, given, settings, strategies as st
 
 VALUES = np.random.default_rng(0).integers(0, 250, (4, 20, 24)).astype(np.int16)
 SETTINGS = settings(

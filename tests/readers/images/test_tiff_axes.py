@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+import logging
+
 import numpy as np
 import pytest
 import tifffile
@@ -174,3 +176,22 @@ def test_several_slices_in_one_page_are_refused_in_a_sentence(tmp_path):
     path = saved(tmp_path / "s.tif", numbers(6, 32, 32), "ZYX", volumetric=True, tile=(2, 16, 16))
     with pytest.raises(CtmcError, match=r"several slices in one page \(ImageDepth\); save it with a page for each"):
         read_volume(path)
+
+
+@pytest.mark.parametrize("host", ["as it is", "existing loggers are off", "all logging is off"])
+def test_a_chain_of_pages_that_breaks_off_is_refused_however_the_host_logs(tmp_path, host):
+    path = saved(tmp_path / "s.tif", numbers(4, 8, 9), "ZYX", contiguous=False)
+    with tifffile.TiffFile(path) as tiff:
+        second = tiff.pages[1].offset + 2 + 12 * len(tiff.pages[1].tags)  # The offset of the next page is there.
+    content = bytearray(path.read_bytes())
+    content[second : second + 4] = (len(content) + 10).to_bytes(4, "little")
+    path.write_bytes(content)
+    logger = logging.getLogger("tifffile")
+    before = logger.level, logger.disabled, logging.root.manager.disable
+    try:
+        logger.disabled = host == "existing loggers are off"
+        logging.disable(logging.CRITICAL if host == "all logging is off" else logging.NOTSET)
+        with pytest.raises(CtmcError, match=r"s\.tif is truncated or damaged \(.*; copy it again"):
+            read_volume(path)
+    finally:
+        logger.level, logger.disabled, logging.root.manager.disable = before

@@ -125,7 +125,7 @@ def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
 def test_a_time_of_a_volume_without_time_is_refused(tmp_path):
     path = saved(tmp_path / "ct.nii", numbers("i2", (5, 6, 7)))
     assert read_volume(path, time=1).notes == ()
-    with pytest.raises(CtmcError, match=r"no time 2, as .* holds a single time"):
+    with pytest.raises(CtmcError, match=r"no time 2, because .* holds a single time"):
         read_volume(path, time=2)
 
 

@@ -189,7 +189,7 @@ def test_times_and_channels_are_chosen(tmp_path, version):
     assert any(note.startswith("3 times ") and "time 1 was read" in note for note in first.notes)
     with pytest.raises(ReadError, match=r"^there is no series '3', because scan.ome.zarr has 2 channels; choose"):
         read_volume(path, series="3")
-    with pytest.raises(ReadError, match=r"there is no time 4, as scan.ome.zarr holds 3 times; choose from 1 to 3"):
+    with pytest.raises(ReadError, match=r"there is no time 4, because scan.ome.zarr holds 3 times; choose from 1 to 3"):
         read_volume(path, time=4)
 
 

@@ -10,9 +10,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import Layout, drawn
 
 from ctmc_addon.core.settings import SETTINGS
-from ctmc_addon.ui.panels import figure as figure_panel
-from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.panels import results, rotation, settings
+from ctmc_addon.ui.panels import figure as figure_panel, main as panels, results, rotation, settings
 from ctmc_addon.ui.panels.ct import region
 
 PANELS = (

@@ -13,8 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.panels import results, rotation
+from ctmc_addon.ui.panels import main as panels, results, rotation
 from ctmc_addon.ui.state import session, volumes
 from ctmc_addon.ui.viewport import live
 

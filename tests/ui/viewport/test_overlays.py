@@ -10,8 +10,7 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.core.volume.region import region_corners
 from ctmc_addon.ui.state import volumes
-from ctmc_addon.ui.viewport import overlays as viewport
-from ctmc_addon.ui.viewport import region
+from ctmc_addon.ui.viewport import overlays as viewport, region
 
 
 @pytest.fixture

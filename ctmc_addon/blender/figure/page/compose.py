@@ -24,8 +24,15 @@ from ...surface import mesh_data as meshes
 from ...surface.evaluate import evaluated_copy
 from ...surface.readback import placement_of
 from ..letters import CAP
-from ..rendering.illustration import FROM_ALL_SIDES, KEY, OUTLINE_MM, SHELL, outline_material, outline_shell
-from ..rendering.illustration import SUNS as FINE_SUNS
+from ..rendering.illustration import (
+    FROM_ALL_SIDES,
+    KEY,
+    OUTLINE_MM,
+    SHELL,
+    SUNS as FINE_SUNS,
+    outline_material,
+    outline_shell,
+)
 from ..rendering.samples import set_samples
 from ..rendering.visibility import depth_maps
 from ..shared_walls import SETTING_UP, WALL_GAP_MM, open_shared_walls_steps, part_shared_walls, world_positions

@@ -12,7 +12,7 @@ import math
 import re
 import statistics
 from collections.abc import Callable, Sequence
-from pathlib import Path
+from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
 
@@ -21,7 +21,7 @@ from ....core.files.mesh_files import PAGE
 from ..files import DONE, THUMBNAILS
 from .rows import NOTES_BETWEEN, SummaryRow, counts, present_values
 
-TEMPLATE = Path(__file__).with_name("template")
+TEMPLATE = files(__package__) / "template"
 RELOAD_SECONDS = 10  # An open page reloads itself this often while the batch runs.
 MOST_BINS = 30
 

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -107,8 +108,8 @@ def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
 
 
 def present_values(name: str, rows: Sequence[SummaryRow]) -> list[float]:
-    """Return a measure of the rows where it is known."""
-    return [value for row in rows if (value := row.values.get(name)) is not None]
+    """Return a measure of the rows that have it as a finite number."""
+    return [value for row in rows if (value := row.values.get(name)) is not None and math.isfinite(value)]
 
 
 def amount(rows: Sequence[SummaryRow]) -> str:

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Decide ambiguous voxels by the trilinear interpolant, and place the vertices inside them.
 
-active_voxels.py gives every voxel its case, trilinear_decider.py decides by gray values; this is where the two meet.
+active_voxels.py gives every voxel its case, decider.py decides by gray values; this is where the two meet.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ import re
 import unicodedata
 from collections.abc import Mapping
 from functools import cache
-from pathlib import Path
+from importlib.resources import files
 from typing import Any, NamedTuple
 
 FIRST_OF_REGION = {"c": 1, "t": 8, "th": 8, "l": 20, "s": 25}  # The first vertebra, counted from the head.
@@ -149,7 +149,7 @@ def _rgb(color: str) -> tuple[int, int, int]:
 def _table() -> Mapping[str, Any]:
     import tomllib  # Only a command that names structures needs it.
 
-    return tomllib.loads(Path(__file__).with_name("anatomy.toml").read_text("utf-8"))
+    return tomllib.loads((files(__package__) / "anatomy.toml").read_text("utf-8"))
 
 
 @cache

@@ -18,8 +18,7 @@ from ctmc_addon.blender.figure.rendering.render import figure_steps
 from ctmc_addon.blender.figure.rendering.samples import can_denoise
 from ctmc_addon.blender.figure.shown import shown_surfaces
 from ctmc_addon.blender.figure.spec import WHITE, Cell, FigureStyle, Page, ShownSurface
-from ctmc_addon.blender.surface import add_reconstruction
-from ctmc_addon.blender.surface import mesh_data as meshes
+from ctmc_addon.blender.surface import add_reconstruction, mesh_data as meshes
 from ctmc_addon.blender.surface.evaluate import evaluated_copy
 from ctmc_addon.core import ReconstructionSettings, Volume, finish, reconstruct_labels
 

@@ -12,8 +12,7 @@ from ui.drawing import drawn, meshes_in
 
 from ctmc_addon.blender.surface import read_provenance
 from ctmc_addon.core import volume_text
-from ctmc_addon.ui.panels import main as panels
-from ctmc_addon.ui.panels import results
+from ctmc_addon.ui.panels import main as panels, results
 from ctmc_addon.ui.panels.structures import surface_volume_text
 from ctmc_addon.ui.state import measurements, scans, session, structures, surfaces, volumes
 
