@@ -298,7 +298,7 @@ def add_input(parser: argparse.ArgumentParser, all_times: bool = False) -> None:
         "input",
         metavar="INPUT",
         help="folder of slices or of masks, DICOM, its segmentation (SEG) or structure set (RTSTRUCT), or a volume "
-        f"({', '.join(readers.VOLUME_SUFFIXES + readers.FOLDER_SUFFIXES)})",
+        f"({', '.join(readers.VOLUME_SUFFIXES + readers.PAGE_SUFFIXES + readers.FOLDER_SUFFIXES)})",
     )
     add_reading(parser, all_times)
 
@@ -319,7 +319,9 @@ def add_reading(parser: argparse.ArgumentParser, all_times: bool = False, names:
 def add_work(parser: Any) -> None:
     """Add the flags for the number of threads and for what is printed."""
     add_quiet(parser)
-    parser.add_argument("--threads", type=at_least(1), metavar="N", help="default: one for each processor, at most 8")
+    parser.add_argument(
+        "--threads", type=at_least(1), metavar="N", help="threads (default: one per processor, at most 8)"
+    )
 
 
 def add_quiet(parser: Any) -> None:

@@ -101,7 +101,7 @@ class ReconstructionSettings(Described):
     )
     min_angle_deg: float = setting(
         5.0,
-        "Alpha is chosen so that no triangle of the full surface has an angle below this. "
+        "Alpha auto is chosen so that no triangle of the full surface has an angle below this. "
         "Larger = more even triangles, for simulation and print, and a less accurate surface",
         label="Minimum Angle",
         stage=ALPHA,
@@ -160,7 +160,7 @@ class ReconstructionSettings(Described):
     )
     region: tuple[float, float, float, float, float, float] | None = setting(
         None,
-        "Box to reconstruct: lowest x, y, z, then highest x, y, z. A box in mm takes every voxel it touches",
+        "Box: lowest x, y, z, then highest x, y, z. A box in mm takes every voxel it touches",
         label="Region",
         stage=FIELD,
         unit="voxels or mm",

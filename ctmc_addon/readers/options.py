@@ -115,7 +115,7 @@ class ReadingOptions(Described):
         None,
         "UID or number of the DICOM series",
         label="Series",
-        note="see info; of an OME-Zarr the number of the channel",
+        note="see info; for an OME-Zarr, the channel's number",
         type=str,
         start="2",
         without="the one with the most slices",
@@ -162,7 +162,7 @@ class ReadingOptions(Described):
     )
     remove_table: bool = setting(
         False,
-        "Replace the table and other objects behind the patient by air; for HU",
+        "Replace the table and other objects behind the patient by air; only for a CT in HU",
         label="Remove Patient Table",
         type=bool,
     )

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from functools import cache
+from importlib import import_module
 from pathlib import Path
 
 import bpy
@@ -89,10 +90,19 @@ def literals(node: ast.AST) -> set[str]:
     return {one.value for one in constants if isinstance(one.value, str)}
 
 
+def sources(*rooms: str) -> Iterator[tuple[str, ast.Module]]:
+    """Name and tree of every module in some rooms; presets are scripts, not modules."""
+    for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
+        if not (path.parent / "__init__.py").exists():
+            continue
+        parts = path.relative_to(PACKAGE.parent).with_suffix("").parts
+        yield ".".join(parts).removesuffix(".__init__"), ast.parse(path.read_text(encoding="utf-8"))
+
+
 def nodes(*rooms: str) -> Iterator[ast.AST]:
     """Everything in the sources of some rooms."""
-    for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
-        yield from ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+    for _, tree in sources(*rooms):
+        yield from ast.walk(tree)
 
 
 def name_of(node: ast.AST) -> str:
@@ -116,40 +126,35 @@ def drawn_strings() -> set[str]:
     return strings
 
 
-def named_constants() -> dict[str, str]:
-    """The strings that modules give a name in capitals."""
-    found = {}
-    for node in nodes("core", "readers", "blender", "ui"):
-        if not isinstance(node, ast.Assign):
-            continue
-        for target in node.targets:
-            pairs = [(target, node.value)]
-            if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
-                pairs = list(zip(target.elts, node.value.elts, strict=False))
-            for name, value in pairs:
-                if name_of(name).isupper() and isinstance(getattr(value, "value", None), str):
-                    found[name_of(name)] = value.value
-    return found
+def named_constants(module: str) -> dict[str, str]:
+    """The strings in capitals that a module defines or imports."""
+    known = vars(import_module(module))
+    return {name: value for name, value in known.items() if name.isupper() and isinstance(value, str)}
 
 
 @cache
 def step_strings() -> set[str]:
     """Messages of steps and names of stages, which status bar and panel show, if no name or number is in them."""
-    strings, constants = set(), named_constants()
-    for node in nodes("core", "readers", "blender", "ui"):
-        if isinstance(node, ast.Dict):  # of stages and their weights, or their messages
+    rooms = sources("core", "readers", "blender", "ui")
+    return {text for module, tree in rooms for text in steps_of(tree, named_constants(module))}
+
+
+def steps_of(tree: ast.Module, constants: Mapping[str, str]) -> Iterator[str]:
+    """The step strings of one module, whose constants are given."""
+    for node in ast.walk(tree):
+        # Of stages and their weights, or their messages; objects are built by calls.
+        if isinstance(node, ast.Dict) and not any(isinstance(value, ast.Call) for value in node.values):
             named = (value.id for value in (*node.keys, *node.values) if isinstance(value, ast.Name))
-            strings |= {constants[name] for name in named if " " in constants.get(name, "")}
+            yield from (constants[name] for name in named if " " in constants.get(name, ""))
         if isinstance(node, ast.Call) and name_of(node.func) in STEPS:
-            strings |= {text for arg in node.args for text in literals(arg)}
-            strings |= {constants[arg.id] for arg in node.args if isinstance(arg, ast.Name) and arg.id in constants}
+            yield from (text for arg in node.args for text in literals(arg))
+            yield from (constants[arg.id] for arg in node.args if isinstance(arg, ast.Name) and arg.id in constants)
         elif isinstance(node, (ast.Assign, ast.AnnAssign)) and isinstance(node.value, ast.Dict):
             targets = node.targets if isinstance(node, ast.Assign) else [node.target]
             if any(name_of(target).endswith("STAGES") for target in targets):
-                strings |= {text for key in node.value.keys if key is not None for text in literals(key)}
+                yield from (text for key in node.value.keys if key is not None for text in literals(key))
         elif isinstance(node, ast.Call) and name_of(node.func) == "Stages" and isinstance(node.args[0], ast.Dict):
-            strings |= {text for key in node.args[0].keys if key is not None for text in literals(key)}
-    return strings
+            yield from (text for key in node.args[0].keys if key is not None for text in literals(key))
 
 
 def measure_strings() -> set[str]:

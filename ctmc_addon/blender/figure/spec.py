@@ -47,9 +47,9 @@ class Engine:
 
 
 ENGINES = {
-    "cycles": Engine("CYCLES", "Cycles", "On the processor, which works on any machine"),
-    "eevee": Engine("BLENDER_EEVEE", "EEVEE", "Needs a graphics card, else slow"),
-    "workbench": Engine("BLENDER_WORKBENCH", "Workbench", "The viewport's solid look, quickly; shows no distance map"),
+    "cycles": Engine("CYCLES", "Cycles", "on the processor, which works on any machine"),
+    "eevee": Engine("BLENDER_EEVEE", "EEVEE", "needs a graphics card, else slow"),
+    "workbench": Engine("BLENDER_WORKBENCH", "Workbench", "the viewport's solid look, quickly; shows no distance map"),
 }
 
 
@@ -323,8 +323,8 @@ class Transparency(Described):
 
     hiding_opacity: float = setting(
         0.3,
-        "Opacity of what hides a tumor from the camera; without a tumor, of what hides everything "
-        "else. Smaller = clearer",
+        "Opacity of structures that hide a tumor from the camera or, without a tumor, all other structures. "
+        "Smaller = clearer",
         label="Opacity",
         low=0.02,
         high=1.0,

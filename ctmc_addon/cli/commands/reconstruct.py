@@ -316,7 +316,7 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         ("written", ", ".join(path.name for path in files)),
     ]
     settings = f"settings: {command_of(_given_of(result)) or 'the defaults'}"
-    stage_table = table([("stage", "seconds"), *stages, ("together", f"{total:.3f}")])
+    stage_table = table([("stage", "seconds"), *stages, ("total", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
 
@@ -344,7 +344,7 @@ def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path
             facts += [f"{choice.alpha:g}", length_text(choice.largest_mm, 3)]
         rows.append((str(number), name, *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
-    stage_table = table([("stage", "seconds"), *stages, ("together", f"{sum(seconds.values()):.3f}")])
+    stage_table = table([("stage", "seconds"), *stages, ("total", f"{sum(seconds.values()):.3f}")])
     settings = command_of(shared if surfaces.times else replace(shared, label=None))
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""

@@ -20,7 +20,7 @@ from .table import LEVEL, MAX_MM, MEAN_MM, TRIANGLES, Column, ExperimentTable, f
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 6, "Measuring": 2}
 BUILTIN, DECIMATE = "built-in", "Decimate"
-HELP = "the built-in simplifier and Decimate"
+HELP = "compare the built-in simplifier with Decimate"
 DESCRIPTION = (
     "Simplify one surface by the built-in quadric error simplifier and by Blender's Decimate, to the same number of "
     "triangles, and compare time and distance."

@@ -29,7 +29,7 @@ DESCRIPTION = (
 def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`, and the commands below it."""
     parser: Parser = commands.add_parser(
-        "figure", help="a figure for print, a sheet or a turntable", description=DESCRIPTION
+        "figure", help="render a figure for print, a sheet or a turntable", description=DESCRIPTION
     )
     common.add_common(parser, "FILE.png; its folder is created if needed", "figure")
     common.add_surfaces(parser)

@@ -40,8 +40,8 @@ def add_parser(commands: Any) -> None:
         metavar="X Y Z",
         help="mm (default: a field of view of 379 mm, and slices at most 5 mm apart over 145 mm)",
     )
-    parser.add_argument("--format", choices=FORMATS, default="all", help="(default all)")
-    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="0 or more (default 0)")
+    parser.add_argument("--format", choices=FORMATS, default="all", help="files to write (default all)")
+    parser.add_argument("--seed", type=at_least(0), default=0, metavar="N", help="random seed, 0 or more (default 0)")
     add_quiet(parser)
     parser.set_defaults(run=run)
 
