@@ -26,7 +26,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
     if matrix.shape != (4, 4):
         raise VolumeError(f"an affine is a (4, 4) matrix, not {matrix.shape}")
     if not np.isfinite(matrix).all():
-        raise VolumeError("the affine holds NaN or infinite numbers; the file's geometry is broken")
+        raise VolumeError("the affine holds NaN or infinite numbers; export the file again, or give its spacing")
     if np.abs(matrix).max() > MOST_MM:
         raise VolumeError(
             f"the affine reaches {np.abs(matrix).max():.3g} mm, and no body is larger than {MOST_MM:g} mm; "
