@@ -38,7 +38,7 @@ def unregister() -> None:
 
 
 def run_command(arguments: list[str]) -> int:
-    """What `blender -b --command ctmc ...` does, and its exit code."""
+    """Run `blender -b --command ctmc ...` and return its exit code."""
     from .cli import main
 
     return main(arguments)

@@ -15,7 +15,7 @@ from ..core import Setting, SettingsError, checked, defaults, descriptions
 from ..reporting.command_line import flag_of
 
 METAVARS = {"mm": "MM", "mm3": "MM3", "dpi": "N", "degrees": "DEG", "%": "PERCENT", "pt": "PT", "s": "S", "fps": "N"}
-"""What stands for a value of a unit in the help."""
+"""The placeholder for a value of each unit in the help."""
 
 
 class Numbers(argparse.Action):

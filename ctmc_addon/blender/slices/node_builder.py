@@ -11,7 +11,7 @@ import bpy
 
 from ..sockets import MATH, input_of, output_of
 
-COLUMN = 8  # nodes one below the other
+COLUMN = 8  # Nodes in a column.
 
 
 class Nodes:

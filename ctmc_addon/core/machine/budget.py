@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a work may use: threads, bytes, workers. One frozen object, handed on; what is None is what the machine has.
+"""The threads, bytes and workers that a work may use: one frozen object, handed on; None stands for the machine's.
 
 Threads, memory and workers change no result: the same input gives the same bytes, or a refusal. The number of triangles
 that decides how a surface is simplified stands here too (`whole_faces`), so that tests can hand in a small one.

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a ruler of two points and a protractor of three measure."""
+"""Measure the distance of two points, and the angle at the second of three."""
 
 from __future__ import annotations
 

@@ -1,2 +1,2 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a work needs in bytes and seconds, what fits, and what to advise."""
+"""Work out the bytes and seconds that a work needs, whether they fit, and the settings to advise."""

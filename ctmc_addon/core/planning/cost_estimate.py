@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a surface will cost, before it is made: voxels, triangles, memory, seconds.
+"""Estimate the cost of a surface before it is made: voxels, triangles, memory, seconds.
 
 Voxels and triangles are counted by extraction's own first passes and are exact before simplification and before
 components are dropped. Seconds are those counts times what a unit of work takes in this process: measured once on a

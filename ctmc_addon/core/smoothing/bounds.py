@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of the field before it is smoothed: where it starts, and what it must not cross.
+"""Start values of a field before it is smoothed, and the bounds that it must not cross.
 
 At a sample of the label the field keeps the label's sign, and stays as far from zero as the distance to the other
 side less the mean of pixel and slice gap: the surface lies somewhere between the two, and without such a bound

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What may collapse in a surface, in which order, and how many at once.
+"""Choose the edges of a surface that may collapse, their order, and how many collapse at once.
 
 A complex of several labels has other rules: see `complexes/collapsing.py`.
 """
