@@ -162,7 +162,7 @@ def _draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> No
 
 
 def _removed_text(context: bpy.types.Context, settings: Any) -> str:
-    """Return the share that the goal removes, and the number of triangles before."""
+    """Return the effect of the goal, in words."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
     if settings.goal == "reduction":
