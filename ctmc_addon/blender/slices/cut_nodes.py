@@ -65,8 +65,8 @@ def cut_nodes(
 
     # A vertex is at the rim if any of its faces is not wholly inside.
     surface, at_rim = nodes.captured(surface, nodes.on_faces(nodes.negate(wholly_inside)))
-    below, others = nodes.separate(surface, wholly_inside, "FACE")
-    _, crossing = nodes.separate(others, wholly_outside, "FACE")
+    below, remaining = nodes.separate(surface, wholly_inside, "FACE")
+    _, crossing = nodes.separate(remaining, wholly_outside, "FACE")
     triangulated = nodes.of("GeometryNodeTriangulate", "Mesh", {"Mesh": crossing})
     triangles = nodes.of("GeometryNodeSplitEdges", "Mesh", {"Mesh": triangulated})
 
