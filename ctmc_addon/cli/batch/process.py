@@ -27,7 +27,7 @@ from .files import RUNNING, WAITING, failed_record, read_record, record_path, re
 from .worker import COMMAND, GO, MARK, NEEDS, OVER
 
 PACKAGE = Path(__file__).resolve().parents[2]
-# All in seconds.
+# Times in seconds.
 TICK = 0.05  # A batch waits no longer for a message of its processes.
 PATIENCE = 5.0  # A process that does not leave by itself within this time is killed.
 LOOK = 0.5  # A cluster's worker looks this often whether the batch still lives.

@@ -33,7 +33,6 @@ from .volume_constant import area_of_ball
 WAYS = ((0, 0, -1), (0, 0, 1), (0, -1, 0), (0, 1, 0), (-1, 0, 0), (1, 0, 0))  # Steps to neighbors along z, y and x.
 
 LARGEST_ISLAND = 1 << 14  # In voxels; one constant for all keeps larger ones within a few percent.
-BODY_SHARE = 0.5  # A component with more than this share of the samples makes up for the error of the islands.
 CLOSE_ENOUGH = 0.03  # An island's volume may be off by this share.
 FIRST_GUESS = 1.65  # In voxel sides per root of the number of voxels; islands of livers mostly need this.
 MOST_TRIALS = 12
