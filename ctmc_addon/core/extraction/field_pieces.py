@@ -20,6 +20,7 @@ from ..errors import ReadError
 from ..machine.budget import Budget
 from ..machine.memory import require_or_killed
 from ..mesh.face_normals import vertex_normals
+from ..mesh.pieces.completed_pieces import with_next_steps
 from ..mesh.triangle_mesh import Pieces, Surface
 from ..progress import PAUSE, Stages, Step, Steps, WithResult
 from ..settings import ReconstructionSettings
@@ -301,20 +302,17 @@ def surface_pieces_steps(field: Field, budget: Budget, normals: bool, joined: bo
 def _completed_normals_steps(pieces: Pieces) -> Pieces:
     """Yield the pieces with the mesh's own normal at every vertex that has none, as soon as the next piece has come."""
     below = _Seam(np.empty((0, 3, 3), np.float32), np.empty((0, 3), np.int32))
-    held: Surface | None = None
-    source = WithResult(pieces)
+    source = WithResult(with_next_steps(pieces))
     for item in source:
         if isinstance(item, Step):
             yield item
             continue
-        if held is not None:
-            _complete_normals(held, below, item)
-            below = _Seam.below(held, item)
-            yield held
-        held = item
-    if held is not None:
-        _complete_normals(held, below, None)
-        yield held
+        piece, following = item
+        _complete_normals(piece, below, following)
+        if following is not None:
+            below = _Seam.below(piece, following)
+        yield piece
+        del item, piece, following  # No piece is held while the next one is made.
     return source.result
 
 
