@@ -34,7 +34,7 @@ class Setting:
     low, high : float, optional
         Limits; the limit itself is refused where `low_open` or `high_open`.
     words : tuple of str
-        Words that may stand in place of a number, such as 'auto'.
+        Words that may stand instead of a number, such as 'auto'.
     choices : tuple of str
     choice_labels, choice_texts : mapping of str to str
         The name and the explanation of a choice, where it needs them.
@@ -53,11 +53,11 @@ class Setting:
     without : str
         Meaning of None for a field that is None by default, such as 'as the files say'.
     kept : bool
-        Whether manifests, settings files and reports hold it; what is not kept is given anew each time.
+        Whether manifests, settings files and reports hold it; what is not kept is given again each time.
     stage : str
         Stage of a reconstruction that it belongs to.
     check : callable, optional
-        Returns the value in its type or raises a `SettingsError`, in place of the general check.
+        Returns the value in its type or raises a `SettingsError` instead of the general check.
     """
 
     text: str

@@ -186,7 +186,7 @@ class ReadingOptions(Described):
 
 
 def options_of(options: ReadingOptions | None, fields: dict[str, Any]) -> ReadingOptions:
-    """Return the options, by default all at their defaults, with some fields in place of theirs.
+    """Return the options, by default all at their defaults, some fields replaced.
 
     Raises
     ------

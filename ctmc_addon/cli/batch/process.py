@@ -278,7 +278,7 @@ def run_here(tasks: Sequence[Task], jobs: int, needs: Sequence[int], limit: int 
                 running.append(idle.pop())
                 running[-1].begin(task, need)
                 yield Event(task, RUNNING)
-            for process in idle:  # Those that run need the memory that it keeps.
+            for process in idle:  # Running cases need the memory that an idle process keeps.
                 process.close()
             idle = []
             try:

@@ -38,7 +38,7 @@ class Budget:
     bytes : int, optional
         Memory that it may take; by default what the machine has available at the time.
     workers : SlabWorkers, optional
-        Processes that extract slabs in place of this one.
+        Processes that extract slabs instead of this one.
     slab_bytes : int
         Bytes of values that are fetched from a file at once; a volume in memory is one slab.
     work_bytes : int

@@ -260,7 +260,7 @@ class Merged:
                 bad = self.multiple & ~self.used()[0]  # a whole component
                 if not bad.any():
                     return all_back
-            # The triangles of what is taken apart are looked at anew.
+            # Look again at the triangles of clusters that are taken apart.
             changed = self.take_apart(bad)
             at = self._touched(self.faces, changed)
             all_back |= changed

@@ -158,7 +158,7 @@ def draw_table(layout: Any, facts: list[tuple[str, str]], share: float = 0.4) ->
 
 
 def draw_job(layout: Any, job: jobs.Job) -> None:
-    """Draw the progress of a job and its stop button in place of the button that started it."""
+    """Draw the progress of a job and its stop button instead of the button that started it."""
     row = layout.row(align=True)
     row.progress(factor=min(1.0, job.step.fraction), text=translate(job.step.message))
     row.operator("ctmc.cancel", text="", icon="X")

@@ -17,7 +17,7 @@ from ...core import defaults, descriptions
 from .described import as_typed, property_of, tooltip, with_unit
 from .kinds import boolean, choice, text
 
-FRAMES = "frames"  # Value in place of a video's suffix.
+FRAMES = "frames"  # Stands for a video's suffix.
 OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (
