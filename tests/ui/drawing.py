@@ -11,14 +11,23 @@ class Layout:
 
     def __init__(self):
         self.shown, self.buttons, self.texts, self.labels, self.names, self.bare = [], [], [], [], [], []
+        self.folds = {}
 
     def row(self, **_):
         return self
 
     box = column = split = grid_flow = row
 
-    def panel(self, _identifier, **_):
+    def panel(self, identifier, default_closed=False):
+        """Open it, and note whether it would begin closed."""
+        self.folds[identifier] = default_closed
         return self, self
+
+    def popover(self, panel, **_):
+        assert hasattr(bpy.types, panel)
+
+    def template_icon(self, *_a, **_k):
+        pass
 
     def prop(self, owner, name, text=None, expand=False, **_):
         assert name in owner.bl_rna.properties, name
@@ -55,8 +64,11 @@ class Layout:
 
 def drawn(*panels):
     layout = Layout()
-    for panel in panels:
-        panel.draw(type("Panel", (), {"layout": layout, "names": getattr(panel, "names", ())})(), bpy.context)
+    for panel in panels:  # a part of a page is a function
+        if isinstance(panel, type):
+            panel.draw(type("Panel", (), {"layout": layout})(), bpy.context)
+        else:
+            panel(layout, bpy.context)
     return layout
 
 

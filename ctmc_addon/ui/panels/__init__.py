@@ -1,14 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Panels of the sidebar, in their order."""
+"""Pages of the tab in the sidebar."""
 
 from typing import Any
 
 
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
-    from . import draw, figure, main, presets, results, rotation, settings, structures, table
-    from .ct import region, slice
-    from .scene import rulers, volume_object
+    from . import draw, main, presets, structures
 
-    viewing = (slice, volume_object, region)
-    return (presets, structures, draw, main, results, table, rulers, *viewing, settings, rotation, figure)
+    return (presets, structures, draw, main)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the panel Draw: structures from clicks and strokes, the tools, and edits of a whole structure."""
+"""Draw the page Draw: structures from clicks and strokes, the tools, and edits of a whole structure."""
 
 from __future__ import annotations
 
@@ -13,28 +13,28 @@ from ..state import drawings, volumes
 from ..state.tools import tool_of
 from ..translations import translate
 from ..viewport.draw_tools import TOOLS
-from .layout import StepPanel, draw_pair, draw_text, holds_hu, is_narrow, prepare
+from .layout import PagePanel, begin, draw_pair, draw_status, draw_text, holds_hu, is_narrow
 
 
-class CTMC_PT_draw(StepPanel, bpy.types.Panel):
-    """Panel for structures that are drawn on the CT."""
+class CTMC_PT_draw(PagePanel, bpy.types.Panel):
+    """Page for structures that are drawn on the CT."""
 
     bl_idname = "CTMC_PT_draw"
     bl_label = "Draw"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        volume = volumes.current(context.scene)
-        return volume is not None and volume.kind != ValueKind.LABEL
+    page = "DRAW"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, drawing = self.layout, context.scene.ctmc_draw
-        prepare(layout)
+        layout, drawing = begin(self.layout), context.scene.ctmc_draw
+        volume = volumes.current(context.scene)
+        if volume is None or volume.kind == ValueKind.LABEL:
+            text = "Load a CT first" if volume is None else "Load the CT of these labels first"
+            layout.label(text=translate(text), icon="INFO", translate=False)
+            return
         draw_tools(layout, context)
         draw_structures(layout, context.scene.ctmc)
         draw_settings(layout, context, drawing)
         _draw_edits(layout, context, drawing)
+        draw_status(self.layout, context)
 
 
 def draw_tools(layout: Any, context: bpy.types.Context) -> None:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the closed panel Figure: contents, page, look, and the button."""
+"""Draw a figure for print on the page Render: contents, page, look, and the button."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .. import jobs
 from ..operators.figure import shown_surfaces
 from ..properties.figure import FRAMES
 from ..translations import OURS, translate
-from .layout import SubPanel, draw_job, prepare
+from .layout import block, draw_job
 
 OPERATORS = {
     "figure": "ctmc.figure",
@@ -21,27 +21,19 @@ OPERATORS = {
 }
 
 
-class CTMC_PT_figure(SubPanel, bpy.types.Panel):
-    """Panel for figures for print."""
-
-    bl_idname = "CTMC_PT_figure"
-    bl_label = "Figure"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        panel = context.scene.ctmc_figure
-        prepare(self.layout, lock=False)
-        layout = self.layout.column()
-        prepare(layout)
-        layout.prop(panel, "kind")
-        _draw_subject(layout, panel)
-        _draw_page(layout, panel)
-        _draw_look(layout, context, panel)
-        job = jobs.running(*OPERATORS.values())
-        if job is not None:
-            draw_job(self.layout, job)
-        else:
-            self.layout.operator(OPERATORS[panel.kind], icon="RENDER_STILL")
-        self.layout.operator("ctmc.setup_studio", icon="OUTLINER_OB_LIGHT")
+def draw_figure(room: Any, context: bpy.types.Context) -> None:
+    """Draw the settings of a figure, and the button that makes it."""
+    panel = context.scene.ctmc_figure
+    layout = block(room)
+    layout.prop(panel, "kind")
+    _draw_subject(layout, panel)
+    _draw_page(layout, panel)
+    _draw_look(layout, context, panel)
+    job = jobs.running(*OPERATORS.values())
+    if job is not None:
+        draw_job(room, job)
+    else:
+        room.operator(OPERATORS[panel.kind], icon="RENDER_STILL")
 
 
 def _draw_subject(layout: Any, panel: Any) -> None:
@@ -97,6 +89,3 @@ def _draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     column.prop(panel, "orientation")
     _draw_switched(layout, panel, "caption")
     layout.prop(panel, "write_blend")
-
-
-register, unregister = bpy.utils.register_classes_factory((CTMC_PT_figure,))

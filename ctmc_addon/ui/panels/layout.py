@@ -13,7 +13,7 @@ from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
-from ..state import surfaces, volumes
+from ..state import session, surfaces, volumes
 from ..state.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
@@ -33,25 +33,70 @@ class SidePanel:
     bl_translation_context = OURS
 
 
-class _BegunPanel(SidePanel):
-    """A panel that appears once a scene knows a CT, or a surface is active."""
+class PagePanel(SidePanel):
+    """A page of the tab, shown below the row of pages while it is chosen."""
+
+    bl_parent_id = "CTMC_PT_main"
+    bl_options = {"HIDE_HEADER"}  # noqa: RUF012  (Blender reads it from the class)
+    page = ""
+    """Its key in `PAGES`."""
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        return bool(context.scene.ctmc.volume_path) or surfaces.is_surface(context.view_layer.objects.active)
+        shown: bool = context.window_manager.ctmc_page == cls.page
+        return shown
 
 
-class StepPanel(_BegunPanel):
-    """A step of the work below the main panel, open by default."""
-
-    bl_parent_id = "CTMC_PT_main"
+OPEN: set[str] = set()
+"""Names of folds that begin open; scripts may add some before the page is drawn for the first time."""
 
 
-class SubPanel(_BegunPanel):
-    """A panel below the main one, closed by default."""
+def begin(layout: Any) -> Any:
+    """Prepare a page, and return its first block."""
+    prepare(layout, lock=False)
+    return block(layout)
 
-    bl_parent_id = "CTMC_PT_main"
-    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012  (Blender reads it from the class)
+
+def block(layout: Any) -> Any:
+    """Return room for some lines of a page, gray while a job locks the file."""
+    column = layout.column()
+    prepare(column)
+    return column
+
+
+def fold(layout: Any, name: str, text: str, owner: Any = None, used: str = "") -> Any:
+    """Draw a closed heading that opens in place; return the room below it, None while it is closed.
+
+    A job does not gray that room as a whole, because Cancel may stand in it: take a `block` of it.
+
+    Parameters
+    ----------
+    layout : UILayout
+        The panel's own: Blender draws folds nowhere else.
+    name : str
+        Under which Blender keeps whether it is open.
+    text : str
+    owner, used : object and str
+        A switch to draw in the heading, if any.
+    """
+    header, body = layout.panel(f"ctmc_{name}", default_closed=name not in OPEN)
+    header.use_property_split = False
+    if owner is not None:
+        switch_row = header.row()
+        switch_row.enabled = not jobs.locked()
+        switch_row.prop(owner, used, text="")
+    header.label(text=translate(text), translate=False)
+    if body is not None:
+        prepare(body, lock=False)
+    return body
+
+
+def lacks_ct(layout: Any, context: bpy.types.Context) -> bool:
+    """Return whether a scene knows no CT and no surface is active; say so in one line."""
+    if context.scene.ctmc.volume_path or surfaces.is_surface(context.view_layer.objects.active):
+        return False
+    layout.label(text=translate("Load a CT first"), icon="INFO", translate=False)
+    return True
 
 
 def prepare(layout: Any, lock: bool = True) -> None:
@@ -162,3 +207,20 @@ def draw_job(layout: Any, job: jobs.Job) -> None:
     row = layout.row(align=True)
     row.progress(factor=min(1.0, job.step.fraction), text=translate(job.step.message))
     row.operator("ctmc.cancel", text="", icon="X")
+
+
+def draw_status(layout: Any, context: bpy.types.Context, *own: str) -> None:
+    """Draw the end of a page: the progress of a job that shows it nowhere else, and the last error.
+
+    Parameters
+    ----------
+    layout : UILayout
+    context : bpy.types.Context
+    *own : str
+        Operators that show their progress in the place of their button.
+    """
+    job, message = jobs.running(), session.of(context.scene).message
+    if job is not None and job.operator not in own:
+        draw_job(layout, job)
+    if message:
+        draw_text(layout.box(), context, message, "ERROR")

@@ -1,8 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the panel Results, below the button: facts of the active surface, and operators on it.
+"""Draw the page Results: facts of the active surface, and operators on it.
 
-Its lines are the same with and without a surface, so that nothing below it jumps when one is selected. While something
-else is active, such as a slice, the surface that was active last stays, dimmed.
+While something else is active, such as a slice, the surface that was active last stays, dimmed.
 """
 
 from __future__ import annotations
@@ -12,7 +11,7 @@ from typing import Any
 import bpy
 
 from ...blender.surface import Provenance, read_provenance
-from ...core import HU, UNKNOWN, FinishedSurface, Measure, Place, measures_in, volume_text
+from ...core import UNKNOWN, FinishedSurface, Place, measures_in, volume_text
 from ...core.mesh import Measures
 from ...reporting.formatting import count
 from ..operators.surface.pick_component import ACTIONS
@@ -20,54 +19,67 @@ from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import StepPanel, draw_shape_change, draw_table, draw_text, prepare
+from .layout import PagePanel, begin, draw_shape_change, draw_status, draw_table, draw_text, fold
+from .scene.rulers import draw_rulers
+from .table import TABLE, draw_measurements, measure_text
 
 
-class CTMC_PT_results(StepPanel, bpy.types.Panel):
-    """Panel for facts of the active surface."""
+class CTMC_PT_results(PagePanel, bpy.types.Panel):
+    """Page for facts of the active surface, and for operators on it."""
 
     bl_idname = "CTMC_PT_results"
     bl_label = "Results"
+    page = "RESULTS"
 
     def draw(self, context: bpy.types.Context) -> None:
-        layout, obj = self.layout.column(), surfaces.surface_of_results(context)
-        prepare(self.layout)
-        prepare(layout)
-        is_active = obj is not None and obj == context.view_layer.objects.active
-        layout.active = is_active or obj is None
-        provenance = read_provenance(obj)
-        name = translate("No surface is selected") if obj is None else obj.name
-        row = layout.split(factor=0.8)
-        row.use_property_split = False
-        row.label(text=name, icon="OUTLINER_OB_MESH", translate=False)
-        color = row.row()
-        color.enabled = is_active
-        color.prop(context.scene.ctmc, "color", text="")
-        opacity = layout.row()
-        opacity.enabled = is_active
-        opacity.prop(context.scene.ctmc, "opacity", slider=True)
-        measurement = None if provenance is None else measurements.of(obj)
-        unit = surfaces.unit_of(obj, context.scene)
-        item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
-        name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-        draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
-        _draw_mending(layout, measurement)
-        column = layout.column(align=True)
-        column.label(text=translate("Pick Component"), translate=False)
-        row = column.row(align=True)
-        for action, (label, _) in ACTIONS.items():
-            row.operator("ctmc.pick_component", text=label).action = action
-        layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
-        column = layout.column(align=True)
-        column.operator("ctmc.deviation_map", icon="COLOR")
-        column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
-        column = layout.column(align=True)  # Too many words to be side by side.
-        column.operator("ctmc.make_final", icon="CHECKMARK")
-        column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
-        if provenance is not None:
-            draw_shape_change(layout, context, obj)
-        for note in () if provenance is None else provenance.notes:
-            draw_text(layout, context, translate_sentence(note), "INFO")
+        layout, obj = begin(self.layout), surfaces.surface_of_results(context)
+        if obj is None:
+            layout.label(text=translate("No surface is selected"), icon="INFO", translate=False)
+            return
+        _draw_surface(layout, context, obj)
+        for name, text, draw in FOLDS:
+            body = fold(self.layout, name, text=text)
+            if body is not None:
+                draw(body, context)
+        draw_status(self.layout, context, TABLE)
+
+
+def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object) -> None:
+    """Draw the look of a surface, its facts, and what can be done to it."""
+    is_active = obj == context.view_layer.objects.active
+    layout.active = is_active
+    provenance = read_provenance(obj)
+    row = layout.split(factor=0.8)
+    row.use_property_split = False
+    row.label(text=obj.name, icon="OUTLINER_OB_MESH", translate=False)
+    color = row.row()
+    color.enabled = is_active
+    color.prop(context.scene.ctmc, "color", text="")
+    opacity = layout.row()
+    opacity.enabled = is_active
+    opacity.prop(context.scene.ctmc, "opacity", slider=True)
+    measurement = None if provenance is None else measurements.of(obj)
+    unit = surfaces.unit_of(obj, context.scene)
+    item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
+    name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
+    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
+    _draw_mending(layout, measurement)
+    column = layout.column(align=True)
+    column.label(text=translate("Pick Component"), translate=False)
+    row = column.row(align=True)
+    for action, (label, _) in ACTIONS.items():
+        row.operator("ctmc.pick_component", text=label).action = action
+    layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
+    column = layout.column(align=True)
+    column.operator("ctmc.deviation_map", icon="COLOR")
+    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
+    column = layout.column(align=True)  # Too many words to be side by side.
+    column.operator("ctmc.make_final", icon="CHECKMARK")
+    column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
+    if provenance is not None:
+        draw_shape_change(layout, context, obj)
+    for note in () if provenance is None else provenance.notes:
+        draw_text(layout, context, translate_sentence(note), "INFO")
 
 
 def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
@@ -127,14 +139,5 @@ def facts_of(
     return [(translate(label), value) for label, value in lines]
 
 
-def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> str:
-    """Return a measure of a surface in the panel's language; `unit` is that of gray values."""
-    value = about.value(surface)
-    if about.unit == "mm3" and surface.measures is not None and not surface.measures.closed:
-        return translate("- (open)")
-    if isinstance(value, int) and not isinstance(value, bool):
-        return count(value)
-    return f"{about.text(value)} {unit if about.unit == HU else ''}".rstrip()
-
-
-register, unregister = bpy.utils.register_classes_factory((CTMC_PT_results,))
+FOLDS = (("rulers", "Distances and Angles", draw_rulers), ("measurements", "Measurements", draw_measurements))
+"""Name, heading and drawing function of what opens in place."""

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the closed panel Rotation Test: levels, step, rounds, and the table."""
+"""Draw the rotation test on the page Render: levels, step, rounds, and the table."""
 
 from __future__ import annotations
 
@@ -10,34 +10,26 @@ import bpy
 from .. import jobs
 from ..state import session
 from ..translations import translate
-from .layout import SubPanel, draw_job, draw_pair, prepare
+from .layout import block, draw_job, draw_pair
 
 
-class CTMC_PT_rotation(SubPanel, bpy.types.Panel):
-    """Panel for the timed turntable."""
-
-    bl_idname = "CTMC_PT_rotation"
-    bl_label = "Rotation Test"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        layout, settings = self.layout.column(), context.scene.ctmc
-        prepare(self.layout, lock=False)
-        prepare(layout)
-        for name in ("rotation_kind", "rotation_levels", "rotation_step", "rotation_rounds"):
-            layout.prop(settings, name)
-        job = jobs.running("ctmc.rotation_test")
-        if job is not None:
-            draw_job(self.layout, job)
-        else:
-            self.layout.operator("ctmc.rotation_test", icon="FILE_3D")
-        layout = self.layout.column()
-        layout.enabled = not jobs.locked()
-        table = session.of(context.scene).rotation
-        if table is not None:
-            draw_table(layout, table.rows(translate("Round"), translate("Average"), translate("Saving")))
-            row = draw_pair(layout, context)
-            row.operator("ctmc.rotation_copy", icon="COPYDOWN")
-            row.operator("ctmc.rotation_save", icon="FILE_TICK")
+def draw_rotation(room: Any, context: bpy.types.Context) -> None:
+    """Draw the settings of the timed turntable, its button and its table."""
+    layout, settings = block(room), context.scene.ctmc
+    for name in ("rotation_kind", "rotation_levels", "rotation_step", "rotation_rounds"):
+        layout.prop(settings, name)
+    job = jobs.running("ctmc.rotation_test")
+    if job is not None:
+        draw_job(room, job)
+    else:
+        room.operator("ctmc.rotation_test", icon="FILE_3D")
+    layout = block(room)
+    table = session.of(context.scene).rotation
+    if table is not None:
+        draw_table(layout, table.rows(translate("Round"), translate("Average"), translate("Saving")))
+        row = draw_pair(layout, context)
+        row.operator("ctmc.rotation_copy", icon="COPYDOWN")
+        row.operator("ctmc.rotation_save", icon="FILE_TICK")
 
 
 def draw_table(layout: Any, rows: list[list[str]]) -> None:
@@ -46,6 +38,3 @@ def draw_table(layout: Any, rows: list[list[str]]) -> None:
     for row in rows:
         for cell in row:
             flow.label(text=cell, translate=False)
-
-
-register, unregister = bpy.utils.register_classes_factory((CTMC_PT_rotation,))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the main panel's block for the position of the surface: threshold with histogram, or structures."""
+"""Draw the page Surface: threshold or structures, what is made of them, what it costs, and the button."""
 
 from __future__ import annotations
 
@@ -13,8 +13,38 @@ from ..operators.ct import threshold
 from ..state import volumes
 from ..translations import translate
 from ..viewport import histogram
-from .layout import draw_setting, holds_hu
+from .ct.region import draw_region
+from .layout import PagePanel, begin, block, draw_setting, fold, holds_hu, lacks_ct
+from .reconstruct import draw_cost, draw_reconstruct, draw_simplify, draw_voxels
+from .settings import ADVANCED, COMPONENTS, draw_settings
 from .structures import draw_structures
+
+
+class CTMC_PT_surface(PagePanel, bpy.types.Panel):
+    """Page that says what becomes a surface, and makes it."""
+
+    bl_idname = "CTMC_PT_surface"
+    bl_label = "Surface"
+    page = "SURFACE"
+
+    def draw(self, context: bpy.types.Context) -> None:
+        layout, settings = begin(self.layout), context.scene.ctmc
+        if lacks_ct(layout, context):
+            return
+        draw_surface(layout, context, settings)
+        body = fold(self.layout, "region", text="Region", owner=settings, used="use_region")
+        if body is not None:
+            draw_region(body, context)
+        layout = block(self.layout)
+        draw_voxels(layout, context, settings)
+        draw_simplify(layout, context, settings)
+        for name, text, names in (("components", "Components", COMPONENTS), ("advanced", "Advanced", ADVANCED)):
+            body = fold(self.layout, name, text=text)
+            if body is not None:
+                draw_settings(body, context, names)
+        layout = self.layout.column()
+        draw_cost(layout, context)
+        draw_reconstruct(layout, context, settings)
 
 
 def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -23,6 +53,7 @@ def draw_surface(layout: Any, context: bpy.types.Context, settings: Any) -> None
     row = column.row(align=True)
     row.use_property_split = False
     row.prop(settings, "surface_from", expand=True)
+    row.popover("CTMC_PT_presets", text="", icon="PRESET")
     if settings.use_label:
         draw_structures(column, context, settings)
     else:

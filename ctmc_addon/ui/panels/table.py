@@ -1,49 +1,44 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the closed panel Measurements: measures of all surfaces, the same as those of `ctmc measure`."""
+"""Draw the fold Measurements of the page Results: measures of all surfaces, the same as those of `ctmc measure`."""
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
-from ...core import HU, Place, StructureRow, measures_in
+from ...core import HU, FinishedSurface, Measure, Place, StructureRow, measures_in
 from ...core.volume import ValueKind
+from ...reporting.formatting import count
 from .. import jobs
 from ..state import session
 from ..translations import translate
-from .layout import SubPanel, draw_job, draw_name, draw_pair, prepare
-from .results import measure_text
+from .layout import block, draw_job, draw_name, draw_pair
 
 TABLE = "ctmc.table"
 
 
-class CTMC_PT_table(SubPanel, bpy.types.Panel):
-    """Panel with a row for every surface."""
-
-    bl_idname = "CTMC_PT_table"
-    bl_label = "Measurements"
-
-    def draw(self, context: bpy.types.Context) -> None:
-        prepare(self.layout, lock=False)
-        job = jobs.running(TABLE)
-        if job is not None:
-            draw_job(self.layout, job)
-        else:
-            self.layout.operator(TABLE, icon="DRIVER_DISTANCE")
-        layout = self.layout.column()
-        layout.enabled = not jobs.locked()
-        table = session.of(context.scene).table
-        if table is None:
-            return
-        rows, kind = table
-        for row in rows:
-            column = layout.box().column(align=True)
-            column.scale_y = 0.85
-            column.label(text=row.name, translate=False)
-            for name, value in facts_of(row, kind):
-                draw_name(column, name, 0.55).label(text=value, translate=False)
-        row = draw_pair(layout, context)
-        row.operator("ctmc.table_copy", icon="COPYDOWN")
-        row.operator("ctmc.table_save", icon="FILE_TICK")
+def draw_measurements(room: Any, context: bpy.types.Context) -> None:
+    """Draw the button that measures every surface, and a box for each."""
+    job = jobs.running(TABLE)
+    if job is not None:
+        draw_job(room, job)
+    else:
+        block(room).operator(TABLE, icon="DRIVER_DISTANCE")
+    layout = block(room)
+    table = session.of(context.scene).table
+    if table is None:
+        return
+    rows, kind = table
+    for row in rows:
+        column = layout.box().column(align=True)
+        column.scale_y = 0.85
+        column.label(text=row.name, translate=False)
+        for name, value in facts_of(row, kind):
+            draw_name(column, name, 0.55).label(text=value, translate=False)
+    row = draw_pair(layout, context)
+    row.operator("ctmc.table_copy", icon="COPYDOWN")
+    row.operator("ctmc.table_save", icon="FILE_TICK")
 
 
 def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
@@ -56,4 +51,11 @@ def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
     ]
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_PT_table,))
+def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> str:
+    """Return a measure of a surface in the panel's language; `unit` is that of gray values."""
+    value = about.value(surface)
+    if about.unit == "mm3" and surface.measures is not None and not surface.measures.closed:
+        return translate("- (open)")
+    if isinstance(value, int) and not isinstance(value, bool):
+        return count(value)
+    return f"{about.text(value)} {unit if about.unit == HU else ''}".rstrip()

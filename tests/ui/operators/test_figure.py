@@ -346,9 +346,9 @@ def test_the_panel_shows_what_each_kind_asks_for(surface):
     }
     for kind, properties in asked.items():
         chosen.kind = kind
-        layout = drawn(figure_panel.CTMC_PT_figure)
+        layout = drawn(figure_panel.draw_figure)
         assert properties <= set(layout.shown)
-        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind], "ctmc.setup_studio"]
+        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind]]
     assert "transparent" not in layout.shown
 
 

@@ -9,39 +9,31 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import Layout, drawn
 
+import ctmc_addon
 from ctmc_addon.core.settings import SETTINGS
-from ctmc_addon.ui.panels import figure as figure_panel, main as panels, results, rotation, settings
-from ctmc_addon.ui.panels.ct import region
+from ctmc_addon.ui.panels import layout as panel_layout, main as panels, rotation, settings
+from ctmc_addon.ui.properties.page import PAGES
 
-PANELS = (
-    *panels.STEPS,
-    region.CTMC_PT_region,
-    settings.CTMC_PT_parts,
-    settings.CTMC_PT_normals,
-    settings.CTMC_PT_advanced,
-    rotation.CTMC_PT_rotation,
-    results.CTMC_PT_results,
-    figure_panel.CTMC_PT_figure,
-)
-
-
+KNOWN = "//ct.nii.gz"
+"""A CT that is not in memory, which all pages know nevertheless."""
 SHOWN_AS = {"region_unit": "region_in", "simplifier": "method", "reduction": "ratio", "keep_parts": "keep_largest"}
 """Settings that the panel shows by a choice or a number of its own."""
 
 
 def test_every_setting_is_shown(scene):
+    scene.ctmc.volume_path = KNOWN
     shown = set()
     for use_label in (False, True):
         scene.ctmc.use_label = use_label
         for goal in ("none", "reduction", "target_faces", "max_error_mm"):
             scene.ctmc.goal = goal
-            for panel in PANELS:
-                shown |= set(drawn(panel).shown)
+            shown |= set(drawn(*panels.STEPS).shown)
     assert {SHOWN_AS.get(name, name) for name in SETTINGS} <= shown
 
 
 def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
     settings = scene.ctmc
+    settings.volume_path = KNOWN
     assert (settings.goal, settings.to_settings().simplifies) == ("none", False)
     settings.goal = "reduction"
     settings.ratio = 0.1
@@ -71,6 +63,7 @@ def test_the_panel_has_as_many_lines_before_and_after_a_count_and_for_every_goal
 
 
 def test_the_buttons_are_there_and_exist(scene):
+    scene.ctmc.volume_path = KNOWN
     buttons = drawn(*panels.STEPS).buttons
     assert buttons[0] == "ctmc.load"
     assert "ctmc.reconstruct Reconstruct Surface" in buttons
@@ -80,6 +73,7 @@ def test_the_buttons_are_there_and_exist(scene):
 
 def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(scene):
     says = "Alpha has no effect on a label that is not smoothed"
+    scene.ctmc.volume_path = KNOWN
     assert "Otsu's threshold is used" in drawn(*panels.STEPS).texts
     scene.ctmc.label = 2
     scene.ctmc.smoothing = "none"
@@ -99,16 +93,55 @@ def test_the_panel_says_what_was_loaded(scene, ball_file):
     assert "taken as axial" in " ".join(texts)
 
 
-def test_every_panel_but_the_steps_of_the_work_begins_closed(scene):
-    ours = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CTMC_PT_")]
-    below = [kind for kind in ours if getattr(kind, "bl_parent_id", "") == "CTMC_PT_main"]
-    below = [kind for kind in below if kind not in (*panels.STEPS, results.CTMC_PT_results)]
-    assert len(below) > 6
-    assert all("DEFAULT_CLOSED" in kind.bl_options for kind in below)
+def shown_pages():
+    return [page.page for page in panels.STEPS if page.poll(bpy.context)]
+
+
+def test_one_of_five_pages_is_shown_and_scripts_choose_it(scene):
+    assert shown_pages() == ["CT"]
+    assert [page.page for page in panels.STEPS] == list(PAGES)
+    for name in PAGES:
+        bpy.context.window_manager.ctmc_page = name
+        assert shown_pages() == [name]
+    assert "ctmc_page" in drawn(panels.CTMC_PT_main).shown
+
+
+def test_the_page_is_neither_undone_nor_saved_and_goes_with_the_extension(scene, tmp_path):
+    manager = bpy.context.window_manager
+    bpy.ops.ed.undo_push(message="before")
+    manager.ctmc_page = "RENDER"
+    scene.ctmc.alpha = 0.25
+    bpy.ops.ed.undo_push(message="after")
+    bpy.ops.ed.undo()
+    assert bpy.context.window_manager.ctmc_page == "RENDER"
+    assert "ctmc_page" not in set(bpy.context.window_manager.keys())
+    ctmc_addon.unregister()
+    assert not hasattr(bpy.types.WindowManager, "ctmc_page")
+    ctmc_addon.register()
+    assert bpy.context.window_manager.ctmc_page == "CT"
+
+
+def test_without_a_ct_every_page_but_the_first_says_in_one_line_what_is_missing(scene):
+    first, *others = panels.STEPS
+    assert drawn(first).buttons == ["ctmc.load"]
+    for page in others:
+        drawing = drawn(page)
+        assert (len(drawing.texts), drawing.buttons, drawing.shown) == (1, [], []), page.page
+
+
+def test_everything_that_opens_in_place_begins_closed(scene, ball_file):
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.threshold = 100.0
+    bpy.ops.ctmc.reconstruct()
+    folds = drawn(*panels.STEPS).folds
+    assert len(folds) >= 7
+    assert all(folds.values())
+    assert not panel_layout.OPEN
 
 
 def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
     says = "The preview shows the first ticked structure"
+    scene.ctmc.volume_path = KNOWN
     scene.ctmc.show_labels([(1, "", (1, 0, 0)), (2, "", (0, 1, 0))])
     scene.ctmc.labels[0].chosen = True
     assert says not in " ".join(drawn(*panels.STEPS).texts)
@@ -151,14 +184,20 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     table = type("Table", (), {"rows": staticmethod(lambda *_: [["Round"]])})()
     monkeypatch.setattr(session.of(scene), "rotation", table)
     holder = type("Panel", (), {"layout": Nested()})()
-    rotation.CTMC_PT_rotation.draw(holder, bpy.context)
+    rotation.draw_rotation(holder.layout, bpy.context)
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}
+
+
+def drawn_settings():
+    layout = Layout()
+    settings.draw_settings(layout, bpy.context, settings.COMPONENTS)
+    return layout
 
 
 def test_millimeters_are_shown_as_such_and_zero_components_as_all(scene):
     for name in ("smoothing_mm", "max_error_mm"):
         assert scene.ctmc.bl_rna.properties[name].unit == "CAMERA"  # which Blender shows in mm at any scene scale
-    layout = drawn(settings.CTMC_PT_parts)
+    layout = drawn_settings()
     assert "All" in layout.texts
     assert "keep_parts" not in layout.shown, "its 0 would stand beside the word"
     scene.ctmc.keep_largest = True
@@ -166,7 +205,7 @@ def test_millimeters_are_shown_as_such_and_zero_components_as_all(scene):
     scene.ctmc.keep_parts = 2
     scene.ctmc.keep_largest = True
     assert scene.ctmc.keep_parts == 2
-    layout = drawn(settings.CTMC_PT_parts)
+    layout = drawn_settings()
     assert "All" not in layout.texts
     assert "keep_parts" in layout.shown
     scene.ctmc.keep_largest = False

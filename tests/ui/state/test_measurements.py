@@ -16,7 +16,7 @@ from ctmc_addon.blender.stored_values import from_stored
 from ctmc_addon.core import HU, Place, ReconstructionSettings, measures_in
 from ctmc_addon.core.mesh import Measures, SurfaceDistance, TriangleQuality
 from ctmc_addon.ui.panels.results import CTMC_PT_results, facts_of
-from ctmc_addon.ui.panels.table import CTMC_PT_table
+from ctmc_addon.ui.panels.table import draw_measurements
 from ctmc_addon.ui.state import measurements, session
 from ctmc_addon.ui.state.measurements import PROPERTY, Measurement
 
@@ -84,7 +84,7 @@ def test_results_have_each_of_their_measures(surface):
 def test_measurements_have_each_of_their_measures(surface):
     bpy.ops.ctmc.table()
     ((row,), _) = session.of(bpy.context.scene).table
-    texts = drawn(CTMC_PT_table).texts
+    texts = drawn(draw_measurements).texts
     for each in measures_in(Place.TABLE):
         if each.unit != HU or row.surface.inside is not None:
             assert texts[texts.index(each.label) + 1].startswith(each.text(each.value(row.surface))), each.name

@@ -13,7 +13,7 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.ui.panels import main as panels, results, rotation
+from ctmc_addon.ui.panels import main as panels, results
 from ctmc_addon.ui.state import session, volumes
 from ctmc_addon.ui.viewport import live
 
@@ -177,7 +177,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     obj["ctmc"] = memory
     bpy.context.view_layer.objects.active = obj
     obj.select_set(True)
-    for panel in (*panels.STEPS, results.CTMC_PT_results, rotation.CTMC_PT_rotation):
+    for panel in panels.STEPS:
         drawn(panel)
     for operator in ("reconstruct", "simplify", "measure", "deviation_map", "make_final", "adopt_settings", "export"):
         getattr(bpy.ops.ctmc, operator).poll()

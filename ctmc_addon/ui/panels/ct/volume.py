@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the top of the main panel: Load, errors, the file's missing CT, and the CT itself."""
+"""Draw the top of the page CT: Load, errors, the file's missing CT, and the CT itself."""
 
 from __future__ import annotations
 
@@ -78,7 +78,6 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         ),
     ]
     draw_table(layout, facts, NAMES)
-    _draw_views(layout)
     if volume.kind == ValueKind.HU:
         layout.operator("ctmc.remove_table", icon="TRASH", depress=loaded.reading.remove_table)
     if len(loaded.series) > 1:
@@ -123,7 +122,7 @@ def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.L
         button.filepath = str(path)
 
 
-def _draw_views(layout: Any) -> None:
+def draw_views(layout: Any) -> None:
     """Draw a button that frames the CT, and one for every side of the patient."""
     row = layout.split(factor=0.4, align=True)
     row.operator("ctmc.view", icon="ZOOM_SELECTED").side = AS_IT_IS

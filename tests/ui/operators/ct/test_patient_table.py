@@ -10,7 +10,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.main import CTMC_PT_load
+from ctmc_addon.ui.panels.main import CTMC_PT_ct
 from ctmc_addon.ui.state import volumes
 
 
@@ -20,7 +20,7 @@ def test_it_is_a_switch_that_the_note_and_the_command_know(scene, tmp_path):
     values[:, 52:54] = 100
     nibabel.save(nibabel.Nifti1Image(values.T, np.diag([-2.0, -2.0, 2.0, 1.0])), tmp_path / "ct.nii")
     bpy.ops.ctmc.load(filepath=str(tmp_path / "ct.nii"))
-    assert "ctmc.remove_table" in drawn(CTMC_PT_load).buttons
+    assert "ctmc.remove_table" in drawn(CTMC_PT_ct).buttons
     assert bpy.ops.ctmc.remove_table() == {"FINISHED"}
     assert volumes.current(scene).values[:, 50:].max() == -1000
     assert any(text.startswith("The table was removed: 22.4 ml") for text in volumes.current(scene).notes)

@@ -297,16 +297,6 @@ def test_a_ct_that_is_not_in_memory_is_the_panels_and_can_be_loaded_again(scene,
     assert [scan.volume_fingerprint for scan in scene.ctmc_scans] != [first]
 
 
-def test_before_a_ct_is_loaded_the_panel_has_load_and_nothing_else(scene, ball_file):
-    ours = [getattr(bpy.types, name) for name in dir(bpy.types) if name.startswith("CTMC_PT_")]
-    below = [kind for kind in ours if getattr(kind, "bl_parent_id", "") == "CTMC_PT_main"]
-    shown = lambda: {kind.bl_idname for kind in below if kind.poll(bpy.context)}  # noqa: E731
-    assert shown() == {"CTMC_PT_load"}
-    assert drawn(panels.CTMC_PT_load).buttons == ["ctmc.load"]
-    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    assert shown() == {kind.bl_idname for kind in below}
-
-
 def test_a_dicom_folder_with_a_structure_set_offers_it_and_both_go_together(scene, real):
     pytest.importorskip("pydicom")
     folder = real("rtstruct")

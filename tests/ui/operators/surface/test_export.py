@@ -17,7 +17,7 @@ from ctmc_addon.core import finish
 from ctmc_addon.ui.operators.figure import subject
 from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
 from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.ct.slice import CTMC_PT_slice
+from ctmc_addon.ui.panels.ct.slice import draw_cuts
 from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import surfaces, volumes
 
@@ -161,7 +161,7 @@ def test_a_mirrored_or_scaled_surface_is_said_in_results_slice_and_export(loaded
 
     def said():
         bpy.context.view_layer.update()
-        assert drawn(CTMC_PT_slice).texts[-2:].count("Mirrored: left and right are exchanged") == (obj.scale.x < 0)
+        assert drawn(draw_cuts).texts[-2:].count("Mirrored: left and right are exchanged") == (obj.scale.x < 0)
         texts = drawn(CTMC_PT_results).texts
         return CTMC_OT_export.warnings(operator, bpy.context), "Mirrored: left and right are exchanged" in texts
 

@@ -233,11 +233,10 @@ def test_many_small_components_are_removed_by_a_button_without_extraction(noise,
     from ctmc_addon.core.surfaces import make
     from ctmc_addon.ui.panels.results import CTMC_PT_results
 
-    line = drawn(CTMC_PT_results).texts.index("Components: not counted")
     noise.ctmc.alpha = 0.5
     bpy.ops.ctmc.reconstruct()
     drawing = drawn(CTMC_PT_results)
-    assert drawing.texts.index("196 components, 195 below 1 mm3") == line
+    assert "196 components, 195 below 1 mm3" in drawing.texts
     assert "ctmc.remove_small Remove Small" in drawing.buttons
     monkeypatch.setattr(make, "result_and_full_steps", None)  # extraction would fail
     assert bpy.ops.ctmc.remove_small() == {"FINISHED"}

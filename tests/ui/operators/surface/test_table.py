@@ -16,7 +16,7 @@ from ui.drawing import drawn
 from ctmc_addon.cli import main
 from ctmc_addon.core import volume_text
 from ctmc_addon.ui.operators.surface.table import csv_of
-from ctmc_addon.ui.panels.table import CTMC_PT_table
+from ctmc_addon.ui.panels.table import draw_measurements
 
 
 def rows_of(text):
@@ -35,7 +35,7 @@ def test_it_is_what_the_command_measures_and_can_be_saved(loaded, ball_file, tmp
     assert theirs.pop("name") == "ball"
     for name, value in own.items():
         assert value == theirs[name] or float(value) == pytest.approx(float(theirs[name]), rel=1e-5), name
-    texts = drawn(CTMC_PT_table).texts
+    texts = drawn(draw_measurements).texts
     assert f"{float(theirs['largest_diameter_mm']):.4g} mm" in texts
     assert volume_text(float(theirs["volume_ml"]) * 1000) in texts
 

@@ -1,0 +1,131 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Draw the lower half of the page Surface: voxels and alpha, simplify, costs, the button and its messages.
+
+Lines that come and go are at the end, below the buttons, and never between two widgets.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ...core import SettingsError
+from ...reporting.formatting import count, duration, size_of_bytes
+from .. import jobs
+from ..state import session, surfaces, volumes
+from ..translations import translate, translate_sentence
+from .layout import draw_job, draw_name, draw_pair, draw_table, draw_text
+
+
+def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """Draw voxel sides in pixels and mm, alpha, and the cost estimate."""
+    volume = volumes.current_full(context.scene)
+    column = layout.column(align=True)
+    for text, shows_mm in ((translate("Stride [px]"), False), (translate("Voxel [mm]"), True)):
+        sides = draw_name(column, text)
+        for axis, name in enumerate("xyz"):
+            if not shows_mm:
+                sides.prop(settings, "stride", index=axis, text=name)
+            else:
+                side = "-" if volume is None else f"{settings.stride[axis] * volume.spacing[axis]:.3g}"
+                sides.label(text=side, translate=False)
+    row = layout.row()
+    row.enabled = alpha_matters(settings)
+    row.prop(settings, "alpha", slider=True)
+    row = draw_pair(layout, context)
+    row.enabled = alpha_matters(settings)
+    row.use_property_split = False
+    row.operator("ctmc.choose_alpha", text="Choose Alpha", icon="AUTO")
+    row.prop(settings, "min_angle_deg", text="Angle [°]")
+
+
+def alpha_matters(settings: Any) -> bool:
+    """Return whether alpha has an effect; settings that contradict each other are reported elsewhere."""
+    try:
+        matters: bool = settings.to_settings().alpha_matters
+    except SettingsError:
+        return True
+    return matters
+
+
+def draw_cost(layout: Any, context: bpy.types.Context) -> None:
+    """Draw the cost estimate of the settings, always in four lines, so that nothing jumps while it is counted."""
+    cost = session.of(context.scene).cost
+    waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
+    values = ["..." if waits else "-"] * 4
+    if cost is not None and not cost.error:
+        values = [count(cost.voxels), count(cost.faces), size_of_bytes(cost.memory), duration(cost.seconds)]
+    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Estimated Time"))
+    draw_table(layout, list(zip(names, values, strict=True)))
+
+
+def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """Draw the goal, its number, what is removed, and the method: the same lines for every goal."""
+    goal = settings.goal
+    layout.prop(settings, "goal")
+    value = layout.row()
+    value.active = goal != "none"
+    value.prop(settings, {"target_faces": goal, "max_error_mm": goal}.get(goal, "ratio"))
+    draw_table(layout, [("", _removed_text(context, settings))])
+    method = layout.row()
+    method.enabled = goal in ("reduction", "target_faces")
+    method.prop(settings, "method", expand=False)
+
+
+def _removed_text(context: bpy.types.Context, settings: Any) -> str:
+    """Return the effect of the goal, in words."""
+    cost = session.of(context.scene).cost
+    faces = 0 if cost is None or cost.error else cost.faces
+    if settings.goal == "reduction":
+        return translate("removes {percent} %").format(percent=f"{100 * settings.reduction:.4g}")
+    if settings.goal == "target_faces" and faces:
+        return translate("of {faces}").format(faces=count(faces))
+    return ""
+
+
+def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """Draw the button or its progress; simplify, preview, export, command; then messages."""
+    job, scene = jobs.running(), context.scene
+    row = layout.row(align=True)
+    row.scale_y = 1.5
+    if job is not None:
+        draw_job(row, job)
+    else:
+        updates = surfaces.is_of_ct(surfaces.active_surface(context), scene)
+        text = "Update Surface" if updates else "Reconstruct Surface"
+        row.operator("ctmc.reconstruct", text=text, icon="FILE_REFRESH" if updates else "MESH_ICOSPHERE")
+        new = row.row(align=True)
+        new.enabled = updates
+        new.operator("ctmc.reconstruct", text="", icon="ADD").new = True
+    layout = layout.column()
+    layout.enabled = not jobs.locked()
+    row = draw_pair(layout, context)
+    row.use_property_split = False
+    row.operator("ctmc.simplify", text="Simplify", icon="MOD_DECIM")
+    row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
+    row = draw_pair(layout, context)
+    row.operator("ctmc.export", text="Export", icon="EXPORT")
+    row.operator("ctmc.copy_command", text="Command", icon="COPYDOWN")
+    _draw_notes(layout, context, settings)
+
+
+def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
+    """Draw errors, refusals and settings without effect, if any."""
+    scene_session = session.of(context.scene)
+    if scene_session.message:
+        draw_text(layout.box(), context, scene_session.message, "ERROR")
+    try:
+        settings.all_settings()
+    except SettingsError as error:
+        draw_text(layout, context, translate_sentence(str(error)), "ERROR")
+    else:
+        if scene_session.cost is not None and scene_session.cost.refusal:
+            draw_text(layout, context, translate_sentence(scene_session.cost.refusal), "ERROR")
+    if volumes.is_coarse(context.scene):
+        draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
+    if not alpha_matters(settings):
+        draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
+    if settings.preview and settings.use_label and sum(item.chosen for item in settings.labels) > 1:
+        text = translate("The preview shows the first ticked structure")
+        draw_text(layout, context, text, "INFO")
