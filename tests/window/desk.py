@@ -26,8 +26,9 @@ LIMIT = 120.0  # seconds; a busy machine may need many
 LOOK_AGAIN = 0.002  # seconds between two looks for an answer
 DRAG_STEPS = 6
 SCAN = 16  # pixels; buttons are at least 22 high
-PAGE = 20  # clicks of the wheel
-PAGES = 5
+NOTCHES = 20  # clicks of the wheel from one look at the sidebar to the next
+LOOKS = 5
+PAGES = ("CT", "SURFACE", "DRAW", "RESULTS", "RENDER")
 FIELDS = 0.65  # of the sidebar's width, where most fields and buttons are
 
 
@@ -64,10 +65,11 @@ class Desk:
         self.log = self.folder / "blender.log"
         self.log_start = 0
         self.questions = 0
-        self.seen: dict[str, tuple[int, int]] = {}  # page and height at which a button was, a while ago perhaps
+        # Page, look and height at which a button was, a while ago perhaps.
+        self.seen: dict[str, tuple[str, int, int]] = {}
         self.places: dict[str, int] = {}  # where it was as the sidebar is scrolled now
         self.row: int | None = None
-        self.page = 0
+        self.turned = 0  # looks that the sidebar is scrolled down
         self.display, self.server, self.mouse, self.blender = "", None, None, None
 
     # Inside the folder ------------------------------------------------------------------------------------------
@@ -114,7 +116,7 @@ class Desk:
             old.unlink()
         self.questions, self.log_start = 0, 0
         self.places.clear()
-        self.row, self.page = None, 0
+        self.row, self.turned = None, 0
         width, height = self.size
         screen = [
             "-screen",
@@ -158,7 +160,7 @@ class Desk:
             self.key("Escape")
         self.ask("reset()")
         self.places.clear()
-        self.row, self.page = None, 0
+        self.row, self.turned = None, 0
         self.log_start = self.log.stat().st_size
 
     def close(self) -> int | None:
@@ -235,37 +237,56 @@ class Desk:
         return picture
 
     def find(self, button: str, at: float = FIELDS) -> tuple[int, int]:
-        """Where a button of the sidebar is, with the mouse on it: a property's path or an operator's call.
+        """Where a button of the tab is, with the mouse on it: a property's path or an operator's call.
 
-        Blender says what is under the mouse. It looks where the button was, then beside what was found before it,
-        then goes over the sidebar at this share of its width, from where it was seen last, page by page.
+        Blender says what is under the mouse. It looks where the button was, then beside what was found before it, then
+        goes over the sidebar at this share of its width: the page that is shown, the one on which the button was last,
+        all others; then each of them with the wheel.
         """
-        left, top, width, height = self.sidebar()
-        x = left + round(at * width)
+        x, top, height = self.across(at)
         for y in (self.places.get(button), self.row):
             if y is not None and self.under(x, y) == button:
                 self.row = y
                 return x, y
-        page, near = self.seen.get(button, (self.page, None))
-        for turned in dict.fromkeys([self.page, page, *range(PAGES)]):  # as it is scrolled; as it was; all
-            if turned != self.page:
-                self.scroll(turned)
+        shown = self.ask("answer = bpy.context.window_manager.ctmc_page")
+        page, turned, near = self.seen.get(button, (shown, self.turned, None))
+        looks = [(shown, self.turned), (page, turned)]
+        looks += [(each, 0) for each in (shown, *PAGES)]
+        looks += [(each, further) for each in (shown, *PAGES) for further in range(1, LOOKS)]
+        for look in dict.fromkeys(looks):
+            if look[0] != shown:
+                shown = look[0]
+                self.show(shown)
+            if look[1] != self.turned:
+                self.scroll(look[1])
+            x, top, height = self.across(at)
             lines = list(range(top + height, top, -SCAN))
             if near is not None:
                 lines.sort(key=lambda y: abs(y - near))
             names = self.ask(f"answer = rows({x}, {lines}, {button!r})")
-            self.seen.update((name, (turned, y)) for name, y in zip(names, lines, strict=False))
+            self.seen.update((name, (*look, y)) for name, y in zip(names, lines, strict=False))
             if names[-1] == button:
                 break
         else:
             self.look("not-found")
             raise AssertionError(f"{button} is not in the sidebar; there is: {', '.join(sorted(self.seen))}")
-        _, y = self.seen[button]
+        y = self.seen[button][-1]
         while self.under(x, y - SCAN) == button:
             y -= SCAN
         assert self.under(x, y) == button, f"{button} has moved"
         self.places[button] = self.row = y
         return x, y
+
+    def across(self, at: float) -> tuple[int, int, int]:
+        """A place across the sidebar at this share of its width, the sidebar's top and its height."""
+        left, top, width, height = self.sidebar()
+        return left + round(at * width), top, height
+
+    def show(self, page: str) -> None:
+        """Show a page of the tab, as a script does."""
+        self.ask(f"show_page({page!r})")
+        self.places.clear()
+        self.row = None
 
     def sidebar(self) -> list[int]:
         """Left, top, width and height of the sidebar on the screen."""
@@ -276,13 +297,13 @@ answer = [bar.x, view.window.height - bar.y - bar.height, bar.width, bar.height]
 """)
         return box
 
-    def scroll(self, page: int) -> None:
-        """Turn the wheel over the sidebar to its top, and so many pages down."""
+    def scroll(self, looks: int) -> None:
+        """Turn the wheel over the sidebar to its top, and so many looks down."""
         left, top, _, height = self.sidebar()
-        self.turn_wheel(left + 12, top + height // 2, up=True, clicks=PAGE * PAGES)
-        if page:
-            self.turn_wheel(left + 12, top + height // 2, up=False, clicks=PAGE * page)
-        self.page = page
+        self.turn_wheel(left + 12, top + height // 2, up=True, clicks=NOTCHES * LOOKS)
+        if looks:
+            self.turn_wheel(left + 12, top + height // 2, up=False, clicks=NOTCHES * looks)
+        self.turned = looks
         self.places.clear()
 
     def under(self, x: int, y: int) -> str:

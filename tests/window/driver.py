@@ -27,7 +27,6 @@ ADDON = "bl_ext.user_default.ctmc.ctmc_addon"
 PAUSE = 0.001
 TURNS = 2
 number, turns = 0, 0
-opened: dict[str, set[str]] = {}  # panels that tests have opened, and the options they had
 steps: Generator[None, None, Any] | None = None
 
 
@@ -96,19 +95,21 @@ def browser() -> dict[str, list[int]] | None:
     return None
 
 
-def open_panel(name: str) -> None:
-    """Let a closed sub-panel begin open; before it is drawn for the first time."""
-    options = set(getattr(getattr(bpy.types, name), "bl_options", ()))
-    opened.setdefault(name, options)
-    set_options(name, options - {"DEFAULT_CLOSED"})
+def open_fold(*names: str) -> None:
+    """Let folds of a page begin open; before they are drawn for the first time."""
+    ours("ui.panels.layout").OPEN.update(names)
 
 
-def set_options(name: str, options: set[str]) -> None:
-    """Register a panel with other options."""
-    panel = getattr(bpy.types, name)
-    bpy.utils.unregister_class(panel)
-    panel.bl_options = options
-    bpy.utils.register_class(panel)
+def show_page(name: str) -> None:
+    """Show a page of the tab."""
+    bpy.context.window_manager.ctmc_page = name
+    redraw()
+
+
+def overflow() -> float:
+    """How far the sidebar is scrolled down, pixels; its first line is in sight at 0."""
+    view = viewport()
+    return -view.sidebar.view2d.region_to_view(0, view.sidebar.height - 1)[1]
 
 
 def bring_tab(name: str) -> bool:
@@ -133,8 +134,8 @@ def reset() -> None:
     preferences.view.filebrowser_display_type = "SCREEN"
     preferences.system.viewport_aa = "OFF"
     bpy.ops.wm.read_homefile(use_factory_startup=False)
-    while opened:
-        set_options(*opened.popitem())
+    bpy.context.window_manager.ctmc_page = "CT"
+    ours("ui.panels.layout").OPEN.clear()
     window = bpy.context.window_manager.windows[0]
     for area in [area for area in window.screen.areas if area.type != "VIEW_3D"]:
         with bpy.context.temp_override(window=window, area=area):
@@ -145,7 +146,8 @@ def reset() -> None:
 
 NAMES = {
     **{"bpy": bpy, "ours": ours, "viewport": viewport, "on_screen": on_screen},
-    **{"under_mouse": under_mouse, "redraw": redraw, "open_panel": open_panel, "bring_tab": bring_tab},
+    **{"under_mouse": under_mouse, "redraw": redraw, "open_fold": open_fold, "bring_tab": bring_tab},
+    **{"show_page": show_page, "overflow": overflow},
     **{"browser": browser, "rows": rows, "reset": reset},
 }
 

@@ -22,11 +22,10 @@ answer = [min(xs), max(xs), min(ys), max(ys), left, right, top, top + view.regio
 """
 
 
-def begin(desk: Desk, *panels: str, empty: bool = True) -> None:
-    """Open the tab with these panels open, on an empty scene unless told, whatever tests have left."""
+def begin(desk: Desk, *folds: str, empty: bool = True) -> None:
+    """Open the tab with these folds open, on an empty scene unless told, whatever tests have left."""
     desk.ask("reset()")
-    for panel in panels:
-        desk.ask(f"open_panel('{panel}')")
+    desk.ask(f"open_fold(*{folds!r})")
     if empty:
         # A material that goes while its shader is compiled or its preview drawn takes Blender with it.
         desk.wait("not any(map(bpy.app.is_job_running, ('RENDER_PREVIEW', 'SHADER_COMPILATION')))")

@@ -39,7 +39,7 @@ FULL = 4 / 3 * 3.14159265 * RADIUS**3 / 1000
 @pytest.fixture(scope="module", autouse=True)
 def ball(desk):
     """A surface of a ball."""
-    begin(desk, "CTMC_PT_slice")
+    begin(desk, "cuts")
     desk.ask("bpy.context.preferences.view.smooth_view = 0")
     desk.ask(BALL.format(radius=RADIUS, folder=desk.inside))
     load(desk, f"{desk.inside}/ball.npy", spacing=(1.0, 1.0, 1.0))

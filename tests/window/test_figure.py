@@ -38,7 +38,7 @@ def content(file: Path) -> bytes:
 
 
 def test_esc_ends_a_figure_while_it_is_rendered_and_leaves_nothing(desk):
-    begin(desk, "CTMC_PT_figure")
+    begin(desk, "figure")
     load(desk, f"{desk.inside}/volume-0.nii.gz")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1)")
     desk.press("bpy.ops.ctmc.reconstruct()", "reconstruct")

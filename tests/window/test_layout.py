@@ -42,7 +42,7 @@ jobs.start = start_noted
 @pytest.fixture(scope="module", autouse=True)
 def loaded(desk):
     """The phantom, its bone chosen."""
-    begin(desk, "CTMC_PT_rotation")
+    begin(desk, "rotation")
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1); s.preview = False")
     desk.wait(f"{QUIET} and {COUNTED}")

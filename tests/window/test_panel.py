@@ -21,7 +21,7 @@ with bpy.context.temp_override(window=window, area=view.area, region=view.region
 
 @pytest.fixture(scope="module")
 def ct(desk):
-    begin(desk, "CTMC_PT_region")
+    begin(desk, "region")
     load(desk, f"{desk.inside}/volume-0.nii.gz")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1)")
     desk.wait(QUIET)

@@ -57,7 +57,7 @@ answer = [region.x, view.window.height - region.y - region.height, region.width,
 
 
 def test_each_slice_fills_its_view_and_no_surface_covers_it(desk):
-    begin(desk, "CTMC_PT_draw")
+    begin(desk)
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (8, 8, 1); s.preview = False")
     desk.ask("bpy.ops.ctmc.reconstruct()")

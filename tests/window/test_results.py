@@ -59,7 +59,7 @@ def balls(desk):
     for middle, radius in BALLS.items():
         values[np.linalg.norm(at - middle, axis=-1) <= radius] = 400
     nibabel.Nifti1Image(values, np.eye(4)).to_filename(desk.folder / "balls.nii")
-    begin(desk, "CTMC_PT_parts")
+    begin(desk, "components")
     load(desk, f"{desk.inside}/balls.nii")
     desk.ask("bpy.context.scene.ctmc.threshold = 200")
     desk.press(MAKE, "reconstruct")

@@ -86,7 +86,7 @@ def test_the_zip_is_enabled_and_the_tab_is_there(desk):
     assert tuple(desk.ask("answer = bpy.app.version")) >= OLDEST
     assert desk.ask("answer = 'bl_ext.user_default.ctmc' in bpy.context.preferences.addons")
     desk.ask("bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])")
-    desk.ask("open_panel('CTMC_PT_slice'); open_panel('CTMC_PT_rotation'); viewport().space.show_region_ui = True")
+    desk.ask("open_fold('rotation'); viewport().space.show_region_ui = True")
     desk.wait("viewport().sidebar.width > 100")
     desk.wait("bring_tab('CTMC')")
     desk.look("01-empty")
