@@ -178,6 +178,13 @@ class ReadingOptions(Described):
         label="File Colors",
         type=bool,
     )
+    skip_damaged: bool = setting(
+        False,
+        "Leave out truncated or damaged DICOM slices, with a note, instead of refusing the series",
+        label="Skip Damaged",
+        note="the gap is then an uneven one",
+        type=bool,
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
