@@ -15,6 +15,7 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import label_class
+from .dicom.listing import series_names
 from .file_formats import (
     files_below,
     format_of,
@@ -40,7 +41,7 @@ from .registry import (
     is_whole_volume,
     open_steps,
 )
-from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, series_names, unreadable
+from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
 
 __all__ = [
     "FOLDER_SUFFIXES",
@@ -150,7 +151,8 @@ def read_volume(
         or structure set; a folder of masks, a file or a folder of DICOM slices for each;
         a volume in a file or folder of its own, such as `.nii.gz`, `.nrrd`, `.mha` or `.ome.zarr` (`FORMATS` has all).
         A lone slice stands for its folder.
-    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, file_colors, remove_table, skip_damaged
+    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, file_colors, remove_table,
+    skip_damaged
         As in `ReadingOptions`, which describes them.
     budget : Budget, optional
         The threads that decode PNG, JPEG, BMP and TIFF slices, and the memory that the values may take.

@@ -8,7 +8,6 @@ format, so they are answered here. Affines map (x, y, z) = (column, row, slice) 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -117,27 +116,6 @@ class Series:
         folder = f"in {self.folder}" if self.folder else ""
         parts = [self.text, apart, number, self.description, self.kernel, folder]
         return one_line(", ".join(part for part in parts if part))
-
-
-def series_names(series: Sequence[Series]) -> tuple[str, ...]:
-    """Return names for the screen that tell series apart: the operator's descriptions, else folders, else numbers.
-
-    Examples
-    --------
-    >>> series_names([Series(1, "", 9, (8, 8), "CT", folder="MASKS/liver"), Series(2, "", 9, (8, 8), "CT")])
-    ('MASKS/liver', '2: CT')
-    """
-    descriptions = Counter(line.description for line in series)
-    folders = Counter(line.folder for line in series)
-    names = []
-    for line in series:
-        name = f"{line.number}: {line.description or line.modality}"
-        if line.description and descriptions[line.description] == 1:
-            name = line.description
-        elif line.folder not in ("", ".") and folders[line.folder] == 1:
-            name = line.folder
-        names.append(one_line(name))
-    return tuple(names)
 
 
 @dataclass(frozen=True, eq=False)

@@ -81,8 +81,11 @@ class DicomSource(VolumeSource):
         if not matching:
             names = {line: {line.folder.casefold(), line.description.casefold()} for line in self.series}
             matching = [line for line in self.series if requested.casefold() in names[line]]
-        key = lambda line: (*self._extent(line), line.uid not in self.masks, -line.number)  # noqa: E731
-        return max(matching, key=key, default=None)
+        return max(matching, key=self._preference, default=None)
+
+    def _preference(self, line: Series) -> tuple[bool, int, bool, int]:
+        """Return the sort key of a series; the highest is read by default."""
+        return (*self._extent(line), line.uid not in self.masks, -line.number)
 
     def images_read(self, options: ReadingOptions) -> list[Path]:
         """Return the files of the images that a volume is read from, in the order in which they were taken."""
