@@ -16,6 +16,7 @@ from .described import (
 from .errors import (
     AbsentLabelError as AbsentLabelError,
     CtmcError as CtmcError,
+    DamagedSliceError as DamagedSliceError,
     LabelError as LabelError,
     MemoryLimitError as MemoryLimitError,
     MeshError as MeshError,

@@ -47,8 +47,8 @@ class Layout:
         self.buttons.append(name if text is None else f"{name} {text}".rstrip())
         return type("Button", (), {})()
 
-    def operator_menu_enum(self, name, _property, **_):
-        self.buttons.append(name)
+    def operator_menu_enum(self, name, _property, text=None, **_):
+        return self.operator(name, text)
 
     def label(self, text="", **_):
         self.texts.append(text)

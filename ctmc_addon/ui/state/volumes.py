@@ -18,6 +18,7 @@ from ...blender.scene.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
+from . import change_events, session
 from .drawn import Drawn
 
 OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
@@ -123,6 +124,17 @@ def discard_unused(*_: Any) -> None:
     """Release the volumes that no scene of a newly opened file uses."""
     for fingerprint in set(_loaded) - _all_fingerprints():
         del _loaded[fingerprint]
+
+
+def release(fingerprint: str) -> None:
+    """Release a CT: its samples, the masks of drawings on it, and the surfaces that wait for another simplification.
+
+    The file keeps its path and all choices, so it can be loaded again.
+    """
+    _loaded.pop(fingerprint, None)
+    session.drop_surfaces(fingerprint)
+    for scene in bpy.data.scenes:
+        change_events.notify(scene.ctmc, change_events.RELEASED)
 
 
 def all_cts() -> Iterator[Loaded]:

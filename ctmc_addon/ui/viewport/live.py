@@ -64,6 +64,8 @@ def mark(properties: Any, name: str) -> None:
     """Note that a setting has changed; this is cheap, because it runs within the slider's own event."""
     if name == "window":
         return
+    if name == change_events.RELEASED:
+        clear()
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)

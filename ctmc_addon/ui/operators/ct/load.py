@@ -11,14 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
 from .... import readers
 from ....blender.colors import color_of
 from ....blender.scene.ct_box import show_box
 from ....blender.scene.default_cube import put_out_of_view, untouched_cube
 from ....blender.units import has_blenders_units, set_units
-from ....core import ReadError, Stages, Steps, fits_in_memory, shown_stride
+from ....core import DamagedSliceError, ReadError, Stages, Steps, fits_in_memory, shown_stride
 from ....core.volume import ValueKind, volume_box, volume_statistics_steps
 from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
@@ -29,6 +29,7 @@ from ...properties.structures import called, follow_ticks, tick
 from ...state import change_events, drawings, scans, session, structures, surfaces, volumes
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
+from .series import items
 from .view import frame_everywhere
 
 LABELS = "Reading labels"
@@ -58,6 +59,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
+    listed: EnumProperty(
+        name="Series", description="Read another series of this CT", items=items, options={"SKIP_SAVE", "HIDDEN"}
+    )
+
     needs = (jobs.idle,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -80,6 +85,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         for axis, name in enumerate("XYZ"):
             row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
         layout.prop(self, "strict")
+        layout.prop(self, "skip_damaged")
         layout.prop(self, "remove_table")
         lines = layout.column(align=True)
         lines.scale_y = 0.8
@@ -90,9 +96,12 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         scene_session, stored, expected = session.of(scene), scene.ctmc, ""
         scene_session.message = scene_session.load_message = ""
+        scene_session.refused = None
         # Several files that were dropped or selected together are slices of one stack.
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading = asked = options_of_dialog(self)
+        if self.properties.is_property_set("listed"):
+            reading = asked = replace(asked, series=self.listed)
         if self.again and not path:
             path = stored.volume_path
             reading = options_of_scene(stored)
@@ -128,13 +137,19 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         selected = source.selected_series(reading.series)
         budget = machine().budget
         file, stride = None, (1, 1, 1)
-        if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
-            work = source.read_steps(reading, budget=budget)
-            volume = yield from stages.run(values, work)
-        else:
-            file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
-            stride = shown_stride(file, budget)
-            volume = yield from stages.run(values, file.in_memory_steps(stride))
+        try:
+            if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
+                work = source.read_steps(reading, budget=budget)
+                volume = yield from stages.run(values, work)
+            else:
+                file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
+                stride = shown_stride(file, budget)
+                volume = yield from stages.run(values, file.in_memory_steps(stride))
+        except DamagedSliceError:
+            refused_in = session.scene_of(scene)
+            if refused_in is not None:
+                session.of(refused_in).refused = (str(path), reading)
+            raise
         if reading.series and selected is not None:  # Store its number, because a UID must not be stored.
             reading = replace(reading, series=str(selected.number))
         if selected is not None:
@@ -153,7 +168,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             reading,
             source.has_geometry,
             1 if selected is None else selected.number,
-            () if volume.kind == ValueKind.LABEL else readers.labels_beside(path),
+            () if volume.kind == ValueKind.LABEL else readers.labels_beside(readers.volume_place(path)),
             file,
             stride,
         )
@@ -270,7 +285,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    names = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    names = (volumes.stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
     box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:
