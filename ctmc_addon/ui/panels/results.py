@@ -66,7 +66,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
         if provenance is not None:
             draw_shape_change(layout, context, obj)
-        for note in () if provenance is None else provenance.notes:
+        for note in () if provenance is None else measurements.other_notes(provenance.notes, measurement):
             draw_text(layout, context, translate_sentence(note), "INFO")
 
 
