@@ -142,7 +142,9 @@ def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
-    """Return the measurements of an object in its present state; None if it was not measured."""
+    """Return the measurements of an object in its present state; None if it was not measured, or in edit mode."""
+    if obj.data.is_editmode:
+        return None
     try:
         stored = parsed_json(obj[PROPERTY])
         if stored.pop("state") != mesh_state(obj):
