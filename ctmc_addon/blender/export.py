@@ -25,7 +25,7 @@ from .output_files import require_room
 from .scene.lighting import set_up_studio
 from .scene.studio import SIZE, set_render
 from .scene.timeline import shown_in_turn
-from .surface.objects import require_object_mode
+from .surface.evaluate import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0

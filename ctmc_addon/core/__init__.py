@@ -75,8 +75,10 @@ from .measures import (
     Place as Place,
     columns_in as columns_in,
     combined as combined,
+    distance_phrases as distance_phrases,
     measure as measure,
     measures_in as measures_in,
+    one_way_text as one_way_text,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
@@ -126,7 +128,14 @@ from .surfaces.extract import (
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
 from .surfaces.make import make_surfaces_steps as make_surfaces_steps
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
-from .units import Unit as Unit, length_text as length_text, unit_of as unit_of, volume_text as volume_text
+from .units import (
+    Unit as Unit,
+    is_specks_text as is_specks_text,
+    length_text as length_text,
+    specks_text as specks_text,
+    unit_of as unit_of,
+    volume_text as volume_text,
+)
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:

@@ -176,9 +176,11 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """Return the attribute that `write_attribute` stored, (V, 3) float32, or None."""
+    """Return the attribute that `write_attribute` stored, (V, 3) float32, or None; in edit mode they are empty."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
+        return None
+    if len(attribute.data) != len(mesh.vertices):
         return None
     return read_vectors(attribute.data, "vector", len(mesh.vertices))
 

@@ -16,6 +16,8 @@ if TYPE_CHECKING:
     from .diameter import largest_diameter, largest_diameter_steps
     from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
     from .distance.surface_distance import (
+        LostComponents,
+        OneWayDistance,
         ReferenceSurface,
         SurfaceDistance,
         surface_distance,

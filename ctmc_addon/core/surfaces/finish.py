@@ -79,6 +79,17 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
 
 
+def handles_sentence(count: int) -> str:
+    """Return how many small handles simplification cut and capped.
+
+    Examples
+    --------
+    >>> handles_sentence(897), handles_sentence(1)
+    ('897 small handles removed', '1 small handle removed')
+    """
+    return "1 small handle removed" if count == 1 else f"{count:,} small handles removed"
+
+
 def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
     """Return the goal of simplification as keyword arguments of the simplifiers."""
     return {
@@ -235,9 +246,9 @@ class Finish:
         if crossings:
             notes.append(f"Pairs of triangles that cross each other: {crossings:,}.")
         if collapsed.count:
-            notes.append(f"{collapsed.sentence()}.")
+            notes.append(collapsed.sentence())
         if simplification.handles_cut:
-            notes.append(f"Small handles that were cut and capped: {simplification.handles_cut:,}.")
+            notes.append(handles_sentence(simplification.handles_cut))
         target = self.settings.target_faces or round(before * (1 - (self.settings.reduction or 0)))
         if self.settings.max_error_mm is None and after > target:
             notes.append(

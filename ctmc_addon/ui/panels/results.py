@@ -63,6 +63,8 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
     draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
+    if provenance is not None and obj.data.is_editmode:
+        draw_text(layout, context, translate("Leave edit mode first"), "INFO")
     _draw_mending(layout, measurement)
     column = layout.column(align=True)
     column.label(text=translate("Pick Component"), translate=False)
@@ -78,7 +80,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
     if provenance is not None:
         draw_shape_change(layout, context, obj)
-    for note in () if provenance is None else provenance.notes:
+    for note in () if provenance is None else measurements.other_notes(provenance.notes, measurement):
         draw_text(layout, context, translate_sentence(note), "INFO")
 
 

@@ -22,10 +22,13 @@ from ....blender.surface import (
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
 from ....core.volume import surface_name
+from ....reporting.formatting import count
 from ...properties.preferences import machine
 from ...state import measurements, session
 from ...state.measurements import Measurement
 from ...translations import translate
+
+MOST_NAMED = 3  # A report names at most this many surfaces.
 
 
 @dataclass(frozen=True)
@@ -186,8 +189,12 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
 
 
 def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
-    """Return names and triangles for the report."""
+    """Return names and triangles for the report: a line, so the names of few surfaces alone."""
+    faces = [len(surface.result.mesh.faces) for surface in surfaces]
+    if len(objects) > MOST_NAMED:
+        text = translate("{count} surfaces: {faces} triangles; Measure All lists them")
+        return text.format(count=count(len(objects)), faces=count(sum(faces)))
+    text = translate("{name}: {faces} triangles")
     return ", ".join(
-        translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))
-        for obj, surface in zip(objects, surfaces, strict=True)
+        text.format(name=obj.name, faces=count(number)) for obj, number in zip(objects, faces, strict=True)
     )

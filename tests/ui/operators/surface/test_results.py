@@ -259,7 +259,11 @@ def test_results_name_the_removed_components(noise):
     noise.ctmc.reduction = 0.9
     bpy.ops.ctmc.reconstruct()
     removed = 196 - measurements.of(active()).measures.components
-    assert f"{removed} components below" in " ".join(drawn(CTMC_PT_results).texts)
+    texts = drawn(CTMC_PT_results).texts
+    assert texts[texts.index("Collapsed Components") + 1].startswith(f"{removed} (")
+    assert not any(text.startswith(f"{removed} specks removed") for text in texts), "said once"
+    largest = measurements.of(active()).distance.largest
+    assert largest < 1.0, "of what is still there"
 
 
 def test_results_name_a_goal_that_was_not_met(loaded):
