@@ -12,6 +12,7 @@ from ..operators.figure import shown_surfaces
 from ..properties.figure import FRAMES
 from ..translations import OURS, translate
 from .layout import SubPanel, draw_job, prepare
+from .render import draw_render
 
 OPERATORS = {
     "figure": "ctmc.figure",
@@ -41,7 +42,7 @@ class CTMC_PT_figure(SubPanel, bpy.types.Panel):
             draw_job(self.layout, job)
         else:
             self.layout.operator(OPERATORS[panel.kind], icon="RENDER_STILL")
-        self.layout.operator("ctmc.setup_studio", icon="OUTLINER_OB_LIGHT")
+        draw_render(self.layout, context)
 
 
 def _draw_subject(layout: Any, panel: Any) -> None:
