@@ -22,6 +22,7 @@ from .colors import srgb
 from .datablocks import remove_blocks
 from .materials import material_color, material_opacity
 from .output_files import require_room
+from .scene.engine import set_render_engine
 from .scene.lighting import set_up_studio
 from .scene.studio import SIZE, set_render
 from .scene.timeline import shown_in_turn
@@ -29,7 +30,6 @@ from .surface.evaluate import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
-RENDER_SAMPLES = 64  # Samples of F12 in an exported .blend.
 
 
 def export(
@@ -124,7 +124,7 @@ def write_blend(
         for obj in objects:
             parent.objects.link(obj)
         set_render(own_scene, SIZE)
-        own_scene.cycles.samples, own_scene.cycles.max_bounces = RENDER_SAMPLES, 4
+        set_render_engine(own_scene, "cycles")
         added += set_up_studio(own_scene, objects)
         own_scene.view_layers[0].objects.active = objects[0]
         # About: under and at the key, normals, edges, corners; and what every .blend holds.

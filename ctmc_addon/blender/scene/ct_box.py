@@ -33,9 +33,14 @@ def boxes_in(collection: bpy.types.Collection) -> list[bpy.types.Object]:
     return [obj for obj in collection.objects if _is_box(obj)]
 
 
+def boxes_of_scene(scene: bpy.types.Scene) -> list[bpy.types.Object]:
+    """Return the boxes of all CTs in a scene."""
+    return [obj for obj in scene.objects if _is_box(obj)]
+
+
 def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.types.Object | None:
     """Return the box of a CT in a scene; with `path`, that of an earlier reading of the same file."""
-    boxes = [obj for obj in scene.objects if _is_box(obj)]
+    boxes = boxes_of_scene(scene)
     same = [obj for obj in boxes if obj[PROPERTY].get("fingerprint") == fingerprint]
     read_before = [obj for obj in boxes if path and obj[PROPERTY].get("path") == path]
     return next(iter(same + read_before), None)

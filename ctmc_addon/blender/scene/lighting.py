@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import product
 from typing import Any, NamedTuple
 
 import bpy
@@ -17,13 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..figure.spec import AZIMUTH, ELEVATION
-from ..materials import mixed, use_nodes
-from ..sockets import output_of
+from .background import NAME, show_background
+from .ct_box import boxes_of_scene
+from .new_file import is_first_camera, is_first_light
 from .studio import corners_of, frame, matrix_of_axes, view_axes
 
-NAME = "CTMC Studio"
-BACKGROUND = 0.1  # Linear gray on which light bone and dark liver both stand out.
-AMBIENT = 0.35
+CAMERA = "CTMC Studio Camera"
+STATE = "ctmc_state"
+"""The collection's property: numbers of camera and lights as they were set up."""
+CLEARANCE = 1.1  # Distance of a light, as a multiple of that of the furthest corner towards it.
 
 
 class _Lamp(NamedTuple):
@@ -56,17 +59,24 @@ LAMPS = {
 
 
 def set_up_studio(
-    scene: bpy.types.Scene, objects: Sequence[bpy.types.Object], azimuth: float = AZIMUTH, elevation: float = ELEVATION
+    scene: bpy.types.Scene,
+    objects: Sequence[bpy.types.Object],
+    azimuth: float = AZIMUTH,
+    elevation: float = ELEVATION,
+    background: str = "GRADIENT",
 ) -> tuple[bpy.types.ID, ...]:
     """Add a camera framed on objects, three lights and a background to a scene, replacing earlier ones.
 
-    All other objects, materials and lights stay as they are. What F12 depends on is set: the scene's camera, world,
-    view transform, and enough light paths for translucent surfaces; engine, size and samples stay.
+    Other objects, materials and lights stay as they are, except that renders do not see the light of a new file. What
+    F12 depends on is set: the scene's camera, world and view transform; engine, size and samples stay. Camera and lights
+    stand outside the CTs' boxes, and clicks do not catch the lights.
 
     Parameters
     ----------
     azimuth, elevation : float
         Camera position, degrees: from the patient's front towards the left, and up.
+    background : str
+        One of `BACKGROUNDS`.
 
     Returns
     -------
@@ -75,23 +85,58 @@ def set_up_studio(
     """
     _remove_studio(scene)
     points = np.concatenate([corners_of(obj, scene) for obj in objects])
-    axes = view_axes(azimuth, elevation)
-    middle, radius = sphere_of(points)
+    around = np.concatenate([points, *map(_corners_of_box, boxes_of_scene(scene))])
     folder = bpy.data.collections.new(NAME)
     scene.collection.children.link(folder)
-    camera = bpy.data.cameras.new("CTMC Studio Camera")
+    camera = bpy.data.cameras.new(CAMERA)
     eye = bpy.data.objects.new(camera.name, camera)
     folder.objects.link(eye)
-    frame(eye, points, axes, (scene.render.resolution_x, scene.render.resolution_y))
+    size = (scene.render.resolution_x, scene.render.resolution_y)
+    frame(eye, points, view_axes(azimuth, elevation), size, around)
     scene.camera = eye
-    lights = [_add_lamp(folder, name, lamp, middle, radius, azimuth, elevation) for name, lamp in LAMPS.items()]
-    scene.world = gray_world()
+    lights = [_add_lamp(folder, name, lamp, points, around, azimuth, elevation) for name, lamp in LAMPS.items()]
+    for obj in filter(is_first_light, scene.objects):
+        obj.hide_render = True
+    show_background(scene, background)
     scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
     scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
-    if hasattr(scene, "cycles"):
-        scene.cycles.max_bounces = max(scene.cycles.max_bounces, 4)
-        scene.cycles.transparent_max_bounces = max(scene.cycles.transparent_max_bounces, 64)
+    folder[STATE] = _state_of(folder)
     return (folder, eye, *lights, camera, *(light.data for light in lights), scene.world)
+
+
+def has_placed_camera(scene: bpy.types.Scene) -> bool:
+    """Return whether a person has placed the scene's camera or changed the studio's lights."""
+    eye, folder = scene.camera, _studio_of(scene)
+    if eye is None or is_first_camera(eye):
+        return False
+    if folder is None or eye.name not in folder.objects:
+        return True
+    now, before = _state_of(folder), list(folder.get(STATE, ()))
+    return len(now) != len(before) or not np.allclose(now, before, rtol=1e-5, atol=1e-6)
+
+
+def _state_of(folder: bpy.types.Collection) -> list[float]:
+    """Return the numbers of a studio that change if a person changes its camera or lights."""
+    numbers: list[float] = []
+    for obj in sorted(folder.objects, key=lambda obj: obj.name):
+        data: Any = obj.data
+        numbers += [float(value) for row in obj.matrix_basis for value in row] + [float(obj.hide_render)]
+        if obj.type == "LIGHT":
+            numbers += [data.energy, data.size, *data.color]
+        elif obj.type == "CAMERA":
+            numbers += [data.ortho_scale, data.lens, data.shift_x, data.shift_y, float(data.type == "ORTHO")]
+    return numbers
+
+
+def _studio_of(scene: bpy.types.Scene) -> bpy.types.Collection | None:
+    """Return the studio of a scene, if there is one."""
+    return next((child for child in scene.collection.children if child.name.partition(".")[0] == NAME), None)
+
+
+def _corners_of_box(box: bpy.types.Object) -> NDArray[np.float64]:
+    """Return the corners of a CT's box, (8, 3), in the scene."""
+    signs = np.array(list(product((-1.0, 1.0), repeat=3)))
+    return np.array(box.location) + signs * np.array(box.scale)
 
 
 def sphere_of(points: NDArray[np.float64]) -> tuple[NDArray[np.float64], float]:
@@ -105,39 +150,26 @@ def _add_lamp(
     folder: bpy.types.Collection,
     name: str,
     lamp: _Lamp,
-    middle: NDArray[np.float64],
-    radius: float,
+    points: NDArray[np.float64],
+    around: NDArray[np.float64],
     azimuth: float,
     elevation: float,
 ) -> bpy.types.Object:
-    """Add an area light that looks at the middle of a subject of this radius."""
+    """Add an area light that looks at the middle of a subject, with all points `around` it on its bright side."""
     light: Any = bpy.data.lights.new(name, "AREA")
+    middle, radius = sphere_of(points)
+    axes = view_axes(azimuth + lamp.turn, min(elevation + lamp.rise, 89.0))
+    clear = CLEARANCE * float(((around - middle) * axes[:, 2]).sum(axis=1).max())
+    radius = max(radius, clear / lamp.away)
     away, side = lamp.away * radius, lamp.size * radius
     light.shape, light.size, light.color = "SQUARE", side, lamp.tint
     # A square of this power lights what faces it at a distance with about power / (pi * distance^2): white is pi of it.
     light.energy = lamp.share * math.pi * away**2 * math.pi
     obj = bpy.data.objects.new(name, light)
-    axes = view_axes(azimuth + lamp.turn, min(elevation + lamp.rise, 89.0))
     obj.matrix_world = matrix_of_axes(axes, middle + away * axes[:, 2])
+    obj.hide_select = True  # A click on what lies behind it is meant for that.
     folder.objects.link(obj)
     return obj
-
-
-def gray_world() -> bpy.types.World:
-    """Dark gray to the camera, a soft light to what it lights."""
-    world = bpy.data.worlds.new(NAME)
-    use_nodes(world)
-    tree = world.node_tree
-    tree.nodes.clear()
-    output, path = (tree.nodes.new(kind) for kind in ("ShaderNodeOutputWorld", "ShaderNodeLightPath"))
-    shaders = []
-    for level in (AMBIENT, BACKGROUND):
-        background = tree.nodes.new("ShaderNodeBackground")
-        background.inputs["Color"].default_value = (level, level, level, 1.0)
-        shaders.append(output_of(background, "Background"))
-    tree.links.new(mixed(tree, path.outputs["Is Camera Ray"], *shaders), output.inputs["Surface"])
-    world.color = (BACKGROUND,) * 3
-    return world
 
 
 def _remove_studio(scene: bpy.types.Scene) -> None:
@@ -152,7 +184,3 @@ def _remove_studio(scene: bpy.types.Scene) -> None:
             elif not any(obj.name in other.objects for other in obj.users_collection if other != folder):
                 scene.collection.objects.link(obj)
         bpy.data.collections.remove(folder)
-    old = scene.world
-    if old is not None and old.name.partition(".")[0] == NAME and old.users == 1:
-        scene.world = None
-        bpy.data.worlds.remove(old)

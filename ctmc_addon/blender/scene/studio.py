@@ -189,7 +189,13 @@ def matrix_of_axes(axes: NDArray[np.float64], location: Any = (0.0, 0.0, 0.0)) -
     return Matrix(matrix.tolist())
 
 
-def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.float64], size: tuple[int, int]) -> None:
+def frame(
+    eye: bpy.types.Object,
+    points: NDArray[np.float64],
+    axes: NDArray[np.float64],
+    size: tuple[int, int],
+    around: NDArray[np.float64] | None = None,
+) -> None:
     """Place an orthographic camera so that all points fill a picture, with a margin.
 
     Parameters
@@ -202,6 +208,8 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
         Axes as `view_axes` returns them.
     size : (width, height) int
         Pixels.
+    around : (m, 3) float64, optional
+        Points that the camera stands in front of, though they need not be in the picture.
     """
     seen = np.stack([(points * axes[:, axis]).sum(axis=1) for axis in range(3)], axis=1)  # Right, up, backward.
     low, high = seen.min(axis=0), seen.max(axis=0)
@@ -209,6 +217,8 @@ def frame(eye: bpy.types.Object, points: NDArray[np.float64], axes: NDArray[np.f
     longest = max(size)
     shown = MARGIN * max(extent[0] * longest / size[0], extent[1] * longest / size[1], 1e-6)
     away = extent[2] / 2 + shown
+    if around is not None:
+        away = max(away, float((around * axes[:, 2]).sum(axis=1).max()) - middle[2] + 0.1 * shown)
     middle[2] += away
     camera = eye.data
     camera.type = "ORTHO"

@@ -28,12 +28,25 @@ void main() {
     shown = vec4(color.rgb * (0.18 + 0.72 * abs(dot(normalize(shade), eye))), 1.0);
 }"""
 WHOLE = (0.0, 0.0, 0.0, 0.0)  # A plane with nothing beyond it.
+SOFTWARE = ("llvmpipe", "softpipe", "swiftshader", "software", "basic render", "gdi generic")
+"""Parts of the names of drivers that draw on the processor."""
 _shader: list[Any] = []
 
 
 def can_draw() -> bool:
     """Return whether Blender can draw here; on Linux without a window and EGL, trying would end the process."""
     return not sys.platform.startswith("linux") or not bpy.app.background or find_library("EGL") is not None
+
+
+def draws_in_software() -> bool:
+    """Return whether the processor draws, because there is no graphics card; False if Blender does not know."""
+    import gpu
+
+    try:
+        name = gpu.platform.renderer_get().lower()
+    except SystemError:  # In the background, before anything was drawn.
+        return False
+    return any(word in name for word in SOFTWARE)
 
 
 def new_batch(positions: NDArray[np.float32], normals: NDArray[np.float32], faces: NDArray[np.int32]) -> Any:

@@ -71,17 +71,15 @@ def _draw_page(layout: Any, panel: Any) -> None:
 
 
 def _draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
-    """Draw style, engine, camera and writing."""
+    """Draw style, the camera's angles and writing; the engine is that of the page."""
     column = layout.column()
     mapped = panel.kind == "deviation" or (panel.kind == "sheet" and panel.sheet_deviation)
     style = column.column()
     style.active = not mapped
     style.prop(panel, "style")
-    column.prop(panel, "engine")
     if panel.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
         column.prop(panel, "hiding_opacity", slider=True)
     angles = layout.column(align=True)
-    angles.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")
     angles.prop(panel, "azimuth")
     angles.prop(panel, "elevation")
     column = layout.column(heading=translate("Show"), heading_ctxt=OURS)

@@ -9,6 +9,7 @@ from ...blender.volume import vdb_writer
 from ..state import volumes
 from .figure import OPERATORS, draw_figure
 from .layout import PagePanel, begin, draw_status, fold, lacks_ct
+from .render import draw_render
 from .rotation import draw_rotation
 from .scene.volume_object import draw_volume_object
 
@@ -24,8 +25,8 @@ class CTMC_PT_render(PagePanel, bpy.types.Panel):
         layout = begin(self.layout)
         if lacks_ct(layout, context):
             return
-        layout.operator("ctmc.setup_studio", icon="OUTLINER_OB_LIGHT")
-        body = fold(self.layout, "figure", text="Figure")
+        draw_render(layout, context)
+        body = fold(self.layout, "figure", text="Figure for Print")
         if body is not None:
             draw_figure(body, context)
         body = fold(self.layout, "rotation", text="Rotation Test")

@@ -1,6 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Define the tools in the viewport's toolbar: Grow, Brush, Eraser, Scissors; their cursor and status text.
 
+They are in the toolbar only while a scene has a CT.
+
 The circle shows the brush on the slice under the mouse, so it looks slanted where the slice is.
 """
 
@@ -16,12 +18,13 @@ from ...blender.viewport import draw_path
 from ...core.volume import value_at
 from ..needs import Needs
 from ..properties.preferences import machine
-from ..state import volumes
+from ..state import change_events, volumes
 from ..state.tools import tool_of
 from ..translations import translate
 from .slice_hits import SliceHit, brush_along, brush_under, slice_under
 
 CIRCLE = 64  # Corners of the circle.
+FIRST_TOOL = "builtin.select_box"
 WATCH = 0.3  # Seconds between two checks whether the tool is still active.
 HELP = {
     "ctmc.grow": "Click: grow. Alt click: surroundings",
@@ -226,19 +229,60 @@ def quiet() -> None:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_hover,))
 
 
+def is_in_toolbar() -> bool:
+    """Return whether our tools are in the toolbar."""
+    return hasattr(TOOLS[0], "_bl_tool")
+
+
+def follow_cts(*_: Any) -> None:
+    """Put our tools into the toolbar behind Blender's own if a scene has a CT; take them out if none has."""
+    has_ct = any(scene.ctmc.volume_path for scene in bpy.data.scenes)
+    if has_ct and not is_in_toolbar():
+        for number, tool in enumerate(TOOLS):
+            bpy.utils.register_tool(tool, separator=number == 0)
+    elif is_in_toolbar() and not has_ct:
+        _remove_tools()
+
+
+def _follow_setting(_settings: Any, name: str) -> None:
+    if name == "volume":
+        follow_cts()
+
+
+def _remove_tools() -> None:
+    """Take our tools out of the toolbar; a window with one of them active gets Blender's first tool."""
+    for window in bpy.context.window_manager.windows:
+        tool = window.workspace.tools.from_space_view3d_mode("OBJECT", create=False)
+        areas = [area for area in window.screen.areas if area.type == "VIEW_3D"]
+        if tool is not None and tool.idname in HELP and areas:
+            with bpy.context.temp_override(window=window, area=areas[0]):
+                bpy.ops.wm.tool_set_by_id(name=FIRST_TOOL)
+    for tool in reversed(TOOLS):
+        bpy.utils.unregister_tool(tool)
+
+
+HANDLERS = ("load_post", "undo_post", "redo_post")
+
+
 def register() -> None:
-    """Register the tools behind Blender's own."""
+    """Show the tools from now on while a scene has a CT."""
     _register()
-    for number, tool in enumerate(TOOLS):
-        bpy.utils.register_tool(tool, separator=number == 0)
+    change_events.subscribe(_follow_setting)
+    for name in HANDLERS:
+        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(follow_cts))
+    bpy.app.timers.register(follow_cts, first_interval=0.0)  # Scenes cannot be read while an add-on is enabled.
 
 
 def unregister() -> None:
-    """Unregister the tools and clear the status text."""
-    if bpy.app.timers.is_registered(watch):
-        bpy.app.timers.unregister(watch)
+    """Remove the tools and clear the status text."""
+    for timer in (watch, follow_cts):
+        if bpy.app.timers.is_registered(timer):
+            bpy.app.timers.unregister(timer)
+    for name in HANDLERS:
+        getattr(bpy.app.handlers, name).remove(follow_cts)
+    change_events.unsubscribe(_follow_setting)
     quiet()
     hold(None)
-    for tool in reversed(TOOLS):
-        bpy.utils.unregister_tool(tool)
+    if is_in_toolbar():
+        _remove_tools()
     _unregister()

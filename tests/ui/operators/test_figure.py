@@ -341,14 +341,14 @@ def test_the_panel_shows_what_each_kind_asks_for(surface):
     asked = {
         "figure": {"style", "figure_width_mm", "figure_dpi", "transparent", "azimuth", "caption"},
         "sheet": {"strides", "use_alphas", "levels", "sheet_width_mm", "sheet_deviation"},
-        "deviation": {"limit_mm", "figure_width_mm", "engine"},
+        "deviation": {"limit_mm", "figure_width_mm"},
         "turntable": {"film", "seconds", "fps", "revolutions", "turntable_dpi"},
     }
     for kind, properties in asked.items():
         chosen.kind = kind
         layout = drawn(figure_panel.draw_figure)
         assert properties <= set(layout.shown)
-        assert layout.buttons == ["ctmc.figure_view", figure_panel.OPERATORS[kind]]
+        assert layout.buttons == [figure_panel.OPERATORS[kind]]
     assert "transparent" not in layout.shown
 
 

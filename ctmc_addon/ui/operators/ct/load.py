@@ -16,7 +16,7 @@ from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProp
 from .... import readers
 from ....blender.colors import color_of
 from ....blender.scene.ct_box import show_box
-from ....blender.scene.default_cube import put_out_of_view, untouched_cube
+from ....blender.scene.new_file import remove_cube, untouched_cube
 from ....blender.units import has_blenders_units, set_units
 from ....core import DamagedSliceError, ReadError, Stages, Steps, fits_in_memory, shown_stride
 from ....core.volume import ValueKind, volume_box, volume_statistics_steps
@@ -244,7 +244,7 @@ def conclude(
     change_events.notify(stored, "volume")
     cube = untouched_cube(scene) if is_first else None  # Look before the CT's box is added.
     if cube is not None:
-        put_out_of_view(cube, scene)
+        remove_cube(cube)
     _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     if bpy.context.scene == scene:
         scans.note(bpy.context)
@@ -256,7 +256,7 @@ def conclude(
         set_units(scene, machine().scale)
         text += ". " + translate("Blender's numbers are millimeters now")
     if cube is not None:
-        text += ". " + translate("{name} of the new file is hidden").format(name=cube.name)
+        text += ". " + translate("Default cube removed")
     return text
 
 
