@@ -271,7 +271,6 @@ def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> N
             stored.label = labels[0]
     elif loaded.volume.kind == ValueKind.HU and stored.use_label:
         stored.use_label = False
-        stored.use_threshold = stored.is_property_set("threshold")
 
 
 def _tick_by_name(stored: Any, names: frozenset[str]) -> None:
