@@ -17,7 +17,7 @@ from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
-from ..progress import Stages, Steps
+from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
@@ -59,6 +59,7 @@ def without_small_steps(
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
     surface, removed = yield from kept_and_removed_steps(surface, alpha, limits_of(settings))
+    yield PAUSE
     mesh = surface.at(alpha)
     return replace(
         full,

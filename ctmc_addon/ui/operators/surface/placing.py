@@ -21,6 +21,7 @@ from ....blender.surface import (
     update_reconstruction,
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
+from ....core.mesh import Edges
 from ....core.volume import surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
@@ -66,7 +67,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A surface before and after simplification with its request, and the seconds of measuring.
+    """A surface before and after simplification with its request, the seconds of measuring, and its edges.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -76,6 +77,7 @@ class TimedSurface:
     result: Reconstruction
     measurement: Measurement
     measuring_seconds: float = 0.0
+    edges: Edges | None = None
 
 
 @dataclass(frozen=True)
@@ -99,8 +101,10 @@ def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
     try:
         for number, surface in enumerate(surfaces):
             mesh = surface.result.mesh
-            finding = edges_steps(mesh.faces, len(mesh.vertices))
-            edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
+            edges = surface.edges
+            if edges is None:
+                finding = edges_steps(mesh.faces, len(mesh.vertices))
+                edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)

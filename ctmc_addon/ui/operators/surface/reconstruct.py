@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
+from ....blender.surface import edges_steps
 from ....core import (
     CtmcError,
     MadeSurface,
@@ -21,17 +22,19 @@ from ....core import (
     Stages,
     Steps,
     SurfaceRequest,
+    TriangleMesh,
     Volume,
     make_surfaces_steps,
     side_by_side_steps,
     timed_steps,
 )
+from ....core.mesh import Edges
 from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.structures import called, chosen_opacity
 from ...state import cost_estimates, drawings, session, structures, surfaces, volumes
-from ...state.measurements import measurement_steps
+from ...state.measurements import Measurement, measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
@@ -151,14 +154,22 @@ def measured_steps(
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
-        measuring = measurement_steps(result.mesh, None if full is None else full.mesh, crossings)
-        measurement, seconds = yield from timed_steps(measuring)
-        return TimedSurface(request, full, result, measurement, seconds)
+        measuring = _with_edges_steps(result.mesh, None if full is None else full.mesh, crossings)
+        (measurement, edges), seconds = yield from timed_steps(measuring)
+        return TimedSurface(request, full, result, measurement, seconds, edges)
 
     new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
     pairs = list(zip(requests, new_surfaces, strict=True))
     weights = [1.0 + len(surface.result.mesh.faces) for surface in new_surfaces]
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
+
+
+def _with_edges_steps(
+    mesh: TriangleMesh, full: TriangleMesh | None, crossings: int | None
+) -> Steps[tuple[Measurement, Edges]]:
+    """Measure a surface; its edges are found once, for the measures and for Blender."""
+    edges = yield from edges_steps(mesh.faces, len(mesh.vertices))
+    return (yield from measurement_steps(mesh, full, crossings, edges)), edges
 
 
 def _add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
