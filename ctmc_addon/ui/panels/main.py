@@ -19,6 +19,7 @@ from .ct.volume import LOAD, LOAD_LABELS, draw_load
 from .draw import CTMC_PT_draw
 from .figure import OPERATORS
 from .layout import SidePanel, StepPanel, draw_job, draw_name, draw_pair, draw_table, draw_text, prepare
+from .removed import draw_removed
 from .surface import draw_surface
 from .table import TABLE
 
@@ -175,6 +176,7 @@ def _removed_text(context: bpy.types.Context, settings: Any) -> str:
 def _draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw the button or its progress; simplify, preview, export, command; then messages."""
     job, scene = jobs.running(), context.scene
+    draw_removed(layout, context, settings)
     row = layout.row(align=True)
     row.scale_y = 1.5
     if job is not None and job.operator not in ELSEWHERE:

@@ -62,8 +62,8 @@ class ObjectRequest:
 
 
 @dataclass(frozen=True)
-class TimedSurface:
-    """A surface before and after simplification with its request, and the seconds of measuring.
+class MeasuredSurface:
+    """A surface before and after simplification with its request and measurement.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -72,7 +72,6 @@ class TimedSurface:
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
-    measuring_seconds: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -83,7 +82,7 @@ class NewMesh:
     target: int | None
 
 
-def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
+def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
     """Make the meshes of finished surfaces in small steps; closing the steps removes them.
 
     Raises
@@ -120,7 +119,7 @@ def _remove_unused(meshes: Iterable[NewMesh]) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
+def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
     """Put finished surfaces into the scene, with their measurements, and select them; the last one is active.
 
     Raises
@@ -185,7 +184,7 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
             layer.objects.active = obj
 
 
-def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
+def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[MeasuredSurface]) -> str:
     """Return names and triangles for the report."""
     return ", ".join(
         translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))
