@@ -17,8 +17,8 @@ from ..smoothing.methods import smoothing_of, used_settings
 from ..smoothing.prepare import field_steps
 from ..volume.field import Field, held_steps
 from ..volume.volume import Volume
-from .plan import LOOKING, READ_SHARE, advice_of, plan_steps, proposals_steps
 from .counted_surface import CostEstimate
+from .plan import LOOKING, READ_SHARE, advice_of, plan_steps, proposals_steps
 from .rates import CALIBRATION
 
 WHOLE_MACHINE = Budget()

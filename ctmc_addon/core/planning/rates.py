@@ -17,7 +17,6 @@ from ..described import AUTO
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import count_steps, extract_steps
 from ..machine.budget import Budget
-from ..machine.parallel import processors
 from ..progress import PAUSE, Steps, timed_steps
 from ..reconstruction import Reconstruction
 from ..simplification.simplify import simplify_steps
@@ -32,6 +31,7 @@ Key = tuple[str, str]
 """A way and a stage; adding has no way. Measures of simplified surfaces count as comparing, which takes most of it."""
 BALL_SAMPLES = 112  # The ball that a fresh process is measured on has this many samples along an axis.
 SMALL_FACES = 1000  # The seconds of surfaces with fewer triangles teach nothing.
+SMALL_SHARE = 0.01  # Nor do those of a stage with less than this share of the time.
 
 
 @dataclass(frozen=True)
@@ -61,7 +61,7 @@ class Ratios:
         Share of the triangles that the largest components have, and those above a volume.
     """
 
-    keeping: float = 4.0
+    keeping: float = 16.0
     choosing: float = 4.0
     averaging: float = 2.0
     looking: float = 4.0
@@ -70,7 +70,7 @@ class Ratios:
     compared: float = 3e6
     simplified: float = 3e6
     adding: float = 10.0
-    scene: float = 1e6
+    scene: float = 3e5
     crossing: float = 60.0
     shared: float = 4.0
     shared_fields: float = 1.5
@@ -169,24 +169,26 @@ class Calibration:
             seen.add(result.stages)
             for stage in result.stages:
                 taken[way, stage.name] += stage.seconds
-        factor = seconds / max(sum(taken.values()), 1e-9)
-        for key, seconds in expected.items():
-            if seconds > 0 and taken[key] > 0:
-                self.learned[key] = factor * taken[key] / seconds
+        total = sum(taken.values())
+        for key, by_ratio in expected.items():
+            if by_ratio > 0 and taken[key] > SMALL_SHARE * total:
+                self.learned[key] = seconds / total * taken[key] / by_ratio
 
     def _learned(self, key: Key) -> float:
-        """Return the correction of a stage, else that of the same stage in another way; 1 before any has run."""
+        """Return the correction of a stage, else that of the same stage in another way; 1 before any has run.
+
+        Preparing has nothing in common from way to way: a threshold's values are ready.
+        """
         way, stage = key
-        others = WAYS if way else ()
+        others = WAYS if way and stage != PREPARING else ()
         return next((self.learned[other, stage] for other in (way, *others) if (other, stage) in self.learned), 1.0)
 
     def _expected(self, estimates: Sequence[CostEstimate]) -> dict[Key, float]:
         """Return the seconds of every stage by the ratios alone."""
         expected: dict[Key, float] = defaultdict(float)
         for way, estimate in zip(_ways(estimates), estimates, strict=True):
-            side_by_side = min(processors(), len(estimates)) if way == LABELS else 1
             for stage, seconds in self._expected_of(estimate, way).items():
-                expected[way if stage != ADDING else "", stage] += seconds / side_by_side
+                expected[way if stage != ADDING else "", stage] += seconds
         expected["", ADDING] += self.unit * RATIOS.scene
         return dict(expected)
 

@@ -103,8 +103,7 @@ def test_a_complex_is_learned_once_though_each_of_its_labels_has_its_stages():
     assert calibration.stage_seconds(pair)["shared", "Extracting the surface"] == pytest.approx(6.0)
 
 
-def test_labels_side_by_side_share_the_time_that_all_took_together(monkeypatch):
-    monkeypatch.setattr(rates, "processors", lambda: 4)
+def test_labels_side_by_side_share_the_time_that_all_took_together():
     calibration = work()
     labels = [counted(label=label, interfaces="separate", counting=0.0) for label in range(1, 5)]
     took = [made(("Preparing values", 3.0), ("Extracting the surface", 1.0)) for _ in labels]

@@ -70,7 +70,7 @@ def test_a_finished_surface_corrects_the_prediction_by_the_seconds_of_its_stages
     rested()
     cost = session.of(loaded).cost
     bpy.ops.ctmc.reconstruct()
-    ((estimates, (result,)), seconds), = learned
+    (((estimates, (result,)), seconds),) = learned
     assert estimates == cost.estimates
     assert result.settings == cost.settings[0]
     own = sum(stage.seconds for stage in result.stages)

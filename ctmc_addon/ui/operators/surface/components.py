@@ -147,10 +147,7 @@ class CTMC_OT_stop_removing(Needs, bpy.types.Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     setting: EnumProperty(
-        name="Setting",
-        description="Setting to switch off",
-        items=_CHOICES,
-        options={"SKIP_SAVE", "HIDDEN"},
+        name="Setting", description="Setting to switch off", items=_CHOICES, options={"SKIP_SAVE", "HIDDEN"}
     )
 
     needs = (jobs.idle,)

@@ -34,7 +34,7 @@ from ...state.measurements import measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
-from .placing import NewMesh, ObjectRequest, MeasuredSurface
+from .placing import MeasuredSurface, NewMesh, ObjectRequest
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
