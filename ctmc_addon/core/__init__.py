@@ -146,12 +146,9 @@ if TYPE_CHECKING:
     )
     from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances as distances
-    from .planning.cost_estimate import (
-        CALIBRATION as CALIBRATION,
-        CostEstimate as CostEstimate,
-        FieldCache as FieldCache,
-        cost_estimate_steps as cost_estimate_steps,
-    )
+    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
+    from .planning.counted_surface import CostEstimate as CostEstimate
+    from .planning.rates import CALIBRATION as CALIBRATION
     from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
     from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
     from .structure_table import (

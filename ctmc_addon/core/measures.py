@@ -279,11 +279,11 @@ MEASURES = (
     Measure(
         "components",
         "Components",
-        of="measures.components",
+        of="measures.bodies",
         where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH | Place.TOTALS,
         summed="sum",
     ),
-    # The name in reports of 0.2.
+    # The name in reports of 0.2, with the walls of cavities.
     Measure("parts", "Components", of="measures.components", where=Place.REPORT, summed="sum"),
     Measure(
         "removed_components",
@@ -326,6 +326,13 @@ MEASURES = (
         of="measures.size",
         where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH,
         columns={"size_x_mm": 0, "size_y_mm": 1, "size_z_mm": 2},
+    ),
+    Measure(
+        "cavities",
+        "Cavities",
+        of="measures.cavities",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH,
+        summed="sum",
     ),
 )
 """All measures, in the order of reports; new ones come last, because scripts read tables."""

@@ -49,7 +49,7 @@ class Measures:
     euler : int
         Vertices in use - edges + faces; 2 for every closed component without handles.
     components : int
-        Number of connected components.
+        Number of connected components, the walls of cavities among them.
     small_components : int
         Components that enclose less than `small`, cavities among them; 0 if there are fewer than `MANY`.
     small : float
@@ -62,6 +62,8 @@ class Measures:
         Quality of the triangles for simulation; None if there are none.
     size : (x, y, z) float or None
         Sides of the box around the triangles along the axes; None where there are none.
+    cavities : int
+        Components whose triangles point into what they enclose: walls of cavities; 0 if all do.
     """
 
     faces: int
@@ -76,6 +78,12 @@ class Measures:
     vertices: int = 0
     quality: TriangleQuality | None = None
     size: tuple[float, float, float] | None = None
+    cavities: int = 0
+
+    @property
+    def bodies(self) -> int:
+        """The number of connected components, each with its cavities."""
+        return self.components - self.cavities
 
     @property
     def enclosed_volume(self) -> float | None:
@@ -167,6 +175,7 @@ class PieceMeasures:
             borders = yield from _borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
         closed = self._closed and self._faces > 0
         small = _small_below(float(np.abs(volumes).max(initial=0.0)))
+        cavities = int((volumes < 0).sum())
         return Measures(
             faces=self._faces,
             area=self._area,
@@ -180,6 +189,7 @@ class PieceMeasures:
             vertices=self._vertices,
             quality=self._quality.quality(),
             size=None if self._box is None else _sides(*self._box),
+            cavities=cavities if cavities < count else 0,
         )
 
     def _add_vertices(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> None:

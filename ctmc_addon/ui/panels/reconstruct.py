@@ -16,6 +16,7 @@ from .. import jobs
 from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_table, draw_text
+from .removed import draw_removed
 
 
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -87,6 +88,7 @@ def _removed_text(context: bpy.types.Context, settings: Any) -> str:
 def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw the button or its progress; simplify, preview, export, command; then messages."""
     job, scene = jobs.running(), context.scene
+    draw_removed(layout, context, settings)
     row = layout.row(align=True)
     row.scale_y = 1.5
     if job is not None:

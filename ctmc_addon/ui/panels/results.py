@@ -109,15 +109,20 @@ def surface_text(measures: Measures | None) -> str:
 
 
 def components_text(measures: Measures | None) -> str:
-    """Return how many components a surface has, and how many are small."""
+    """Return how many components and cavities a surface has, and how many of both are small."""
     if measures is None:
         return translate("Components: not counted")
-    text = "{count} components"
+    counts = [_counted("1 component", "{count} components", measures.bodies)]
+    if measures.cavities:
+        counts.append(_counted("1 cavity", "{count} cavities", measures.cavities))
     if measures.has_many_small_components:
-        text = "{count} components, {small} below {volume}"
-    text = translate("1 component" if measures.components == 1 else text)
-    small = count(measures.small_components)
-    return text.format(count=count(measures.components), small=small, volume=volume_text(measures.small))
+        small = count(measures.small_components)
+        counts.append(translate("{small} below {volume}").format(small=small, volume=volume_text(measures.small)))
+    return ", ".join(counts)
+
+
+def _counted(one: str, several: str, number: int) -> str:
+    return translate(one if number == 1 else several).format(count=count(number))
 
 
 def facts_of(

@@ -66,8 +66,8 @@ class ObjectRequest:
 
 
 @dataclass(frozen=True)
-class TimedSurface:
-    """A surface before and after simplification with its request, the seconds of measuring, and its edges.
+class MeasuredSurface:
+    """A surface before and after simplification with its request, measurement and edges.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -76,7 +76,6 @@ class TimedSurface:
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
-    measuring_seconds: float = 0.0
     edges: Edges | None = None
 
 
@@ -88,7 +87,7 @@ class NewMesh:
     target: int | None
 
 
-def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
+def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
     """Make the meshes of finished surfaces in small steps; closing the steps removes them.
 
     Raises
@@ -127,7 +126,7 @@ def _remove_unused(meshes: Iterable[NewMesh]) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
+def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
     """Put finished surfaces into the scene, with their measurements, and select them; the last one is active.
 
     Raises
@@ -192,7 +191,7 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
             layer.objects.active = obj
 
 
-def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
+def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[MeasuredSurface]) -> str:
     """Return names and triangles for the report: a line, so the names of few surfaces alone."""
     faces = [len(surface.result.mesh.faces) for surface in surfaces]
     if len(objects) > MOST_NAMED:

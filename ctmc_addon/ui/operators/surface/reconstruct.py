@@ -26,7 +26,6 @@ from ....core import (
     Volume,
     make_surfaces_steps,
     side_by_side_steps,
-    timed_steps,
 )
 from ....core.mesh import Edges
 from ....core.volume import require_labels
@@ -38,7 +37,7 @@ from ...state.measurements import Measurement, measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
-from .placing import NewMesh, ObjectRequest, TimedSurface
+from .placing import MeasuredSurface, NewMesh, ObjectRequest
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -125,6 +124,7 @@ def surfaces_steps(
 
     Surfaces of labels are made from `labels` if these are not in the volume itself.
     """
+    begun = time.perf_counter()
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
@@ -137,9 +137,14 @@ def surfaces_steps(
     def conclude() -> str:
         start = time.perf_counter()
         message = _add_to_scene(scene_uid, finished, meshes)
-        seconds = sum(surface.measuring_seconds for surface in finished)
-        seconds += stages.seconds[adding] + time.perf_counter() - start
-        cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
+        end = time.perf_counter()
+        cost_estimates.learn(
+            scene_uid,
+            [surface.result for surface in finished],
+            measuring=stages.seconds[measuring],
+            adding=stages.seconds[adding] + end - start,
+            seconds=end - begun,
+        )
         return message
 
     return conclude
@@ -147,16 +152,16 @@ def surfaces_steps(
 
 def measured_steps(
     requests: Sequence[ObjectRequest], outcomes: Sequence[MadeSurface | CtmcError], threads: int
-) -> Steps[list[TimedSurface]]:
+) -> Steps[list[MeasuredSurface]]:
     """Measure surfaces, several at a time; no Blender data is used, so threads may do this."""
 
-    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[TimedSurface]:
+    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[MeasuredSurface]:
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
         measuring = _with_edges_steps(result.mesh, None if full is None else full.mesh, crossings)
-        (measurement, edges), seconds = yield from timed_steps(measuring)
-        return TimedSurface(request, full, result, measurement, seconds, edges)
+        measurement, edges = yield from measuring
+        return MeasuredSurface(request, full, result, measurement, edges)
 
     new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
     pairs = list(zip(requests, new_surfaces, strict=True))
@@ -172,7 +177,7 @@ def _with_edges_steps(
     return (yield from measurement_steps(mesh, full, crossings, edges)), edges
 
 
-def _add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
+def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> str:
     """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)

@@ -288,3 +288,54 @@ def test_results_keep_the_last_surface_while_a_slice_is_active(loaded):
     assert tuple(loaded.ctmc.color) == pytest.approx((0.1, 0.2, 0.3))
     bpy.data.objects.remove(bpy.data.objects[name])
     assert "No surface is selected" in drawn(CTMC_PT_results).texts
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "text"),
+    [
+        ("keep_largest", "keep_parts", "Keeps the largest component"),
+        ("remove_small", "min_part_mm3", "Removes components below 1 mm3"),
+    ],
+)
+def test_what_a_button_removes_is_said_above_reconstruct_and_one_press_undoes_it(noise, capfd, name, setting, text):
+    from ctmc_addon.ui.panels.main import CTMC_PT_make
+
+    bpy.ops.ctmc.reconstruct()
+    full = read_provenance(active()).full_faces
+    assert "ctmc.stop_removing" not in drawn(CTMC_PT_make).buttons
+    assert getattr(bpy.ops.ctmc, name)() == {"FINISHED"}
+    assert f". For the next surfaces too: {text}" in capfd.readouterr().out
+    drawing = drawn(CTMC_PT_make)
+    assert drawing.texts[0] == text
+    assert drawing.buttons[0] == "ctmc.stop_removing"
+    assert read_provenance(active()).full_faces < full
+    assert bpy.ops.ctmc.stop_removing(setting=setting) == {"FINISHED"}
+    assert getattr(noise.ctmc, setting) == 0
+    assert text not in drawn(CTMC_PT_make).texts
+    bpy.ops.ctmc.reconstruct(new=True)
+    assert read_provenance(active()).full_faces == full
+
+
+def test_a_region_and_several_components_are_said_above_reconstruct(noise):
+    from ctmc_addon.ui.panels.main import CTMC_PT_make
+
+    noise.ctmc.keep_parts, noise.ctmc.region = 3, (0, 0, 0, 9, 9, 9)
+    lines = ["Keeps the 3 largest components", "Leaves out everything outside the region"]
+    assert drawn(CTMC_PT_make).texts[:2] == lines
+    bpy.ops.ctmc.stop_removing(setting="region")
+    assert not noise.ctmc.use_region
+    assert drawn(CTMC_PT_make).texts[0] == lines[0]
+    assert lines[1] not in drawn(CTMC_PT_make).texts
+
+
+def test_cavities_are_counted_apart_from_components(scene, tmp_path):
+    values = np.zeros((20, 20, 20), np.int16)
+    values[2:18, 2:18, 2:18], values[4:16:3, 4:16:3, 4:16:3] = 200, 0
+    values[0, 0, 0] = 200
+    np.save(tmp_path / "holes.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "holes.npy"), spacing=(1.0, 1.0, 1.0))
+    scene.ctmc.threshold, scene.ctmc.close_border = 100.0, True
+    bpy.ops.ctmc.reconstruct()
+    assert "2 components, 64 cavities, 65 below 4 mm3" in drawn(CTMC_PT_results).texts
+    bpy.ops.ctmc.keep_largest()
+    assert "1 component, 64 cavities, 64 below 4 mm3" in drawn(CTMC_PT_results).texts
