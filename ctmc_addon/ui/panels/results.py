@@ -62,7 +62,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
         column = layout.column(align=True)
         column.operator("ctmc.deviation_map", icon="COLOR")
-        column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
+        column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown_on(obj))
         column = layout.column(align=True)  # Too many words to be side by side.
         column.operator("ctmc.make_final", icon="CHECKMARK")
         column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
