@@ -90,6 +90,6 @@ def test_operators_on_a_surface_ask_to_leave_edit_mode(surface, tmp_path, name):
     bpy.ops.object.mode_set(mode="EDIT")
     operator = getattr(bpy.ops.ctmc, name)
     options = {"filepath": str(tmp_path / "a.stl")} if name in ("export", "figure_deviation") else {}
-    with pytest.raises(RuntimeError, match="(?i)edit mode; leave it first|leave edit mode first"):
+    with pytest.raises(RuntimeError, match=r"(?i)edit mode; leave it first|leave edit mode first"):
         operator(**options)
     assert not list(tmp_path.glob("a.*"))

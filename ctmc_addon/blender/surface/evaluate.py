@@ -33,7 +33,7 @@ def evaluated_object(
 
 
 def require_object_mode(obj: bpy.types.Object) -> None:
-    """Raise `MeshError` for an object whose mesh is in edit mode: until that ends it has no attributes and is not the shown one."""
+    """Raise `MeshError` for an object in edit mode, whose mesh has no attributes until that ends."""
     if obj.data.is_editmode:
         raise MeshError(f"{obj.name} is in edit mode; leave it first")
 

@@ -74,7 +74,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
     column = layout.column(align=True)
     column.operator("ctmc.deviation_map", icon="COLOR")
-    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
+    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown_on(obj))
     column = layout.column(align=True)  # Too many words to be side by side.
     column.operator("ctmc.make_final", icon="CHECKMARK")
     column.operator("ctmc.adopt_settings", icon="EYEDROPPER")

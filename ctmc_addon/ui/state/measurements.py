@@ -154,8 +154,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
             stored["measures"].pop("small_components", None)
         if "quality" in stored:  # Files of 0.3 and 0.4 have it outside of the measures.
             stored["measures"]["quality"] = stored.pop("quality")
-        if "to_full" not in (stored.get("distance") or {}):  # Files of 0.3 count lost components too.
-            stored["distance"] = None
+        if stored.get("distance") is not None and "largest" in stored["distance"]:
+            stored["distance"] = None  # Files of 0.3 count lost components too.
         measurement: Measurement = from_stored(Measurement, stored)
     except (KeyError, TypeError, ValueError):
         return None  # Made by an older version, or another add-on.

@@ -187,10 +187,10 @@ def _before_undo(*_: Any) -> None:
 
 
 def after_undo(*_: Any) -> None:
-    """Follow the settings again after undo, which may have changed any of them."""
+    """Follow the settings again after undo, which may have changed any of them, and removed the previewed surface."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
-        start(scene, stale=preview.state.requested)
+        start(scene, stale=preview.state.requested or not preview.is_made(bpy.context, hidden=True))
 
 
 def after_load(*_: Any) -> None:

@@ -132,7 +132,7 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_shown():
+        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_switched_on():
             cls.poll_message_set("Make a deviation map first")
             return False
         return True

@@ -307,7 +307,7 @@ def test_labels_have_the_colors_of_their_file_in_list_and_material_and_names_the
     scene.ctmc.labels[1].name = "Kidney"
     assert [spleen.name, spleen.data.name, spleen.data.materials[0].name] == ["Kidney"] * 3
     bpy.context.view_layer.objects.active = spleen
-    bpy.ops.ctmc.export(filepath=str(tmp_path / "organ.glb"))
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "organ.glb"), which="ACTIVE")
     glb = (tmp_path / "organ.glb").read_bytes()
     written = json.loads(glb[20 : 20 + int.from_bytes(glb[12:16], "little")])
     for kind in ("nodes", "meshes", "materials"):
