@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import MeshError, Step, Steps, finish
-from ...core.mesh import Edges
-from ...core.mesh import edges_steps as topology_edges_steps
+from ...core.mesh import Edges, edges_steps as topology_edges_steps
 
 # From 4.5 a free vector on every vertex may be the normal; before, Blender stores angles against its own.
 FREE_NORMALS = bpy.app.version >= (4, 5, 0)

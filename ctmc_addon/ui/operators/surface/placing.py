@@ -14,14 +14,13 @@ import bpy
 from ....blender.surface import (
     add_reconstruction,
     call,
-    edges_steps,
     require_updatable,
     set_drawn,
     surface_mesh_steps,
     update_reconstruction,
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
-from ....core.mesh import Edges
+from ....core.mesh import Topology, topology_steps
 from ....core.volume import surface_name
 from ...properties.preferences import machine
 from ...state import measurements, session
@@ -64,7 +63,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class TimedSurface:
-    """A surface before and after simplification with its request, the seconds of measuring, and its edges.
+    """A surface before and after simplification with its request, the seconds of measuring, and its topology.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -74,7 +73,7 @@ class TimedSurface:
     result: Reconstruction
     measurement: Measurement
     measuring_seconds: float = 0.0
-    edges: Edges | None = None
+    topology: Topology | None = None
 
 
 @dataclass(frozen=True)
@@ -98,14 +97,14 @@ def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
     try:
         for number, surface in enumerate(surfaces):
             mesh = surface.result.mesh
-            edges = surface.edges
-            if edges is None:
-                finding = edges_steps(mesh.faces, len(mesh.vertices))
-                edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
+            topology = surface.topology
+            if topology is None:
+                finding = topology_steps(mesh.faces, len(mesh.vertices))
+                topology = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
-            making = surface_mesh_steps(surface.result, obj, machine().scale, edges)
+            making = surface_mesh_steps(surface.result, obj, machine().scale, topology.edges)
             block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
