@@ -15,8 +15,10 @@ from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
 from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
-from .layout import draw_job, draw_name, draw_pair, draw_table, draw_text
+from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
+
+COST_NAMES = 0.36  # Share of the width for names; counts of voxels and triangles need the rest.
 
 
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -34,11 +36,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row = layout.row()
     row.enabled = alpha_matters(settings)
     row.prop(settings, "alpha", slider=True)
-    row = draw_pair(layout, context)
-    row.enabled = alpha_matters(settings)
-    row.use_property_split = False
-    row.operator("ctmc.choose_alpha", text="Choose Alpha", icon="AUTO")
-    row.prop(settings, "min_angle_deg", text="Angle [°]")
+    draw_table(layout, [("", translate("0 even triangles, 1 most accurate"))])
 
 
 def alpha_matters(settings: Any) -> bool:
@@ -51,35 +49,35 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """Draw the cost estimate of the settings, always in four lines, so that nothing jumps while it is counted."""
+    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted."""
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
-    values = ["..." if waits else "-"] * 4
+    triangles = seconds = "..." if waits else "-"
     if cost is not None and not cost.error:
-        values = [count(cost.voxels), count(cost.faces), size_of_bytes(cost.memory), duration(cost.seconds)]
-    names = (translate("Voxels"), translate("Triangles"), translate("Memory"), translate("Estimated Time"))
-    draw_table(layout, list(zip(names, values, strict=True)))
+        voxels = translate("{count} voxels").format(count=count(cost.voxels))
+        triangles = f"{count(cost.faces)} ({voxels})"
+        seconds = f"{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
+    draw_table(layout, [(translate("Triangles"), triangles), (translate("Estimated Time"), seconds)], COST_NAMES)
 
 
 def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Draw the goal, its number, what is removed, and the method: the same lines for every goal."""
+    """Draw the goal, and with one its number, what it keeps, and the method where there is a choice."""
     goal = settings.goal
     layout.prop(settings, "goal")
-    value = layout.row()
-    value.active = goal != "none"
-    value.prop(settings, {"target_faces": goal, "max_error_mm": goal}.get(goal, "ratio"))
-    draw_table(layout, [("", _removed_text(context, settings))])
-    method = layout.row()
-    method.enabled = goal in ("reduction", "target_faces")
-    method.prop(settings, "method", expand=False)
+    if goal == "none":
+        return
+    layout.prop(settings, {"target_faces": goal, "max_error_mm": goal}.get(goal, "ratio"))
+    draw_table(layout, [("", _kept_text(context, settings))])
+    if goal in ("reduction", "target_faces"):
+        layout.prop(settings, "method")
 
 
-def _removed_text(context: bpy.types.Context, settings: Any) -> str:
+def _kept_text(context: bpy.types.Context, settings: Any) -> str:
     """Return the effect of the goal, in words."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
     if settings.goal == "reduction":
-        return translate("removes {percent} %").format(percent=f"{100 * settings.reduction:.4g}")
+        return translate("Keep {percent} % of triangles").format(percent=f"{100 * (1 - settings.reduction):.4g}")
     if settings.goal == "target_faces" and faces:
         return translate("of {faces}").format(faces=count(faces))
     return ""
@@ -106,17 +104,13 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     row.use_property_split = False
     row.operator("ctmc.simplify", text="Simplify", icon="MOD_DECIM")
     row.prop(settings, "preview", toggle=True, icon="HIDE_OFF" if settings.preview else "HIDE_ON")
-    row = draw_pair(layout, context)
-    row.operator("ctmc.export", text="Export", icon="EXPORT")
-    row.operator("ctmc.copy_command", text="Command", icon="COPYDOWN")
     _draw_notes(layout, context, settings)
 
 
 def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw errors, refusals and settings without effect, if any."""
     scene_session = session.of(context.scene)
-    if scene_session.message:
-        draw_text(layout.box(), context, scene_session.message, "ERROR")
+    draw_status(layout, context)
     try:
         settings.all_settings()
     except SettingsError as error:

@@ -11,15 +11,18 @@ from typing import Any
 import bpy
 
 from ...blender.surface import Provenance, read_provenance
+from ...blender.units import shows_mm
 from ...core import UNKNOWN, FinishedSurface, Place, measures_in, volume_text
 from ...core.mesh import Measures
 from ...reporting.formatting import count
 from ..operators.surface.pick_component import ACTIONS
+from ..properties.preferences import machine
 from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
 from ..viewport import deviation
-from .layout import PagePanel, begin, draw_shape_change, draw_status, draw_table, draw_text, fold
+from .ct.slice import draw_cuts
+from .layout import PagePanel, begin, block, draw_shape_change, draw_status, draw_table, draw_text, fold
 from .scene.rulers import draw_rulers
 from .table import TABLE, draw_measurements, measure_text
 
@@ -62,7 +65,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
+    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.42)
     if provenance is not None and obj.data.is_editmode:
         draw_text(layout, context, translate("Leave edit mode first"), "INFO")
     _draw_mending(layout, measurement)
@@ -75,9 +78,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     column = layout.column(align=True)
     column.operator("ctmc.deviation_map", icon="COLOR")
     column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown_on(obj))
-    column = layout.column(align=True)  # Too many words to be side by side.
-    column.operator("ctmc.make_final", icon="CHECKMARK")
-    column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
+    layout.operator("ctmc.export", text="Export ...", icon="EXPORT")
     if provenance is not None:
         draw_shape_change(layout, context, obj)
     for note in () if provenance is None else measurements.other_notes(provenance.notes, measurement):
@@ -146,5 +147,19 @@ def facts_of(
     return [(translate(label), value) for label, value in lines]
 
 
-FOLDS = (("rulers", "Distances and Angles", draw_rulers), ("measurements", "Measurements", draw_measurements))
+def _draw_more(room: Any, context: bpy.types.Context) -> None:
+    """Draw what is seldom done to a surface."""
+    column = block(room).column(align=True)  # Too many words to be side by side.
+    column.operator("ctmc.make_final", icon="CHECKMARK")
+    column.operator("ctmc.adopt_settings", icon="EYEDROPPER")
+    if not shows_mm(context.scene, machine().scale):
+        column.operator("ctmc.set_units", icon="DRIVER_DISTANCE")
+
+
+FOLDS = (
+    ("cuts", "Cut", draw_cuts),
+    ("rulers", "Distances and Angles", draw_rulers),
+    ("measurements", "Measurements", draw_measurements),
+    ("more", "Shape and Settings", _draw_more),
+)
 """Name, heading and drawing function of what opens in place."""

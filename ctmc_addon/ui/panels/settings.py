@@ -7,14 +7,25 @@ from typing import Any
 
 import bpy
 
-from .layout import block, draw_setting
-
-COMPONENTS = ("keep_parts", "min_part_mm3", "close_border")
-ADVANCED = ("normals", "topology", "nan_as")
+from .layout import block, draw_pair, draw_setting
+from .reconstruct import alpha_matters
 
 
-def draw_settings(room: Any, context: bpy.types.Context, names: tuple[str, ...]) -> None:
-    """Draw these settings."""
+def draw_components(room: Any, context: bpy.types.Context) -> None:
+    """Draw which components are kept, and whether the surface is closed at the border."""
     layout = block(room)
-    for name in names:
+    for name in ("keep_parts", "min_part_mm3", "close_border"):
         draw_setting(layout, context.scene.ctmc, name)
+
+
+def draw_advanced(room: Any, context: bpy.types.Context) -> None:
+    """Draw alpha by an angle, normals, topology, the value that replaces NaN, and the command line."""
+    layout, settings = block(room), context.scene.ctmc
+    row = draw_pair(layout, context)
+    row.enabled = alpha_matters(settings)
+    row.use_property_split = False
+    row.operator("ctmc.choose_alpha", text="Choose Alpha", icon="AUTO")
+    row.prop(settings, "min_angle_deg", text="Angle [°]")
+    for name in ("normals", "topology", "nan_as"):
+        draw_setting(layout, settings, name)
+    layout.operator("ctmc.copy_command", text="Copy Command", icon="COPYDOWN")

@@ -13,6 +13,7 @@ from ...core.volume import converted_region, labels_region
 from ..state.change_events import notify
 from .kinds import boolean, choice, decimal, decimals, integer, text
 from .limits import highest, switch
+from .threshold_choice import threshold_properties
 
 
 def current_volume(properties: Any) -> Any:
@@ -136,7 +137,7 @@ def _set_surface_from(properties: Any, use_label: int) -> None:
 
 def panel_properties() -> dict[str, Any]:
     """Return the properties that only the panel has."""
-    return {
+    return threshold_properties() | {
         "surface_from": choice(
             "Surface From",
             "Make one surface at a gray value, or one for each structure",

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -16,7 +18,10 @@ from ctmc_addon.ui.properties.page import PAGES
 
 KNOWN = "//ct.nii.gz"
 """A CT that is not in memory, which all pages know nevertheless."""
-SHOWN_AS = {"region_unit": "region_in", "simplifier": "method", "reduction": "ratio", "keep_parts": "keep_largest"}
+SHOWN_AS = {
+    **{"threshold": "threshold_value", "region_unit": "region_in", "simplifier": "method"},
+    **{"reduction": "ratio", "keep_parts": "keep_largest"},
+}
 """Settings that the panel shows by a choice or a number of its own."""
 
 
@@ -25,10 +30,12 @@ def test_every_setting_is_shown(scene):
     shown = set()
     for use_label in (False, True):
         scene.ctmc.use_label = use_label
+        scene.ctmc.use_upper = not use_label
         for goal in ("none", "reduction", "target_faces", "max_error_mm"):
             scene.ctmc.goal = goal
             shown |= set(drawn(*panels.STEPS).shown)
     assert {SHOWN_AS.get(name, name) for name in SETTINGS} <= shown
+    assert {"threshold_from", "use_upper"} <= shown
 
 
 def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
@@ -38,7 +45,7 @@ def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
     settings.goal = "reduction"
     settings.ratio = 0.1
     assert settings.to_settings().reduction == 0.9
-    assert "removes 90 %" in drawn(*panels.STEPS).texts
+    assert "Keep 10 % of triangles" in drawn(*panels.STEPS).texts
     settings.method = "decimate"
     settings.goal = "max_error_mm"
     assert (settings.method, settings.use_reduction, settings.to_settings().max_error_mm) == ("builtin", False, 0.5)
@@ -50,16 +57,26 @@ def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
     assert not settings.to_settings().simplifies
 
 
-def test_the_panel_has_as_many_lines_before_and_after_a_count_and_for_every_goal(scene, ball_file):
+def test_the_panel_has_as_many_lines_before_and_after_a_count(scene, ball_file):
     from ctmc_addon.ui.state import session
 
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    before = len(drawn(*panels.STEPS).texts)
-    session.of(scene).cost = None
     for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
+        session.of(scene).cost = None
+        before = len(drawn(*panels.STEPS).texts)
+        session.of(scene).cost = SimpleNamespace(error="", refusal="", voxels=8, faces=2, memory=1024, seconds=1.0)
         assert len(drawn(*panels.STEPS).texts) == before
     scene.ctmc.use_threshold = True
     assert len(drawn(*panels.STEPS).texts) == before
+
+
+def test_a_method_is_offered_only_where_something_is_simplified_by_a_count(scene):
+    scene.ctmc.volume_path = KNOWN
+    offered = {}
+    for goal in ("none", "reduction", "target_faces", "max_error_mm"):
+        scene.ctmc.goal = goal
+        offered[goal] = "method" in drawn(panels.CTMC_PT_surface).shown
+    assert offered == {"none": False, "reduction": True, "target_faces": True, "max_error_mm": False}
 
 
 def test_the_buttons_are_there_and_exist(scene):
@@ -74,7 +91,6 @@ def test_the_buttons_are_there_and_exist(scene):
 def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(scene):
     says = "Alpha has no effect on a label that is not smoothed"
     scene.ctmc.volume_path = KNOWN
-    assert "Otsu's threshold is used" in drawn(*panels.STEPS).texts
     scene.ctmc.label = 2
     scene.ctmc.smoothing = "none"
     assert says in " ".join(drawn(*panels.STEPS).texts)
@@ -89,7 +105,7 @@ def test_the_panel_says_what_was_loaded(scene, ball_file):
     layout = drawn(*panels.STEPS)
     assert "ctmc.choose_ct ball" in layout.buttons
     texts = layout.texts
-    for fact in ("24 x 24 x 12", "1 x 1 x 2 mm", "left, back, head (LPS)"):
+    for fact in ("24 x 24 x 12, 1 x 1 x 2 mm", "Values -36 to 147 (no HU), LPS", "Orientation: left, back, head"):
         assert fact in texts
     assert "taken as axial" in " ".join(texts)
 
@@ -190,9 +206,7 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
 
 
 def drawn_settings():
-    layout = Layout()
-    settings.draw_settings(layout, bpy.context, settings.COMPONENTS)
-    return layout
+    return drawn(settings.draw_components)
 
 
 def test_millimeters_are_shown_as_such_and_zero_components_as_all(scene):

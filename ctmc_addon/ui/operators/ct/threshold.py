@@ -14,6 +14,7 @@ from ....core import CtmcError, finish
 from ....core.volume import TISSUES, ValueKind, histogram_picture, quick_threshold, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
+from ...properties.threshold_choice import take_tissue
 from ...state import volumes
 from ...translations import translate
 
@@ -74,11 +75,7 @@ class CTMC_OT_tissue(bpy.types.Operator):
         return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        tissue, settings = TISSUES[self.tissue], context.scene.ctmc
-        settings.use_upper = tissue.upper is not None
-        settings.threshold = tissue.threshold
-        if tissue.upper is not None:
-            settings.upper = tissue.upper
+        take_tissue(context.scene.ctmc, self.tissue)
         return {"FINISHED"}
 
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 import bpy
 
 from ...state import volumes
-from ..layout import PagePanel, begin, block, draw_status, fold
-from .slice import draw_cuts, draw_slice
+from ..layout import PagePanel, begin, block, draw_status
+from .slice import draw_slice
 from .volume import LOAD, LOAD_LABELS, draw_load, draw_views
 
 
@@ -23,9 +23,6 @@ class CTMC_PT_ct(PagePanel, bpy.types.Panel):
         if volumes.current(context.scene) is None:
             draw_status(self.layout, context, LOAD, LOAD_LABELS)
             return
-        draw_views(block(self.layout))
         draw_slice(block(self.layout), context)
-        body = fold(self.layout, "cuts", text="Slice Objects and Cuts")
-        if body is not None:
-            draw_cuts(body, context)
+        draw_views(block(self.layout))
         draw_status(self.layout, context, LOAD, LOAD_LABELS)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the slice on the page CT: the position of the shown slice, its window and level."""
+"""Draw the slice on the page CT: its position, window and level, objects of it; and cuts on the page Results."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import bpy
 
 from ....blender.slices import is_slice
 from ....core.volume import ValueKind, slice_at, slice_position_text
-from ...state import surfaces, volumes
+from ...state import volumes
 from ...translations import translate
 from ..layout import block, draw_pair, draw_shape_change
 
@@ -21,7 +21,6 @@ def draw_slice(layout: Any, context: bpy.types.Context) -> None:
     """Draw plane, position, window and level of the slice in the viewport."""
     view, volume = context.scene.ctmc_view, volumes.current(context.scene)
     assert volume is not None, "the page asks for one"
-    layout.prop(view, "show_slice")
     row = layout.row()
     row.use_property_split = False  # Three words need the whole width.
     row.prop(view, "plane", expand=True)
@@ -46,23 +45,26 @@ def draw_slice(layout: Any, context: bpy.types.Context) -> None:
         for name, window, level in WINDOWS:
             button = row.operator("ctmc.window", text=name)
             button.window, button.level = window, level
-    layout.prop(view, "show_letters")
-
-
-def draw_cuts(room: Any, context: bpy.types.Context) -> None:
-    """Draw the buttons that make objects and cuts of the slice."""
-    layout = block(room)
+    row = draw_pair(layout, context)
+    row.use_property_split = False
+    row.prop(view, "show_slice", text="Show Slice")
+    row.prop(view, "show_letters", text="Letters")
     column = layout.column(align=True)
     row = draw_pair(column, context)
     row.operator("ctmc.add_slice", icon="MESH_PLANE")
     row.operator("ctmc.add_slice", text="Add Three", icon="EMPTY_AXIS").three = True
     column.operator("ctmc.pick_point", icon="PIVOT_CURSOR")
+    obj = context.view_layer.objects.active
+    if is_slice(obj):
+        draw_shape_change(layout, context, obj)
+
+
+def draw_cuts(room: Any, _context: bpy.types.Context) -> None:
+    """Draw the buttons that cut a surface at the slice, and a box out of it."""
+    column = block(room).column(align=True)
     column.operator("ctmc.cut_at_slice", icon="MOD_BOOLEAN")  # Its German words need the line, like those below.
     column.operator("ctmc.flip_cut", icon="UV_SYNC_SELECT")
     column.operator("ctmc.cut_away", icon="SELECT_SUBTRACT")
     row = column.row(align=True)
     row.operator("ctmc.flip_cut_away", icon="UV_SYNC_SELECT")
     row.operator("ctmc.remove_cut_away", text="", icon="X")
-    obj = context.view_layer.objects.active
-    if is_slice(obj) or surfaces.is_surface(obj):
-        draw_shape_change(layout, context, obj)

@@ -7,13 +7,14 @@ from typing import Any
 
 import bpy
 
-from ....core.volume import ValueKind
+from ....core import Volume
+from ....core.volume import ValueKind, VolumeStatistics
 from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
 from ...state import session, volumes
 from ...translations import translate, translate_sentence
-from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
+from ..layout import draw_job, draw_name, draw_pair, draw_text
 from .scans import draw_cts, draw_without_damaged
 from .series import draw_series
 
@@ -64,22 +65,11 @@ def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
 def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
     """Draw size, spacing, orientation, values, series, and all assumptions."""
     volume, statistics, stored = loaded.full, loaded.statistics, context.scene.ctmc
-    columns, rows, slices = volume.size
-    spacing = " x ".join(f"{side:.3g}" if side < 1 else f"{side:.4g}" for side in volume.spacing)
-    right, down, up = (translate(side) for side in directions(volume.orientation))
     draw_name(layout, translate("Name"), NAMES).prop(stored, "volume_name", text="", placeholder=volume.name)
-    facts = [
-        (translate("Size"), f"{columns} x {rows} x {slices}"),
-        (translate("Spacing"), f"{spacing} mm"),
-        (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
-        (
-            translate("Values"),
-            translate("{low} to {high} {kind}").format(
-                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(str(volume.kind))
-            ),
-        ),
-    ]
-    draw_table(layout, facts, NAMES)
+    column = layout.column(align=True)
+    for text in facts_of(volume, statistics):
+        draw_text(column, context, text)
+    _draw_label_files(layout, context, loaded)
     if volume.kind == ValueKind.HU:
         layout.operator("ctmc.remove_table", icon="TRASH", depress=loaded.reading.remove_table)
     draw_series(layout, context)
@@ -87,6 +77,8 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         _draw_times(layout, stored, loaded)
     if not loaded.geometry:
         column = layout.column(align=True)
+        sides = ", ".join(translate(side) for side in directions(volume.orientation))
+        column.label(text=f"{translate('Orientation')}: {sides}", translate=False)
         for axis, name in enumerate(("x", "y", "z")):
             text = f"{translate('Spacing')} {name}"
             is_given = stored.spacing[axis] > 0
@@ -95,7 +87,7 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         row = draw_name(column, translate("Flip"), NAMES)
         for letter, sides in SIDES_OF_AXES.items():
             row.prop(stored, f"flip_{letter}", text=sides, translate=False, toggle=True)
-        column.operator("ctmc.load", text="Reload Stack", icon="FILE_REFRESH").again = True
+        column.operator("ctmc.load", text="Override Spacing", icon="FILE_REFRESH").again = True
     if loaded.file is not None:
         text = translate("Shown at every {stride} voxels; surfaces are made from the file")
         draw_text(layout, context, text.format(stride=" x ".join(map(str, loaded.shown_stride))), "INFO")
@@ -108,7 +100,16 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         )
     for note in volume.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
-    _draw_label_files(layout, context, loaded)
+
+
+def facts_of(volume: Volume, statistics: VolumeStatistics) -> tuple[str, str]:
+    """Return size and spacing in a line, range of the values and orientation in another."""
+    columns, rows, slices = volume.size
+    spacing = " x ".join(f"{side:.3g}" for side in volume.spacing)
+    low, high = f"{statistics.low:g}", f"{statistics.high:g}"
+    text = {ValueKind.HU: "Values {low} to {high} HU", ValueKind.LABEL: "Labels {low} to {high}"}
+    values = translate(text.get(volume.kind, "Values {low} to {high} (no HU)")).format(low=low, high=high)
+    return f"{columns} x {rows} x {slices}, {spacing} mm", f"{values}, {volume.orientation}"
 
 
 def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
@@ -117,7 +118,9 @@ def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.L
     paths = [path for path in loaded.labels_beside if str(path) not in added_paths]
     for path in paths[:MOST_LABEL_BUTTONS]:
         text = "Load Its Labels" if len(paths) == 1 else path.name
-        button = layout.operator(
+        row = layout.row()
+        row.scale_y = 1.3 if len(paths) == 1 else 1.0
+        button = row.operator(
             "ctmc.load_labels", text=text, icon="OUTLINER_OB_GROUP_INSTANCE", translate=len(paths) == 1
         )
         button.filepath = str(path)
@@ -139,4 +142,4 @@ def _draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
     column.prop(stored, "time", text=text, translate=False)
     row = column.row(align=True)
     row.enabled = stored.time != loaded.reading.time
-    row.operator("ctmc.load", text="Load This Time", icon="FILE_REFRESH").again = True
+    row.operator("ctmc.load", text="Load Time Point", icon="FILE_REFRESH").again = True
