@@ -13,7 +13,8 @@ from ctmc_addon.core.extraction.grid import make_grid
 from ctmc_addon.core.extraction.marching_cubes import Counts, count_steps, extract_steps, marching_cubes
 from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
-from ctmc_addon.core.planning.cost_estimate import CALIBRATION, FieldCache, cost_estimate_steps
+from ctmc_addon.core.planning.cost_estimate import FieldCache, cost_estimate_steps
+from ctmc_addon.core.planning.rates import ADDING, CALIBRATION, COMPARING, MEASURING
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
 from ctmc_addon.core.surfaces.extract import reconstruct
@@ -224,7 +225,8 @@ def predicted(session: Session, sparse: NDArray[Any], dense: NDArray[Any]) -> No
     for name, (values, chosen) in cases.items():
         volume, settings = Volume(values, np.eye(4)), ReconstructionSettings(**chosen)
         estimate = finish(cost_estimate_steps(FieldCache(volume), settings))
-        estimated = estimate.seconds - CALIBRATION.blender_face * estimate.faces
+        stages = CALIBRATION.stage_seconds([estimate]).items()
+        estimated = sum(seconds for (_, stage), seconds in stages if stage not in (MEASURING, COMPARING, ADDING))
         took = session.seconds(partial(reconstruct, volume, settings), 3)
         session.add(
             Row(

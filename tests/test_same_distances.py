@@ -34,4 +34,4 @@ def test_panel_figure_and_experiment_have_one_estimator(tmp_path):
     [experiment] = finish(distances_steps([built_in.mesh], full.mesh))
     assert panel == experiment == expected
     for measured in cells:
-        assert (measured.mean_mm, measured.max_mm) == (expected.mean, expected.largest)
+        assert measured.distance == expected

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import bpy
 
 
@@ -10,6 +12,15 @@ def remove_blocks(*blocks: bpy.types.ID) -> None:
     """Remove data-blocks in the order given; `batch_remove` crashes on a scene that was in context."""
     for block in blocks:
         _collection_of(block).remove(block)
+
+
+def remove_with_data(objects: Iterable[bpy.types.Object]) -> None:
+    """Remove objects, and their data where nothing else uses it."""
+    for obj in objects:
+        data = obj.data
+        bpy.data.objects.remove(obj)
+        if data is not None and not data.users:
+            bpy.data.batch_remove([data])
 
 
 def _collection_of(block: bpy.types.ID) -> bpy.types.bpy_prop_collection:

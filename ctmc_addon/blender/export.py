@@ -26,7 +26,7 @@ from .scene.engine import set_render_engine
 from .scene.lighting import set_up_studio
 from .scene.studio import SIZE, set_render
 from .scene.timeline import shown_in_turn
-from .surface.objects import require_object_mode
+from .surface.evaluate import require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
@@ -46,8 +46,8 @@ def export_together(
     scene: bpy.types.Scene | None = None,
     collection: str = "",
     frames: Sequence[int] = (),
-) -> None:
-    """Write the evaluated surfaces of one or several objects to one file, whole or not at all.
+) -> int:
+    """Write the evaluated surfaces of one or several objects to one file, whole or not at all; return their triangles.
 
     Parameters
     ----------
@@ -78,16 +78,19 @@ def export_together(
         require_object_mode(obj)
     if suffix in mesh_files.SUFFIXES:
         mesh_files.require_one_surface(target, len(objects))
-        evaluated_triangles(objects[0], scene).save(target, space)
-        return
+        mesh = evaluated_triangles(objects[0], scene)
+        mesh.save(target, space)
+        return len(mesh.faces)
     if suffix in mesh_files.STRUCTURE_SUFFIXES:
-        write_structures(target, [structure_of(obj, scene) for obj in objects], space)
-        return
+        structures = [structure_of(obj, scene) for obj in objects]
+        write_structures(target, structures, space)
+        return sum(len(structure.faces) for structure in structures)
     with whole_file(target) as temporary:
         try:
             write_blend(objects, temporary, scene, collection, frames)
         except RuntimeError as error:  # Blender's operators report their failures so.
             raise OutputError(f"{target.name} could not be written: {str(error).strip()}") from error
+    return sum(len(obj.data.polygons) for obj in objects)
 
 
 def structure_of(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Structure:

@@ -16,6 +16,7 @@ from .described import (
 from .errors import (
     AbsentLabelError as AbsentLabelError,
     CtmcError as CtmcError,
+    DamagedSliceError as DamagedSliceError,
     LabelError as LabelError,
     MemoryLimitError as MemoryLimitError,
     MeshError as MeshError,
@@ -74,8 +75,10 @@ from .measures import (
     Place as Place,
     columns_in as columns_in,
     combined as combined,
+    distance_phrases as distance_phrases,
     measure as measure,
     measures_in as measures_in,
+    one_way_text as one_way_text,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
@@ -125,7 +128,14 @@ from .surfaces.extract import (
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
 from .surfaces.make import make_surfaces_steps as make_surfaces_steps
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
-from .units import Unit as Unit, length_text as length_text, unit_of as unit_of, volume_text as volume_text
+from .units import (
+    Unit as Unit,
+    is_specks_text as is_specks_text,
+    length_text as length_text,
+    specks_text as specks_text,
+    unit_of as unit_of,
+    volume_text as volume_text,
+)
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
@@ -136,12 +146,9 @@ if TYPE_CHECKING:
     )
     from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
     from .mesh.distance.triangle_tree import distances as distances
-    from .planning.cost_estimate import (
-        CALIBRATION as CALIBRATION,
-        CostEstimate as CostEstimate,
-        FieldCache as FieldCache,
-        cost_estimate_steps as cost_estimate_steps,
-    )
+    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
+    from .planning.counted_surface import CostEstimate as CostEstimate
+    from .planning.rates import CALIBRATION as CALIBRATION
     from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
     from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
     from .structure_table import (

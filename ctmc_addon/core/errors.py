@@ -36,6 +36,10 @@ class ReadError(CtmcError):
     """A file or folder that cannot be read as a CT."""
 
 
+class DamagedSliceError(ReadError):
+    """A slice that cannot be read to its end, in a series that can be read without it."""
+
+
 class ThresholdError(CtmcError):
     """A threshold that no surface can have in this volume."""
 

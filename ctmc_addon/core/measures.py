@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field, is_dataclass
 from enum import Flag, auto
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .units import UNITS, length_text, number_text, sizes_text, volume_text
+from .units import UNITS, length_text, number_text, sizes_text, specks_text, unit_of, volume_text
 
 if TYPE_CHECKING:
-    from .mesh.distance.surface_distance import SurfaceDistance
+    from .mesh.distance.surface_distance import OneWayDistance, SurfaceDistance
     from .mesh.measures import Measures
     from .volume.statistics.inside import InsideValues
 
@@ -123,6 +123,8 @@ class Measure:
             value = None if value is None else getattr(value, step)
         if isinstance(value, float) and not math.isfinite(value):
             return None
+        if is_dataclass(value) and not isinstance(value, type):
+            return asdict(value)
         return list(value) if isinstance(value, tuple) else value
 
     def cells(self, value: Any) -> dict[str, Any]:
@@ -185,7 +187,49 @@ _DISTANCE_TEXT = partial(length_text, digits=3)
 
 
 def _collapsed_text(collapsed: Mapping[str, float]) -> str:
-    return f"{collapsed['count']}, {volume_text(collapsed['mm3'])}"
+    volume = f" ({volume_text(collapsed['mm3'], 3)})" if collapsed["count"] else ""
+    return f"{collapsed['count']:,}{volume}"
+
+
+def one_way_text(way: OneWayDistance) -> str:
+    """Return the largest distance of one way, with the one that 95 % stay within, in one unit.
+
+    Examples
+    --------
+    >>> from .mesh.distance.surface_distance import OneWayDistance
+    >>> one_way_text(OneWayDistance(0.05, 0.194, 0.5824)), one_way_text(OneWayDistance(largest=0.0123))
+    ('0.582 mm (95 %: 0.194)', '12.3 um (95 %: 0)')
+    """
+    unit = unit_of(way.largest, "mm")
+    most, within = (number_text(number / unit.size, 3) for number in (way.largest, way.percentile_95))
+    return f"{most} {unit.name} (95 %: {within})"
+
+
+def _way_text(way: Mapping[str, float]) -> str:
+    from .mesh.distance.surface_distance import OneWayDistance
+
+    return one_way_text(OneWayDistance(**way))
+
+
+def distance_phrases(distance: SurfaceDistance) -> list[str]:
+    """Return both ways of a distance in words, and the components that are not among them.
+
+    Examples
+    --------
+    >>> from .mesh.distance.surface_distance import LostComponents, OneWayDistance, SurfaceDistance
+    >>> ways = OneWayDistance(0.05, 0.194, 0.5824), OneWayDistance(0.1, 0.39, 3.8)
+    >>> for phrase in distance_phrases(SurfaceDistance(*ways, LostComponents(562, 1.9))):
+    ...     print(phrase)
+    to the full surface at most 0.582 mm (95 %: 0.194)
+    from the full surface at most 3.8 mm (95 %: 0.39)
+    562 specks removed (1.9 mm3 in total)
+    """
+    phrases = [
+        f"to the full surface at most {one_way_text(distance.to_full)}",
+        f"from the full surface at most {one_way_text(distance.from_full)}",
+    ]
+    lost = distance.lost
+    return phrases + ([specks_text(lost.count, lost.volume)] if lost.count else [])
 
 
 MEASURES = (
@@ -200,7 +244,20 @@ MEASURES = (
     Measure("full_faces", "Triangles Before Simplification", of="full_faces", where=Place.REPORT, summed="sum"),
     Measure("mean_distance_mm", "Mean Distance", "mm", of="distance.mean", where=Place.PANEL, shown=_DISTANCE_TEXT),
     Measure(
-        "largest_distance_mm", "Largest Distance", "mm", of="distance.largest", where=Place.PANEL, shown=_DISTANCE_TEXT
+        "to_full_mm",
+        "To Full Surface",
+        of="distance.to_full",
+        where=Place.PANEL,
+        shown=_way_text,
+        columns={"to_full_largest_mm": "largest", "to_full_95_mm": "percentile_95"},
+    ),
+    Measure(
+        "from_full_mm",
+        "From Full Surface",
+        of="distance.from_full",
+        where=Place.PANEL,
+        shown=_way_text,
+        columns={"from_full_largest_mm": "largest", "from_full_95_mm": "percentile_95"},
     ),
     Measure(
         "volume_mm3",
@@ -222,11 +279,11 @@ MEASURES = (
     Measure(
         "components",
         "Components",
-        of="measures.components",
+        of="measures.bodies",
         where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH | Place.TOTALS,
         summed="sum",
     ),
-    # The name in reports of 0.2.
+    # The name in reports of 0.2, with the walls of cavities.
     Measure("parts", "Components", of="measures.components", where=Place.REPORT, summed="sum"),
     Measure(
         "removed_components",
@@ -239,7 +296,7 @@ MEASURES = (
         "collapsed_components",
         "Collapsed Components",
         of="collapsed_components",
-        where=Place.REPORT | Place.BATCH,
+        where=Place.REPORT | Place.BATCH | Place.PANEL,
         summed="sum",
         shown=_collapsed_text,
         columns={"collapsed_components": "count", "collapsed_mm3": "mm3"},
@@ -269,6 +326,13 @@ MEASURES = (
         of="measures.size",
         where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH,
         columns={"size_x_mm": 0, "size_y_mm": 1, "size_z_mm": 2},
+    ),
+    Measure(
+        "cavities",
+        "Cavities",
+        of="measures.cavities",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH,
+        summed="sum",
     ),
 )
 """All measures, in the order of reports; new ones come last, because scripts read tables."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -85,3 +86,26 @@ def sizes_text(numbers: Sequence[float], unit: str = "mm", digits: int = DIGITS)
     """
     fitting = unit_of(max(numbers, key=abs), unit)
     return f"{' x '.join(number_text(number / fitting.size, digits) for number in numbers)} {fitting.name}"
+
+
+def specks_text(count: int, volume_mm3: float) -> str:
+    """Return how many small components simplification removed, and what they enclosed.
+
+    Examples
+    --------
+    >>> specks_text(9204, 811.73), specks_text(1, 0.3)
+    ('9,204 specks removed (812 mm3 in total)', '1 speck removed (0.3 mm3)')
+    """
+    volume = volume_text(float(f"{volume_mm3:.3g}"))
+    return f"1 speck removed ({volume})" if count == 1 else f"{count:,} specks removed ({volume} in total)"
+
+
+def is_specks_text(text: str) -> bool:
+    """Return whether a note is one of `specks_text`.
+
+    Examples
+    --------
+    >>> is_specks_text(specks_text(9204, 811.73)), is_specks_text("897 small handles removed")
+    (True, False)
+    """
+    return re.fullmatch(r"[\d,]+ specks? removed \(.*\)", text) is not None

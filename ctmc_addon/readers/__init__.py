@@ -15,6 +15,7 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import label_class
+from .dicom.listing import series_names
 from .file_formats import (
     files_below,
     format_of,
@@ -24,6 +25,7 @@ from .file_formats import (
     stem,
     suffix,
     suffixes_of_text,
+    volume_stem,
 )
 from .labels.nearby_labels import labels_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
@@ -66,9 +68,12 @@ __all__ = [
     "read_volume_steps",
     "segmentation_names",
     "segmentation_sibling",
+    "series_names",
     "stem",
     "suffix",
     "volume_name",
+    "volume_place",
+    "volume_stem",
 ]
 
 PathLike = str | os.PathLike[str]
@@ -135,6 +140,7 @@ def read_volume(
     anatomy_colors: bool = False,
     remove_table: bool = False,
     file_colors: bool = False,
+    skip_damaged: bool = False,
 ) -> Volume:
     """Read a CT, or its labels, from a file or folder.
 
@@ -145,7 +151,8 @@ def read_volume(
         or structure set; a folder of masks, a file or a folder of DICOM slices for each;
         a volume in a file or folder of its own, such as `.nii.gz`, `.nrrd`, `.mha` or `.ome.zarr` (`FORMATS` has all).
         A lone slice stands for its folder.
-    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, file_colors, remove_table
+    spacing, series, strict, flip, time, level, allow_outside, name, anatomy_colors, file_colors, remove_table,
+    skip_damaged
         As in `ReadingOptions`, which describes them.
     budget : Budget, optional
         The threads that decode PNG, JPEG, BMP and TIFF slices, and the memory that the values may take.
@@ -175,7 +182,7 @@ def read_volume(
     """
     fields = {"spacing": spacing, "flip": flip, "series": series, "time": time, "strict": strict, "level": level}
     fields |= {"allow_outside": allow_outside, "name": name, "anatomy_colors": anatomy_colors}
-    fields |= {"remove_table": remove_table, "file_colors": file_colors}
+    fields |= {"remove_table": remove_table, "file_colors": file_colors, "skip_damaged": skip_damaged}
     given = {field: value for field, value in fields.items() if value is not defaults(ReadingOptions)[field]}
     options = options_of(options, given)
     steps = read_volume_steps(path, options, budget=budget, region=region, region_unit=region_unit, stride=stride)
@@ -316,10 +323,8 @@ def is_volume_file(path: Path) -> bool:
         return False
 
 
-def volume_name(path: Path) -> str:
-    """Return the name of the volume at `path`; for a slice, the name of its folder.
-
-    The slice's own is often an identifier.
+def volume_place(path: Path) -> Path:
+    """Return the file or folder that holds all of the volume at `path`: for a slice, its folder.
 
     Parameters
     ----------
@@ -327,12 +332,24 @@ def volume_name(path: Path) -> str:
         Of a file or folder that exists.
     """
     if path.is_dir():
-        return stem(path)
+        return path
     try:
         is_volume = is_whole_volume(_format_at(path), path)
     except (CtmcError, OSError):
         is_volume = True
-    return stem(path if is_volume else path.absolute().parent)
+    return path if is_volume else path.absolute().parent
+
+
+def volume_name(path: Path) -> str:
+    """Return the name of the volume at `path`; for a slice, that of its folder, because its own often identifies.
+
+    Parameters
+    ----------
+    path : Path
+        Of a file or folder that exists.
+    """
+    place = volume_place(path)
+    return volume_stem(place) if place.is_dir() else stem(place)
 
 
 def estimate_voxels(path: Path, allow_outside: bool = False) -> int:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 from .registry import BY_FILE_NAME, BY_SUFFIX, BY_VALUES, FORMATS, HEAD, KNOWN_SUFFIXES, folder_format, marked
 
+NAMELESS = ("image", "images")
+"""Names of folders that do not tell one patient from another."""
 TWO_DOTS = tuple(end for end in KNOWN_SUFFIXES if end.count(".") > 1)
 
 
@@ -56,6 +58,20 @@ def stem(path: Path) -> str:
     name = path.name or path.absolute().name
     end = suffix(path)
     return name[: -len(end)] if end in KNOWN_SUFFIXES and len(name) > len(end) else name
+
+
+def volume_stem(path: Path) -> str:
+    """Return the name of a volume at a path: a folder that is called `image` is named after the folder above it.
+
+    Examples
+    --------
+    >>> volume_stem(Path("tumor/dicom/image")), volume_stem(Path("tumor/dicom"))
+    ('tumor', 'dicom')
+    """
+    if path.name.casefold() not in NAMELESS:
+        return stem(path)
+    above = (folder.name for folder in path.absolute().parents)
+    return next((name for name in above if name.casefold() not in (*NAMELESS, "dicom")), "") or path.name
 
 
 def format_of(path: Path) -> str:

@@ -113,12 +113,12 @@ class ReadingOptions(Described):
     flip: str = setting("", "Axes to reverse, such as z or xz", label="Flip", type=str, check=checked_flip)
     series: str | None = setting(
         None,
-        "UID or number of the DICOM series",
+        "UID, number, folder or description of the DICOM series",
         label="Series",
         note="see info; for an OME-Zarr, the channel's number",
         type=str,
         start="2",
-        without="the one with the most slices",
+        without="the one with the most slices, masks last",
         check=_checked_series,
     )
     time: int | None = setting(
@@ -176,6 +176,13 @@ class ReadingOptions(Described):
         False,
         "Keep the colors in the file even if a program chose them by number, as TotalSegmentator does",
         label="File Colors",
+        type=bool,
+    )
+    skip_damaged: bool = setting(
+        False,
+        "Leave out truncated or damaged DICOM slices, with a note, instead of refusing the series",
+        label="Skip Damaged",
+        note="the gap is then an uneven one",
         type=bool,
     )
 

@@ -36,6 +36,24 @@ def size_of_bytes(number: float) -> str:
     return f"{number / 2**30:.1f} GiB" if number >= 2**30 else f"{max(1, round(number / 2**20))} MiB"
 
 
+def file_size(number: float) -> str:
+    """Return the size of a file in kB, MB or GB, as file managers show it.
+
+    Parameters
+    ----------
+    number : float
+        Bytes.
+
+    Examples
+    --------
+    >>> file_size(300), file_size(23.4e6), file_size(1.25e9)
+    ('1 kB', '23 MB', '1.2 GB')
+    """
+    if number >= 1e9:
+        return f"{number / 1e9:.1f} GB"
+    return f"{number / 1e6:.0f} MB" if number >= 1e6 else f"{max(1, round(number / 1e3))} kB"
+
+
 def duration(seconds: float) -> str:
     """Return seconds or minutes, with no more digits than an estimate has.
 

@@ -13,7 +13,7 @@ import pytest
 from batches import page_content
 
 from ctmc_addon.core import MEASURES, FinishedSurface, Place, measure, measures_in
-from ctmc_addon.core.mesh import Measures, SurfaceDistance, TriangleQuality
+from ctmc_addon.core.mesh import Measures, OneWayDistance, SurfaceDistance, TriangleQuality
 from ctmc_addon.core.volume import InsideValues
 
 FULL = FinishedSurface(
@@ -24,7 +24,7 @@ FULL = FinishedSurface(
     removed_components=1,
     collapsed_components={"count": 2, "mm3": 0.5},
     self_intersections=0,
-    distance=SurfaceDistance(0.1, 0.2, 0.3),
+    distance=SurfaceDistance(OneWayDistance(0.1, 0.2, 0.3)),
     largest_diameter_mm=3.5,
     inside=InsideValues(10, 40.0, 2.0),
 )

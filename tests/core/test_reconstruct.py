@@ -310,7 +310,7 @@ def test_what_simplification_removes_is_counted_in_report_and_notes():
     volumes = finish(component_volumes_steps(plain.mesh.vertices, plain.mesh.faces, component_of_face(plain.mesh)))
     small = np.sort(volumes)[:-1]
     assert 0.999 * small[: collapsed["count"]].sum() < collapsed["mm3"] < 1.001 * small[-collapsed["count"] :].sum()
-    assert any(note.startswith(f"{collapsed['count']} components below ") for note in report["notes"])
+    assert any(note.startswith(f"{collapsed['count']} specks removed (") for note in report["notes"])
     assert (plain.report()["collapsed_components"], plain.notes) == ({"count": 0, "mm3": 0.0}, ())
 
 

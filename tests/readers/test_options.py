@@ -41,7 +41,7 @@ def test_options_take_their_own_types_and_survive_a_dictionary_and_pickle():
     assert options == ReadingOptions((2.0, 2.0, 2.0), "xz", "3", 4, None, True, True, "Head")
     assert options.to_dict() == {
         "spacing": [2.0, 2.0, 2.0], "flip": "xz", "series": "3", "time": 4, "strict": True, "allow_outside": True,
-        "name": "Head", "remove_table": False, "anatomy_colors": False, "file_colors": False,
+        "name": "Head", "remove_table": False, "anatomy_colors": False, "file_colors": False, "skip_damaged": False,
     }  # fmt: skip
     assert ReadingOptions.from_dict(options.to_dict()) == options
     assert pickle.loads(pickle.dumps(options)) == options

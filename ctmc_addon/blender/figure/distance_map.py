@@ -98,19 +98,22 @@ def keep_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> N
     attribute.data.foreach_set("value", np.ascontiguousarray(distances_mm, np.float32))
 
 
-def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64]) -> None:
-    """Write distances and colors from 0 to the largest on the mesh; solid view shows them as Attribute.
+def paint_distances(mesh: bpy.types.Mesh, distances_mm: NDArray[np.float64], largest_mm: float = 0.0) -> None:
+    """Write distances and colors on the mesh; solid view shows them as Attribute.
 
     Parameters
     ----------
     mesh : bpy.types.Mesh
     distances_mm : (V,) float64
+    largest_mm : float
+        Distance of the last color, unless that of a vertex is larger.
     """
+    largest_mm = max(largest_mm, float(distances_mm.max(initial=0.0)))
     keep_distances(mesh, distances_mm)
     colors = mesh.color_attributes.get(COLORS) or mesh.color_attributes.new(COLORS, "FLOAT_COLOR", "POINT")
-    colors.data.foreach_set("color", colors_of(distances_mm).ravel())
+    colors.data.foreach_set("color", colors_of(distances_mm, largest_mm).ravel())
     mesh.color_attributes.active_color_name = COLORS
-    mesh[LARGEST] = float(distances_mm.max(initial=0.0))
+    mesh[LARGEST] = largest_mm
 
 
 def painted_mm(obj: bpy.types.Object | None) -> float | None:
@@ -121,9 +124,9 @@ def painted_mm(obj: bpy.types.Object | None) -> float | None:
     return float(largest) if isinstance(largest, float) else None
 
 
-def colors_of(distances_mm: NDArray[np.float64]) -> NDArray[np.float32]:
-    """Return linear RGBA, (n, 4) float32, of (n,) distances, from 0 to the largest of them."""
-    share = distances_mm / (float(distances_mm.max(initial=0.0)) or 1.0)
+def colors_of(distances_mm: NDArray[np.float64], largest_mm: float) -> NDArray[np.float32]:
+    """Return linear RGBA, (n, 4) float32, of (n,) distances from 0 to the largest."""
+    share = distances_mm / (largest_mm or 1.0)
     stops = np.array([linear(color) for color in DISTANCE_COLORS])
     along = np.linspace(0.0, 1.0, len(stops))
     return np.stack([np.interp(share, along, stops[:, channel]) for channel in range(4)], axis=1).astype(np.float32)

@@ -46,6 +46,32 @@ def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.type
     return next(iter(same + read_before), None)
 
 
+def paths_of_boxes(scene: bpy.types.Scene) -> dict[str, str]:
+    """Return the path of each CT that has a box in a scene, by fingerprint."""
+    boxes = [obj[PROPERTY] for obj in scene.objects if _is_box(obj)]
+    return {str(box.get("fingerprint", "")): str(box.get("path", "")) for box in boxes}
+
+
+def remove_box(scene: bpy.types.Scene, fingerprint: str) -> None:
+    """Remove the box of a CT from a scene, and its collection if that is empty then."""
+    box = box_of(scene, fingerprint)
+    if box is None:
+        return
+    owners = list(box.users_collection)
+    bpy.data.objects.remove(box)
+    for owner in owners:
+        if FOLDER in owner and not owner.all_objects:
+            bpy.data.collections.remove(owner)
+
+
+def objects_beside(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Object]:
+    """Return the other objects in the collection of a CT; none if it holds several CTs or is the scene's own."""
+    collection = _collection_of_ct(scene, fingerprint)
+    if collection == scene.collection or len(boxes_in(collection)) > 1:
+        return []
+    return [obj for obj in collection.objects if not _is_box(obj)]
+
+
 def noted_paths() -> list[tuple[str, Callable[[str], None]]]:
     """Return the paths that boxes and their collections store, each with a function that stores another."""
     boxes = [obj[PROPERTY] for obj in bpy.data.objects if _is_box(obj) and obj.library is None]

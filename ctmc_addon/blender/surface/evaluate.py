@@ -16,11 +16,12 @@ def evaluated_object(
     Raises
     ------
     MeshError
-        If the object is not a mesh, is in no scene, or is switched off in viewports, so that Blender does not
-        evaluate it.
+        If the object is not a mesh, is in edit mode, in no scene, or is switched off in viewports, so that Blender
+        does not evaluate it.
     """
     if obj.type != "MESH":
         raise MeshError(f"{obj.name} is not a mesh; choose a reconstructed object")
+    require_object_mode(obj)
     holders = obj.users_scene if scene is None else [scene]
     layer = next((layer for holder in holders for layer in holder.view_layers if holds(layer, obj)), None)
     if layer is None:
@@ -29,6 +30,12 @@ def evaluated_object(
     if not evaluated.is_evaluated:
         raise MeshError(f"{obj.name} is disabled in viewports; switch its monitor icon on first")
     return evaluated, layer.depsgraph
+
+
+def require_object_mode(obj: bpy.types.Object) -> None:
+    """Raise `MeshError` for an object in edit mode, whose mesh has no attributes until that ends."""
+    if obj.data.is_editmode:
+        raise MeshError(f"{obj.name} is in edit mode; leave it first")
 
 
 def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:

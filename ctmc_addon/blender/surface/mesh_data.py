@@ -14,9 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import MeshError, Step, Steps, finish
-from ...core.mesh import edges_steps as topology_edges_steps
-
-Edges = tuple[NDArray[np.int32], NDArray[np.int32]]
+from ...core.mesh import Edges, edges_steps as topology_edges_steps
 
 # From 4.5 a free vector on every vertex may be the normal; before, Blender stores angles against its own.
 FREE_NORMALS = bpy.app.version >= (4, 5, 0)
@@ -64,9 +62,13 @@ def new_mesh_steps(
             yield Step(0.3, "Adding the surface")  # Until here it is a valid mesh of edges.
             mesh = mesh_of(uid)
             mesh.loops.add(faces.size)
-            mesh.polygons.add(len(faces))
             _write_numbers(mesh, ".corner_vert", faces)
+            yield Step(0.5, "Adding the surface")
+            mesh = mesh_of(uid)
             _write_numbers(mesh, ".corner_edge", edge_of_corner.T)
+            yield Step(0.7, "Adding the surface")
+            mesh = mesh_of(uid)
+            mesh.polygons.add(len(faces))
             mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
         mesh.update()
         complete = True
@@ -176,9 +178,11 @@ def write_attribute(mesh: bpy.types.Mesh, name: str, vectors: NDArray[np.float32
 
 
 def read_attribute(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32] | None:
-    """Return the attribute that `write_attribute` stored, (V, 3) float32, or None."""
+    """Return the attribute that `write_attribute` stored, (V, 3) float32, or None; in edit mode they are empty."""
     attribute = mesh.attributes.get(name)
     if attribute is None or attribute.data_type != "FLOAT_VECTOR" or attribute.domain != "POINT":
+        return None
+    if len(attribute.data) != len(mesh.vertices):
         return None
     return read_vectors(attribute.data, "vector", len(mesh.vertices))
 

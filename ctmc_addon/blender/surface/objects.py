@@ -20,7 +20,7 @@ from ..scene.ct_box import link_beside_ct
 from ..tissue import tissue_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys
-from .evaluate import evaluated_copy, evaluated_object
+from .evaluate import evaluated_copy, evaluated_object, require_object_mode
 from .placement import SCALE, Placement, placed_at_center
 from .provenance import Provenance, provenance_of_result, require_provenance, write_provenance
 from .readback import evaluated_alpha, keep_positions_mm, placement_of, positions_mm
@@ -285,12 +285,6 @@ def require_updatable(obj: bpy.types.Object) -> None:
     """Raise `MeshError` with a remedy for an object that cannot take another surface."""
     require_editable(obj)
     require_no_other_keys(obj)
-
-
-def require_object_mode(obj: bpy.types.Object) -> None:
-    """Raise `MeshError` for an object in edit mode, whose mesh is not the shown one until that ends."""
-    if obj.mode == "EDIT":
-        raise MeshError(f"{obj.name} is in edit mode; leave it first")
 
 
 def discard(old: bpy.types.Mesh, new: bpy.types.Mesh) -> None:

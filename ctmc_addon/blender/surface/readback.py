@@ -111,7 +111,8 @@ def _triangles_mm(mesh: bpy.types.Mesh, placement: Placement, alpha: float) -> T
 def placement_of(obj: bpy.types.Object) -> Placement:
     """Return the present placement of an object; for a foreign object, the usual one.
 
-    The millimeters stored on the mesh are the reference: Apply and Set Origin change only the vertices.
+    The millimeters stored on the mesh are the reference: Apply and Set Origin change only the vertices. In edit mode
+    they cannot be read, and the placement is that of the reconstruction.
     """
     provenance = read_provenance(obj)
     if provenance is None:

@@ -80,8 +80,16 @@ def facts_of(
         "levels": [list(size) for size in source.levels],
         "label_groups": list(source.label_groups),
         "label_file": None if sibling is None else sibling.name,
+        "labels_found": _labels_found(source) if volume.kind != ValueKind.LABEL and sibling is None else [],
         "notes": list(volume.notes),
     }
+
+
+def _labels_found(source: readers.VolumeSource) -> list[str]:
+    """Return the files and folders of labels near a CT, as paths from the opened folder where they lie in it."""
+    place = readers.volume_place(source.path).absolute()
+    found = readers.labels_beside(place)
+    return [(path.relative_to(place) if path.is_relative_to(place) else path).as_posix() for path in found]
 
 
 def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
@@ -143,4 +151,5 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     lines += titled("label groups", facts["label_groups"])
     if facts["label_file"]:
         lines.append(("label file", f"{facts['label_file']} beside it"))
+    lines += titled("labels found", facts["labels_found"])
     return listing([*lines, *titled("notes", [with_flags(note) for note in facts["notes"]])])

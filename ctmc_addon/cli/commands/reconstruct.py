@@ -294,7 +294,8 @@ def _small_components_lines(result: Reconstruction) -> list[str]:
     measures = result.measures
     if not measures.has_many_small_components or result.settings.min_part_mm3 >= measures.small:
         return []
-    counts = f"{count(measures.small_components)} of {count(measures.components)} components"
+    what = "components and cavities" if measures.cavities else "components"
+    counts = f"{count(measures.small_components)} of {count(measures.components)} {what}"
     return [f"{counts} are smaller than {volume_text(measures.small)}; --min-part {measures.small:g} removes them"]
 
 

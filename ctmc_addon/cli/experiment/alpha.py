@@ -24,9 +24,9 @@ from ...core import (
 from ...core.mesh import SurfaceDistance, roughness, triangle_shapes
 from ..arguments import UsageError, flags_checked
 from ..blender_host import objects_of, quiet_steps, require_blender
-from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of
+from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of, way_cells
 from .plot import Plot, series
-from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, ExperimentTable, Row, figures, plain, unique
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, WAYS, Column, ExperimentTable, Row, figures, plain, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
@@ -113,6 +113,7 @@ def _row_of(alpha: float, mesh: TriangleMesh, distance: SurfaceDistance) -> Row:
         "shape_worst": float(np.percentile(shapes, 1)),
         **measured(mesh, "smallest_angle_deg", "below_5_deg", "median_radius_ratio", "faces", "volume_mm3", "area_mm2"),
         **distance_cells(distance),
+        **way_cells(distance),
     }
 
 
@@ -146,4 +147,5 @@ COLUMNS = (
     figures("area, cm2", "area_mm2", 2, 100),
     MEAN_MM,
     MAX_MM,
+    *WAYS,
 )

@@ -21,7 +21,7 @@ from ...core import (
     measure,
     reconstruct_steps,
 )
-from ...core.mesh import SAMPLES, SEED, ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ...core.mesh import SAMPLES, SEED, OneWayDistance, ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..commands.reconstruct import input_steps
 from ..terminal import Progress, dimensions
@@ -125,6 +125,18 @@ def measured(mesh: TriangleMesh, *names: str) -> Row:
 def distance_cells(distance: SurfaceDistance) -> Row:
     """Return a distance as rows have it."""
     return {"mean_mm": distance.mean, "max_mm": distance.largest}
+
+
+def way_cells(distance: SurfaceDistance) -> Row:
+    """Return both ways of a distance, and the components that are lost, for the last columns."""
+    ways = {"to_full": distance.to_full, "from_full": distance.from_full}
+    cells = {f"{name}_{key}": value for name, way in ways.items() for key, value in _parts(way).items()}
+    lost = distance.lost
+    return cells | {"collapsed_components": lost.count, "collapsed_mm3": lost.volume, "collapsed_max_mm": lost.largest}
+
+
+def _parts(way: OneWayDistance) -> Row:
+    return {"mean_mm": way.mean, "p95_mm": way.percentile_95, "max_mm": way.largest}
 
 
 def distances_steps(meshes: Sequence[TriangleMesh], reference: TriangleMesh) -> Steps[list[SurfaceDistance]]:

@@ -14,9 +14,19 @@ from pathlib import Path
 from ...core import SIMPLIFICATION, Step, Steps, TriangleMesh, simplify
 from ..arguments import at_least
 from ..blender_host import blender_at_work, require_blender
-from .common import MEASURING, Work, add_levels, distance_cells, distances_steps, facts_of, measured, settings_of
+from .common import (
+    MEASURING,
+    Work,
+    add_levels,
+    distance_cells,
+    distances_steps,
+    facts_of,
+    measured,
+    settings_of,
+    way_cells,
+)
 from .plot import Plot, series
-from .table import LEVEL, MAX_MM, MEAN_MM, TRIANGLES, Column, ExperimentTable, figures, runs_text, unique
+from .table import LEVEL, MAX_MM, MEAN_MM, TRIANGLES, WAYS, Column, ExperimentTable, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 1, "Simplifying": 6, "Measuring": 2}
 BUILTIN, DECIMATE = "built-in", "Decimate"
@@ -60,6 +70,7 @@ def table_of(args: argparse.Namespace, work: Work, _folder: Path) -> ExperimentT
             **distance_cells(distance),
             **measured(level.mesh, "closed", "volume_mm3"),
             "runs": level.runs,
+            **way_cells(distance),
         }
         for level, distance in zip(levels, distances, strict=True)
     ]
@@ -112,4 +123,5 @@ COLUMNS = (
     MEAN_MM,
     MAX_MM,
     Column("closed", lambda row: "yes" if row["closed"] else "no"),
+    *WAYS,
 )

@@ -26,9 +26,9 @@ from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
 from ..arguments import at_least, flags_checked
 from ..terminal import dimensions
-from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of
+from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of, way_cells
 from .plot import Plot, series
-from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, Column, ExperimentTable, Row, figures, runs_text, unique
+from .table import MAX_MM, MEAN_MM, TRIANGLES, VOLUME_ML, WAYS, Column, ExperimentTable, Row, figures, runs_text, unique
 
 STAGES = {"Reading": 1, "Reconstructing": 2, "Timing": 6, "Measuring": 1}
 # The stage of labels, smoothing and Otsu's threshold, which takes every pixel whatever the stride.
@@ -141,7 +141,7 @@ def _rows_of(
     """Return the rows of every stride; distances are those of all but the first."""
     reference = results[0].mesh.enclosed_volume
     rows: list[Row] = []
-    for result, pairs, distance in zip(results, runs, (SurfaceDistance(0.0, 0.0, 0.0), *distances), strict=True):
+    for result, pairs, distance in zip(results, runs, (SurfaceDistance(), *distances), strict=True):
         x, y, _ = sides = result.settings.stride
         preparing, seconds = map(list, zip(*pairs, strict=True))
         median, volume = statistics.median(seconds), result.mesh.enclosed_volume
@@ -158,6 +158,7 @@ def _rows_of(
                 "runs": seconds,
                 "sides_px": list(sides),
                 "sides_mm": [side * gap for side, gap in zip(sides, result.spacing_mm, strict=True)],
+                **way_cells(distance),
             }
         )
     return rows
@@ -175,4 +176,5 @@ COLUMNS = (
     figures("volume error, %", "volume_error_percent", 2),
     MEAN_MM,
     MAX_MM,
+    *WAYS,
 )

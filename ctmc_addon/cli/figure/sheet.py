@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 
 from ...blender.figure.spec import Comparison
-from ...core import Budget, Stages, length_text, volume_text
+from ...core import Budget, Stages, length_text, one_way_text, volume_text
 from ..arguments import flags_checked
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
@@ -59,15 +59,18 @@ def run(args: argparse.Namespace) -> None:
             *(distances.deviation, distances.limit_mm, Budget(args.threads), True),
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
-    rows = [("cell", "volume", "triangles", "seconds", "mean", "largest")]
+    rows = [("cell", "volume", "triangles", "seconds", "mean", "largest", "to full", "from full", "specks removed")]
     rows += [
         (
             f"({cell.letter}) {cell.title}",
             volume_text(cell.result.mesh.volume) if cell.result.mesh.closed else "open",
             str(len(cell.result.mesh.faces)),
             f"{cell.seconds:.3f}",
-            length_text(cell.mean_mm, 3),
-            length_text(cell.max_mm, 3),
+            length_text(cell.distance.mean, 3),
+            length_text(cell.distance.largest, 3),
+            one_way_text(cell.distance.to_full),
+            one_way_text(cell.distance.from_full),
+            str(cell.distance.lost.count),
         )
         for cell in cells
     ]

@@ -144,7 +144,8 @@ WRITERS: dict[str, Callable[[IO[bytes], Floats, NDArray[np.int32], Floats | None
     ".ply": _write_ply,
 }
 SUFFIXES = tuple(WRITERS)
-SURFACE_SUFFIXES = (*SUFFIXES, *STRUCTURE_SUFFIXES, *BLENDER_SUFFIXES)
+SCENE_SUFFIXES = (*STRUCTURE_SUFFIXES, *BLENDER_SUFFIXES)  # Files that hold several surfaces.
+SURFACE_SUFFIXES = (*SUFFIXES, *SCENE_SUFFIXES)
 
 
 def files_of(path: Path) -> tuple[Path, ...]:

@@ -9,13 +9,15 @@ from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
 from .pieces.kept_pieces import bodies_steps, keep_components_steps, with_faces
-from .topology import Groups, edges_steps
+from .topology import Edges, Groups, edges_steps
 from .triangle_mesh import blend
 
 if TYPE_CHECKING:
     from .diameter import largest_diameter, largest_diameter_steps
     from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
     from .distance.surface_distance import (
+        LostComponents,
+        OneWayDistance,
         ReferenceSurface,
         SurfaceDistance,
         surface_distance,

@@ -16,7 +16,15 @@ from numpy.typing import NDArray
 from ..progress import PAUSE, Stages, Step, Steps
 from .angles.triangle_angles import QualitySums, TriangleQuality, squared_length
 from .pieces.piece_links import PieceLinks
-from .topology import FACES_PER_STEP, component_numbers_steps, edge_ends, edge_keys_steps
+from .topology import (
+    FACES_PER_STEP,
+    EdgeKeys,
+    Edges,
+    component_numbers_steps,
+    edge_ends,
+    edge_keys_steps,
+    keys_of_edges_steps,
+)
 
 STAGES = {"Measuring area and volume": 3, "Measuring edges": 4, "Counting components": 3}
 SMALL_SHARE = 0.001  # Components that enclose less than this share of the largest one are small.
@@ -41,7 +49,7 @@ class Measures:
     euler : int
         Vertices in use - edges + faces; 2 for every closed component without handles.
     components : int
-        Number of connected components.
+        Number of connected components, the walls of cavities among them.
     small_components : int
         Components that enclose less than `small`, cavities among them; 0 if there are fewer than `MANY`.
     small : float
@@ -54,6 +62,8 @@ class Measures:
         Quality of the triangles for simulation; None if there are none.
     size : (x, y, z) float or None
         Sides of the box around the triangles along the axes; None where there are none.
+    cavities : int
+        Components whose triangles point into what they enclose: walls of cavities; 0 if all do.
     """
 
     faces: int
@@ -68,6 +78,12 @@ class Measures:
     vertices: int = 0
     quality: TriangleQuality | None = None
     size: tuple[float, float, float] | None = None
+    cavities: int = 0
+
+    @property
+    def bodies(self) -> int:
+        """The number of connected components, each with its cavities."""
+        return self.components - self.cavities
 
     @property
     def enclosed_volume(self) -> float | None:
@@ -80,13 +96,17 @@ class Measures:
         return self.small_components >= MANY
 
 
-def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Steps[Measures]:
+def measures_steps(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges | None = None
+) -> Steps[Measures]:
     """Measure a surface.
 
     Parameters
     ----------
     vertices : (V, 3) float32
     faces : (F, 3) int32
+    edges : (2, E) and (3, F) int32, optional
+        Result of `topology.edges_steps`, where someone else needs it too.
 
     Examples
     --------
@@ -98,7 +118,7 @@ def measures_steps(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> S
     (1.0, True, 2, 1)
     """
     measured = PieceMeasures()
-    yield from measured.add_steps(vertices, faces, len(vertices))
+    yield from measured.add_steps(vertices, faces, len(vertices), edges)
     return (yield from measured.measures_steps())
 
 
@@ -125,8 +145,10 @@ class PieceMeasures:
         self._seam = np.empty(0, np.int64)  # edges between them, their triangles, and those that run up
         self._seam_counts = np.empty((2, 0), np.int64)
 
-    def add_steps(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> Steps[None]:
-        """Take in the next piece: its `own` vertices and those of the next that it needs, and its triangles."""
+    def add_steps(
+        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int, known: Edges | None = None
+    ) -> Steps[None]:
+        """Take in the next piece: its `own` vertices and those of the next that it needs, its triangles, its edges."""
         stages = Stages(STAGES)
         sizes, edges, components = STAGES
         if not self._vertices and len(vertices):  # far from the origin the terms would cancel badly
@@ -134,7 +156,8 @@ class PieceMeasures:
         first = self._vertices
         self._add_vertices(vertices, faces, own)
         self._faces += len(faces)
-        yield from stages.run(edges, self._add_edges_steps(faces, len(vertices), own, first))
+        counting = edge_keys_steps(faces, len(vertices)) if known is None else keys_of_edges_steps(faces, *known)
+        yield from stages.run(edges, self._add_edges_steps(counting, own, first))
         numbers = yield from stages.run(components, self._links.add_steps(faces, own))
         yield from stages.run(sizes, self._add_sums_steps(vertices, faces, numbers))
 
@@ -152,6 +175,7 @@ class PieceMeasures:
             borders = yield from _borders_steps(ends.reshape(border.shape).astype(np.int32), len(numbers))
         closed = self._closed and self._faces > 0
         small = _small_below(float(np.abs(volumes).max(initial=0.0)))
+        cavities = int((volumes < 0).sum())
         return Measures(
             faces=self._faces,
             area=self._area,
@@ -165,6 +189,7 @@ class PieceMeasures:
             vertices=self._vertices,
             quality=self._quality.quality(),
             size=None if self._box is None else _sides(*self._box),
+            cavities=cavities if cavities < count else 0,
         )
 
     def _add_vertices(self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int) -> None:
@@ -181,8 +206,8 @@ class PieceMeasures:
         self._used_vertices += in_use
         self._used = used[own:]
 
-    def _add_edges_steps(self, faces: NDArray[np.int32], vertex_count: int, own: int, first: int) -> Steps[None]:
-        keys, irregular, its_counts = yield from edge_keys_steps(faces, vertex_count)
+    def _add_edges_steps(self, counting: Steps[EdgeKeys], own: int, first: int) -> Steps[None]:
+        keys, irregular, its_counts = yield from counting
         seam = int(np.searchsorted(keys, own << 31))  # the lower ends, in order
         at = np.searchsorted(keys, self._seam)
         again = keys.take(at, mode="clip") == self._seam if len(keys) else np.zeros(len(at), bool)
@@ -209,10 +234,10 @@ class PieceMeasures:
     ) -> Steps[None]:
         count = int(numbers.max(initial=-1)) + 1
         sums = np.zeros((8, count))
-        coordinates = vertices.T.astype(np.float64)  # (3, V): NumPy adds long rows faster than rows of 3
         for start in range(0, len(faces), FACES_PER_STEP):
             block, component = faces[start : start + FACES_PER_STEP], numbers[start : start + FACES_PER_STEP]
-            a, b, c = (coordinates.take(corner, axis=1) for corner in block.T)  # (3, f) each
+            # (3, f) each, in the order of C: NumPy adds long rows faster than rows of 3.
+            a, b, c = (np.take(vertices, corner, axis=0).T.astype(np.float64, order="C") for corner in block.T)
             u, v = b - a, c - a
             vectors = np.stack([u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]])
             for corner in (a, b, c):

@@ -17,8 +17,11 @@ from ..progress import PAUSE, Steps
 FACES_PER_STEP = 1 << 17
 BUCKET = 1 << 20  # Sort the edges of this many corners at once.
 
+Edges = tuple[Ints, Ints]  # As `edges_steps` returns them.
+EdgeKeys = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]  # As `edge_keys_steps` returns them.
 
-def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
+
+def edges_steps(faces: Ints, vertex_count: int) -> Steps[Edges]:
     """Every edge once, and the edges of every face.
 
     Parameters
@@ -34,6 +37,7 @@ def edges_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, Ints]]:
     face_edges : (3, F) int32
         Number of the edge from corner i to corner i + 1 of every face.
     """
+    yield PAUSE
     start, end = faces.ravel(), faces[[1, 2, 0]].ravel()
     yield PAUSE
     low, high = np.minimum(start, end), np.maximum(start, end)
@@ -78,9 +82,7 @@ def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArr
     return edge_ends(keys), count, upwards
 
 
-def edge_keys_steps(
-    faces: Ints, vertex_count: int
-) -> Steps[tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]]:
+def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
     """Every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     Returns
@@ -95,8 +97,12 @@ def edge_keys_steps(
     start, end = columns.ravel(), columns[[1, 2, 0]].ravel()
     yield PAUSE
     low = np.minimum(start, end)
-    both = np.maximum(start, end).astype(np.int64) << 1
+    yield PAUSE
+    both = np.maximum(start, end).astype(np.int64)
+    both <<= 1
+    yield PAUSE
     both |= low == start  # the direction in the lowest bit
+    yield PAUSE
     both |= low.astype(np.int64) << 32
     yield PAUSE
     parts, irregular, counts, edges = [np.empty(0, np.int64)], [np.empty(0, np.int64)], [np.empty((2, 0), np.int64)], 0
@@ -118,6 +124,35 @@ def edge_keys_steps(
         edges += len(keys)
         yield PAUSE
     return np.concatenate(parts), np.concatenate(irregular), np.concatenate(counts, axis=1)
+
+
+def keys_of_edges_steps(faces: Ints, ends: Ints, face_edges: Ints) -> Steps[EdgeKeys]:
+    """Return what `edge_keys_steps` does for `faces` (F, 3), from their edges: nothing is sorted again.
+
+    Parameters
+    ----------
+    faces : (F, 3) int32
+    ends, face_edges : (2, E) and (3, F) int32
+        As `edges_steps` returns them.
+    """
+    yield PAUSE
+    keys = ends[0].astype(np.int64)
+    keys <<= 31
+    keys |= ends[1]
+    yield PAUSE
+    count, upwards = np.zeros(len(keys), np.intp), np.zeros(len(keys), np.intp)
+    for corner in range(3):
+        edges = face_edges[corner]
+        yield PAUSE
+        count += np.bincount(edges, minlength=len(keys))
+        yield PAUSE
+        up = faces[:, corner] <= faces[:, (corner + 1) % 3]
+        yield PAUSE
+        upwards += np.bincount(edges[up], minlength=len(keys))
+        yield PAUSE
+    irregular = np.flatnonzero((count != 2) | (upwards != 1))
+    yield PAUSE
+    return keys, irregular, np.stack([count[irregular], upwards[irregular]]).astype(np.int64)
 
 
 def edge_ends(keys: NDArray[np.int64]) -> Ints:

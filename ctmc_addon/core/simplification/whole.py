@@ -148,9 +148,9 @@ class Simplification:
                 "surface or losing a component that is to stay"
             )
         if self.collapsed.count:
-            message += f"; {self.collapsed.count} small components were collapsed"
+            message += f"; specks removed: {self.collapsed.count}"
         if self.handles_cut:
-            message += f"; small handles cut: {self.handles_cut}"
+            message += f"; small handles removed: {self.handles_cut}"
         if self.self_intersections:
             message += f"; pairs of triangles that cross each other: {self.self_intersections}"
         return message

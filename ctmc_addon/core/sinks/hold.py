@@ -30,7 +30,10 @@ class Hold(Sink):
             else:
                 held.append(item)
         surface = yield from joined_steps(held)
-        return Taken(surface.at(alpha), surface, wrong_side=source.result)
+        yield PAUSE
+        mesh = surface.at(alpha)
+        yield PAUSE
+        return Taken(mesh, surface, wrong_side=source.result)
 
     def mesh_steps(self, mesh: TriangleMesh) -> Steps[Taken]:
         """Take a mesh that is done."""
@@ -58,11 +61,13 @@ def joined_steps(pieces: list[Surface]) -> Steps[Surface]:
     yield PAUSE
     all_normals = [piece.normals for piece in pieces if piece.normals is not None]
     normals = np.concatenate(all_normals) if all_normals else None
+    yield PAUSE
     faces = joined(lambda piece: piece.faces)
     yield PAUSE
     start = 0
     for piece, first in zip(pieces, vertices, strict=False):
         faces[start : start + len(piece.faces)] += np.int32(first)
         start += len(piece.faces)
+        yield PAUSE
     pieces.clear()
     return Surface(midpoints, linear, faces, normals)

@@ -17,7 +17,7 @@ from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
-from ..progress import Stages, Steps
+from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
@@ -59,6 +59,7 @@ def without_small_steps(
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
     surface, removed = yield from kept_and_removed_steps(surface, alpha, limits_of(settings))
+    yield PAUSE
     mesh = surface.at(alpha)
     return replace(
         full,
@@ -77,6 +78,17 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     if limits_of(settings).ask_more_than(limits_of(full.settings)):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
+
+
+def handles_sentence(count: int) -> str:
+    """Return how many small handles simplification cut and capped.
+
+    Examples
+    --------
+    >>> handles_sentence(897), handles_sentence(1)
+    ('897 small handles removed', '1 small handle removed')
+    """
+    return "1 small handle removed" if count == 1 else f"{count:,} small handles removed"
 
 
 def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
@@ -235,9 +247,9 @@ class Finish:
         if crossings:
             notes.append(f"Pairs of triangles that cross each other: {crossings:,}.")
         if collapsed.count:
-            notes.append(f"{collapsed.sentence()}.")
+            notes.append(collapsed.sentence())
         if simplification.handles_cut:
-            notes.append(f"Small handles that were cut and capped: {simplification.handles_cut:,}.")
+            notes.append(handles_sentence(simplification.handles_cut))
         target = self.settings.target_faces or round(before * (1 - (self.settings.reduction or 0)))
         if self.settings.max_error_mm is None and after > target:
             notes.append(

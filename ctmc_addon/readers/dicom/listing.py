@@ -13,7 +13,7 @@ from statistics import median
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError
+from ...core import ReadError, one_line
 from ..result import Series
 from .header import Slice
 from .pixels import output_types
@@ -60,6 +60,27 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
             )
         )
     return tuple(lines)
+
+
+def series_names(series: Sequence[Series]) -> tuple[str, ...]:
+    """Return names for the screen that tell series apart: the operator's descriptions, else folders, else numbers.
+
+    Examples
+    --------
+    >>> series_names([Series(1, "", 9, (8, 8), "CT", folder="MASKS/liver"), Series(2, "", 9, (8, 8), "CT")])
+    ('MASKS/liver', '2: CT')
+    """
+    descriptions = Counter(line.description for line in series)
+    folders = Counter(line.folder for line in series)
+    names = []
+    for line in series:
+        name = f"{line.number}: {line.description or line.modality}"
+        if line.description and descriptions[line.description] == 1:
+            name = line.description
+        elif line.folder not in ("", ".") and folders[line.folder] == 1:
+            name = line.folder
+        names.append(one_line(name))
+    return tuple(names)
 
 
 def _times_and_spacing(slices: Sequence[Slice], path: Path) -> tuple[int, int, float | None]:

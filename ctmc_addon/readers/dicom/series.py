@@ -14,9 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core import ReadError, Stages, Steps
+from ...core import DamagedSliceError, ReadError, Stages, Steps
 from ...core.volume import SPACING_LIMITS, ValueKind, is_spacing
-from ..file_formats import files_below, natural_key, stem, suffix
+from ..file_formats import files_below, natural_key, suffix, volume_stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
 from ..options import ReadingOptions
 from ..registry import FORMATS
@@ -24,6 +24,7 @@ from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
 from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
 from .listing import is_placed, is_scout, largest_group, listed, turning
+from .mask_series import masks_among_steps
 from .pixel_format import high_bit_notes
 from .pixels import check_codec
 from .slices import values_steps
@@ -59,13 +60,32 @@ class DicomSource(VolumeSource):
         named_path = path if path.is_dir() or multi_frame else path.absolute().parent
         unused = [*(image.path for image in content.color), *(broken.path for broken in content.broken)]
         files = [*(image.path for image in images), *unused]
-        super().__init__(path, listed(content.series, path), files, stem(named_path))
+        super().__init__(path, listed(content.series, path), files, volume_stem(named_path))
+        self.masks: frozenset[str] = frozenset()
+
+    def find_masks_steps(self) -> Steps[None]:
+        """Find the masks among the series with the most slices, which their CT shares with them."""
+        most = max(map(self._extent, self.series), default=None)
+        equals = [line.uid for line in self.series if self._extent(line) == most]
+        if len(equals) > 1:
+            masks = yield from masks_among_steps([self.content.series[uid] for uid in equals], self.path)
+            self.masks = frozenset(equals[number] for number in masks)
 
     def selected_series(self, series: str | int | None) -> Series | None:
-        """Return the series that would be read; by default the one with the most slices that have a place."""
-        requested_series = "" if series is None else str(series).strip()
-        matching = [line for line in self.series if requested_series in ("", line.uid, str(line.number))]
-        return max(matching, key=lambda line: (self._has_place(line), line.slices, -line.number), default=None)
+        """Return the series that would be read; by default the one with the most slices that have a place.
+
+        Among equals a mask comes last. A UID or number names a series, else its folder or its description.
+        """
+        requested = "" if series is None else str(series).strip()
+        matching = [line for line in self.series if requested in ("", line.uid, str(line.number))]
+        if not matching:
+            names = {line: {line.folder.casefold(), line.description.casefold()} for line in self.series}
+            matching = [line for line in self.series if requested.casefold() in names[line]]
+        return max(matching, key=self._preference, default=None)
+
+    def _preference(self, line: Series) -> tuple[bool, int, bool, int]:
+        """Return the sort key of a series; the highest is read by default."""
+        return (*self._extent(line), line.uid not in self.masks, -line.number)
 
     def images_read(self, options: ReadingOptions) -> list[Path]:
         """Return the files of the images that a volume is read from, in the order in which they were taken."""
@@ -74,16 +94,19 @@ class DicomSource(VolumeSource):
         taken = times_of(slices)[self.selected_time(options.series, options.time)[0] - 1]
         return list(dict.fromkeys(ct_slice.image.path for ct_slice in taken))
 
-    def _has_place(self, line: Series) -> bool:
-        """Return whether slices of a series have positions; pictures without them make no volume."""
-        return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
+    def _extent(self, line: Series) -> tuple[bool, int]:
+        """Return whether slices of a series have positions, without which they make no volume, and their number."""
+        return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid]), line.slices
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the series with the most slices, or the one that `request` names."""
         uid, notes = self._selected(request.series or "")
         slices, left_out = one_geometry(self.content.series[uid], self.path)
         notes += left_out
-        _check_whole(self.content, uid)
+        damaged = _damaged(self.content, uid)
+        if damaged and not request.skip_damaged:
+            remedy = "or set skip_damaged to read the series without it"
+            raise DamagedSliceError(f"{truncated(damaged[0])}, {remedy}")
         slices = times_of(slices)[request.time - 1]
         color = sum(image.series == uid for image in self.content.color)
         if color:
@@ -98,6 +121,7 @@ class DicomSource(VolumeSource):
                 check_codec(image)
         stack, own_spacing = _stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
+        notes += _damaged_notes(damaged, self.content.series[uid], stack)
         stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
         decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
@@ -130,6 +154,8 @@ class DicomSource(VolumeSource):
         if requested_series or len(self.series) == 1:
             return line.uid, []
         count = len(self.series)
+        if self.masks:
+            return line.uid, [f"{count} series found: series {line.number}, which is not a mask, was read"]
         return line.uid, [f"{count} series found: series {line.number}, with the most slices, was read"]
 
 
@@ -173,12 +199,14 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     ReadError
         If a file at `path` is no DICOM image or is damaged.
     """
-    stages = Stages({"Reading header": 1, "Reading headers": 19})
+    stages = Stages({"Reading header": 1, "Reading headers": 19, "Looking at masks": 1})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
         candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
         headers = yield from stages.run("Reading headers", headers_steps(candidates))
-        return DicomSource(path, _sorted_out(headers))
+        source = DicomSource(path, _sorted_out(headers))
+        yield from stages.run("Looking at masks", source.find_masks_steps())
+        return source
     (own,) = yield from stages.run("Reading header", _each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):
         kind = kind_in_words(path)
@@ -267,12 +295,30 @@ def _is_named_dicom(path: Path) -> bool:
     return suffix(path) in FORMATS["DICOM"].suffixes or (not suffix(path) and path.stat().st_size < SHORTEST)
 
 
-def _check_whole(content: FolderContent, uid: str) -> None:
-    """Refuse a series with a broken file, because a slice would be missing silently."""
-    for broken in content.broken:
-        cut_off = broken.series not in content.series and uid.startswith(broken.series)  # within its UID
-        if broken.series == uid or cut_off:
-            raise truncated(broken)
+def _damaged(content: FolderContent, uid: str) -> list[Broken]:
+    """Return the damaged files of a series, without which slices would be missing silently."""
+    return [
+        broken
+        for broken in content.broken
+        if broken.series == uid  # or one that was cut off within its UID
+        or (broken.series not in content.series and uid.startswith(broken.series))
+    ]
+
+
+def _damaged_notes(damaged: Sequence[Broken], slices: Sequence[Slice], stack: Stack) -> list[str]:
+    """Return the note about slices that were left out, by their number: the names of files may hold a patient's."""
+    if not damaged:
+        return []
+    paths = {ct_slice.image.path for ct_slice in slices} | {broken.path for broken in damaged}
+    numbers = {path: number for number, path in enumerate(sorted(paths, key=natural_key), 1)}
+    left_out = sorted(numbers[broken.path] for broken in damaged)
+    gap = "the gap was filled by linear interpolation" if stack.resampled else "no uneven gap remains"
+    if len(left_out) == 1:
+        return [f"slice {left_out[0]} of {len(paths)}, by file name, is damaged and was left out; {gap}"]
+    some = [str(number) for number in left_out[:MOST_LISTED]]
+    some += ["more"] if len(left_out) > MOST_LISTED else []
+    named = f"{', '.join(some[:-1])} and {some[-1]}"
+    return [f"slices {named} of {len(paths)}, by file name, are damaged and were left out; {gap}"]
 
 
 def truncated(broken: Broken) -> ReadError:

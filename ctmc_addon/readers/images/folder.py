@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError, Stages, Steps
 from ...core.files.input_files import add_inputs
-from ..file_formats import format_of, natural_key, stem, suffix
+from ..file_formats import format_of, natural_key, suffix, volume_stem
 from ..optional_imports import imported_steps, quiet_batches_steps
 from ..registry import BY_SUFFIX, FORMATS, IMAGE_SUFFIXES, PAGE_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
@@ -47,7 +47,7 @@ class _ImageFolder(VolumeSource):
         first = headers[0]
         series = Series(1, "", len(headers) // times, (first.columns, first.rows), "", first.dtype.name, times)
         files = list(dict.fromkeys(header.path for header in headers))
-        super().__init__(folder, (series,), files, stem(folder.absolute()))
+        super().__init__(folder, (series,), files, volume_stem(folder.absolute()))
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Decode the slices, several at a time."""
@@ -134,7 +134,7 @@ def open_folder_steps(folder: Path, own_slice: Path | None = None) -> Steps[Volu
         stack = opened_stack(images[0]) if headers[0].pages > 1 else None
         if stack is None:
             raise ReadError(f"{name} has only one slice ({images[0].name}); a surface needs at least 2 slices")
-        stack.name = stem(folder)
+        stack.name = volume_stem(folder)
         return stack
     _check_alike(headers)
     check_numbers(images)

@@ -25,8 +25,8 @@ from ...core.volume import (
     farthest_corner_mm,
     spacing_of,
 )
+from ..dicom.mask_series import middle_is_mask_steps
 from ..dicom.series import DicomSource, FolderContent
-from ..dicom.stored import StoredPixels
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
 from ..registry import MASK_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource
@@ -236,25 +236,12 @@ def in_folders_steps(source: DicomSource) -> Steps[_MaskFolder | None]:
     for number, folder in enumerate(sorted(folders, key=natural_key)):
         yield Step(number / len(folders), "Looking at masks")
         mask = DicomSource(folder, folders[folder])
-        if not (yield from _middle_is_mask_steps(mask)):
+        slices = folders[folder].series[mask.series[0].uid]
+        if len(mask.series) > 1 or len(slices) < FEWEST or not (yield from middle_is_mask_steps(slices)):
             return None
         inner = folder.relative_to(source.path).as_posix()
         masks[folder.name if folder.name not in masks else inner] = mask
     return checked(source.path, masks)
-
-
-def _middle_is_mask_steps(source: DicomSource) -> Steps[bool]:
-    """Return whether the slice in the middle of a folder has two values at most: no CT has."""
-    slices = source.content.series[source.series[0].uid]
-    if len(source.series) > 1 or len(slices) < 2:
-        return False
-    middle = slices[len(slices) // 2]
-    try:
-        with StoredPixels([middle]) as pixels:
-            two_values((yield from pixels.slice_steps(0, Step(0.0, "Looking at masks"))))
-    except (CtmcError, NotAMask):
-        return False
-    return True
 
 
 def checked(folder: Path, masks: Mapping[str, VolumeSource]) -> _MaskFolder:

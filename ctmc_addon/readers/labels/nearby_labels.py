@@ -7,11 +7,11 @@ import os
 from pathlib import Path
 
 from ..dicom.labels.classes import label_class
+from ..dicom.mask_series import is_named_mask
 from ..file_formats import files_below, natural_key, segmentation_sibling
 
-NAMES = ("mask", "segment", "label")
-"""Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
 MOST_FILES = 5000  # Only this many files of a folder are examined.
+FEW_FILES = 10  # A folder beside the CT with more files is that of another CT, or of masks.
 
 
 def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -20,7 +20,7 @@ def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     Parameters
     ----------
     path : path
-        File or folder of the CT.
+        File or folder of the CT; of slices their folder.
     """
     ct = Path(path).absolute()
     sibling = segmentation_sibling(ct)
@@ -29,12 +29,19 @@ def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
     try:
         folder = ct if ct.is_dir() else ct.parent
         below = [file for _, file in zip(range(MOST_FILES), files_below(folder), strict=False)]
-        labels = [file for file in below if file != ct and label_class(file)]
         folders = [ct.parent, ct] if ct.is_dir() else [ct.parent]
         inner = [entry for around in folders for entry in around.iterdir() if entry.is_dir() and entry != ct]
+        beside = [entry for entry in inner if ct.is_dir() and entry.parent == ct.parent]
+        labels = [file for file in below if file != ct and label_class(file)]
+        labels += [file for entry in beside for file in _label_files(entry)]
     except OSError:
         return ()
     holders = {around for file in labels for around in file.parents}
-    named = [entry for entry in inner if any(word in entry.name.casefold() for word in NAMES)]
-    masks = [entry for entry in named if entry not in holders]
+    masks = [entry for entry in inner if is_named_mask([entry.name]) and entry not in holders]
     return (*sorted(labels, key=natural_key), *sorted(masks, key=natural_key))
+
+
+def _label_files(folder: Path) -> list[Path]:
+    """Return the files of a folder if they are few and all of them labels, such as `mask` beside `image`."""
+    files = [file for _, file in zip(range(FEW_FILES + 1), files_below(folder), strict=False)]
+    return files if len(files) <= FEW_FILES and all(map(label_class, files)) else []

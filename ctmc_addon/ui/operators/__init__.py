@@ -7,7 +7,7 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import figure, figure_view, rotation
-    from .ct import histogram, load, load_labels, patient_table, region, slice, structure_list, threshold, view
+    from .ct import histogram, load, load_labels, patient_table, region, scans, slice, structure_list, threshold, view
     from .draw import edits, grow, quad_view, radius, refuse, scissors, stroke, structures
     from .scene import cut_away, pick_point, rulers, slice_object, studio, volume_object
     from .surface import alpha, components, export, pick_component, reconstruct, results, simplify, table
@@ -16,6 +16,7 @@ def modules() -> tuple[Any, ...]:
         load,
         load_labels,
         patient_table,
+        scans,
         structure_list,
         view,
         threshold,

@@ -39,6 +39,10 @@ class SaveDialog:
         """Write the file."""
         raise NotImplementedError
 
+    def report_of(self, path: Path) -> str:
+        """Return the report of a written file."""
+        return translate("Wrote {name}").format(name=path.name)
+
     def warnings(self, context: bpy.types.Context) -> list[str]:
         """Return warnings for readers of the file; none by default."""
         return []
@@ -60,6 +64,6 @@ class SaveDialog:
             self.write(context, path)
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
-        wrote, warnings = translate("Wrote {name}").format(name=path.name), self.warnings(context)
+        wrote, warnings = self.report_of(path), self.warnings(context)
         self.report({"WARNING"} if warnings else {"INFO"}, "; ".join([wrote, *warnings]))
         return {"FINISHED"}

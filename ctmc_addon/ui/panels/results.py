@@ -65,7 +65,9 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.42)
+    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.45)
+    if provenance is not None and obj.data.is_editmode:
+        draw_text(layout, context, translate("Leave edit mode first"), "INFO")
     _draw_mending(layout, measurement)
     column = layout.column(align=True)
     column.label(text=translate("Pick Component"), translate=False)
@@ -75,11 +77,11 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
     column = layout.column(align=True)
     column.operator("ctmc.deviation_map", icon="COLOR")
-    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown())
+    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown_on(obj))
     layout.operator("ctmc.export", text="Export ...", icon="EXPORT")
     if provenance is not None:
         draw_shape_change(layout, context, obj)
-    for note in () if provenance is None else provenance.notes:
+    for note in () if provenance is None else measurements.other_notes(provenance.notes, measurement):
         draw_text(layout, context, translate_sentence(note), "INFO")
 
 
@@ -108,15 +110,20 @@ def surface_text(measures: Measures | None) -> str:
 
 
 def components_text(measures: Measures | None) -> str:
-    """Return how many components a surface has, and how many are small."""
+    """Return how many components and cavities a surface has, and how many of both are small."""
     if measures is None:
         return translate("Components: not counted")
-    text = "{count} components"
+    counts = [_counted("1 component", "{count} components", measures.bodies)]
+    if measures.cavities:
+        counts.append(_counted("1 cavity", "{count} cavities", measures.cavities))
     if measures.has_many_small_components:
-        text = "{count} components, {small} below {volume}"
-    text = translate("1 component" if measures.components == 1 else text)
-    small = count(measures.small_components)
-    return text.format(count=count(measures.components), small=small, volume=volume_text(measures.small))
+        small = count(measures.small_components)
+        counts.append(translate("{small} below {volume}").format(small=small, volume=volume_text(measures.small)))
+    return ", ".join(counts)
+
+
+def _counted(one: str, several: str, number: int) -> str:
+    return translate(one if number == 1 else several).format(count=count(number))
 
 
 def facts_of(

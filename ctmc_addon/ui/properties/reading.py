@@ -14,7 +14,7 @@ from ...readers import ReadingOptions
 from .described import as_typed, property_of, tooltip
 from .kinds import boolean, booleans
 
-SHOWN = ("spacing", "flip", "series", "time", "strict", "remove_table")
+SHOWN = ("spacing", "flip", "series", "time", "strict", "skip_damaged", "remove_table")
 """The options that say what is read; the others are for the command line (colors are changed in the list)."""
 SIDES = {"x": "Left - Right", "y": "Front - Back", "z": "Head - Feet"}
 LOOKS: dict[str, dict[str, Any]] = {"spacing": {"subtype": "XYZ", "unit": "CAMERA"}}
@@ -65,8 +65,16 @@ def chosen(properties: Any, flip: str) -> ReadingOptions:
         if name != "flip":
             value = as_typed(getattr(properties, name), descriptions(ReadingOptions)[name])
             values[name] = value if any(value if isinstance(value, tuple) else (value,)) else None
-    switches = {"strict": properties.strict, "remove_table": properties.remove_table}
+    switches = {name: getattr(properties, name) for name in ("strict", "skip_damaged", "remove_table")}
     return ReadingOptions(**values | {"flip": flip} | switches)
+
+
+def set_button(button: Any, options: ReadingOptions) -> None:
+    """Set the properties of a button that reads a CT with these options."""
+    for name in SHOWN:
+        value = getattr(options, name)
+        if value is not None:
+            setattr(button, name, value)
 
 
 def show_options(stored: Any, options: ReadingOptions) -> None:

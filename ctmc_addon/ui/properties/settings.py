@@ -28,6 +28,9 @@ from .structures import CLASSES, StructureMethods, structure_properties, tick_on
 
 OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 """Settings that mean nothing for another CT, which presets leave alone."""
+OF_GRAY = {other for group in EXCLUSIVE if "label" in group for other in group} - {"label"}
+"""Settings of a surface by gray value. `use_label` alone decides between them and the structures: each side keeps its
+own, so looking at the other side loses nothing."""
 
 
 class _SettingsMethods(StructureMethods):
@@ -44,7 +47,7 @@ class _SettingsMethods(StructureMethods):
         values = {
             name: as_typed(getattr(self, name), about)
             for name, about in SETTINGS.items()
-            if not optional(name) or getattr(self, switch(name))
+            if not optional(name) or (getattr(self, switch(name)) and not (self.use_label and name in OF_GRAY))
         }
         return ReconstructionSettings.from_dict(values)
 
@@ -58,8 +61,9 @@ class _SettingsMethods(StructureMethods):
         self.from_settings(ReconstructionSettings(**values), but=OF_ONE_VOLUME)
 
     def from_settings(self, settings: ReconstructionSettings, but: Set[str] = frozenset()) -> None:
-        """Show these settings, except those named in `but`."""
-        for name in (name for name in SETTINGS if name not in but):
+        """Show these settings, except those named in `but`; those of a label leave the threshold alone."""
+        left = but if settings.label is None else but | OF_GRAY
+        for name in (name for name in SETTINGS if name not in left):
             value = getattr(settings, name)
             if value is not None and value not in SETTINGS[name].words:  # Words such as auto are for scripts.
                 setattr(self, name, value)
@@ -75,6 +79,8 @@ def _on_change(name: str) -> Callable[[Any, Any], None]:
             properties.region_for = properties.volume_fingerprint
         if optional(name) and not getattr(properties, switch(name)):
             setattr(properties, switch(name), True)
+        if name in OF_GRAY and properties.use_label:
+            properties.use_label = False
         if name == "smoothing" and not has_width(properties.smoothing):
             properties.use_smoothing_mm = False
         if name == "label":
@@ -86,7 +92,9 @@ def _on_change(name: str) -> Callable[[Any, Any], None]:
 
 def _on_switch(name: str) -> Callable[[Any, Any], None]:
     """Return an update function: switching one of several rivals on switches the others off."""
-    rivals = [other for group in EXCLUSIVE if name in group for other in group if other != name]
+    rivals = [
+        other for group in EXCLUSIVE if name in group and "label" not in group for other in group if other != name
+    ]
 
     def update(properties: Any, _context: Any) -> None:
         if getattr(properties, switch(name)):

@@ -45,7 +45,7 @@ class CostEstimates:
     @property
     def seconds(self) -> float:
         """Return the predicted time of all surfaces together, seconds."""
-        return sum(estimate.seconds for estimate in self.estimates)
+        return CALIBRATION.seconds(self.estimates)
 
     @property
     def refusal(self) -> str:
@@ -65,24 +65,18 @@ def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -
     return CostEstimates(settings, tuple(estimates))
 
 
-def learn(scene_uid: int, results: Sequence[Reconstruction], seconds: float) -> None:
-    """Correct the next estimate by the measured cost of these surfaces.
+def learn(scene_uid: int, results: Sequence[Reconstruction], **seconds: float) -> None:
+    """Correct the next estimate by the seconds of these surfaces, if their cost was counted.
 
     Parameters
     ----------
     scene_uid : int
         session_uid of the scene.
     results : sequence of Reconstruction
-    seconds : float
-        Time for all of them after their last stages, shared by triangles: equal shares would make every
-        triangle of a small surface expensive.
+    seconds
+        As `Calibration.learn` takes them.
     """
     scene = session.scene_of(scene_uid)
     cost = None if scene is None else session.of(scene).cost
-    if cost is None or cost.error:
-        return
-    estimates = dict(zip(cost.settings, cost.estimates, strict=True))
-    pairs = [(estimates[result.settings], result) for result in results if result.settings in estimates]
-    faces = max(1, sum(estimate.faces for estimate, _ in pairs))
-    for estimate, result in pairs:
-        CALIBRATION.learn(estimate, result, seconds * estimate.faces / faces)
+    if cost is not None and cost.estimates and cost.settings == tuple(result.settings for result in results):
+        CALIBRATION.learn(cost.estimates, results, **seconds)

@@ -160,13 +160,13 @@ def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
     if labels and stored.label not in [line.value for line in labels]:
         chosen["label"] = next((line for line in labels if line.chosen), labels[0]).value
     if not len(stored.labels) and stored.use_label and not of_labels:
-        chosen.update(use_label=False, use_threshold=stored.is_property_set("threshold"))
+        chosen["use_label"] = False
     return chosen
 
 
 def chosen_in(stored: Any) -> dict[str, Any]:
     """Return the marked line and the settings that choose the surface; a value precedes its switch."""
-    return {name: getattr(stored, name) for name in ("label_index", "label", "use_label", "use_threshold")}
+    return {name: getattr(stored, name) for name in ("label_index", "label", "use_label")}
 
 
 def choose(stored: Any, chosen: dict[str, Any]) -> None:

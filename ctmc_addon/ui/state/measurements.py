@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import math
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -17,8 +18,9 @@ import numpy as np
 
 from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state
-from ...core import FinishedSurface, Stages, Steps, TriangleMesh
+from ...core import FinishedSurface, Stages, Steps, TriangleMesh, is_specks_text
 from ...core.mesh import (
+    Edges,
     Measures,
     ReferenceSurface,
     SurfaceDistance,
@@ -49,21 +51,28 @@ class Measurement:
     @property
     def finished(self) -> FinishedSurface:
         """Return the measures of the surface, counts included."""
+        collapsed = None
+        if self.distance is not None:
+            lost = self.distance.lost
+            collapsed = {"count": lost.count, "mm3": lost.volume}
         return FinishedSurface(
-            measures=self.measures, distance=self.distance, self_intersections=self.self_intersections
+            measures=self.measures,
+            collapsed_components=collapsed,
+            distance=self.distance,
+            self_intersections=self.self_intersections,
         )
 
 
 def measurement_steps(
-    mesh: TriangleMesh, full: TriangleMesh | None, self_intersections: int | None = None
+    mesh: TriangleMesh, full: TriangleMesh | None, self_intersections: int | None = None, edges: Edges | None = None
 ) -> Steps[Measurement]:
     """Measure a surface, and its distance from the surface before simplification; both meshes in RAS+ mm.
 
-    `self_intersections` are counted if they are None.
+    `self_intersections` are counted if they are None; `edges` are found if they are None.
     """
     stages = Stages(STAGES)
     measuring, crossing, comparing = STAGES
-    measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces))
+    measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces, edges))
     if self_intersections is None:
         pairs = yield from stages.run(crossing, self_intersections_steps(mesh.vertices, mesh.faces))
         self_intersections = len(pairs)
@@ -134,7 +143,9 @@ def keep(obj: bpy.types.Object, measurement: Measurement, state: State) -> None:
 
 
 def of(obj: bpy.types.Object) -> Measurement | None:
-    """Return the measurements of an object in its present state; None if it was not measured."""
+    """Return the measurements of an object in its present state; None if it was not measured, or in edit mode."""
+    if obj.data.is_editmode:
+        return None
     try:
         stored = parsed_json(obj[PROPERTY])
         if stored.pop("state") != mesh_state(obj):
@@ -143,8 +154,16 @@ def of(obj: bpy.types.Object) -> Measurement | None:
             stored["measures"].pop("small_components", None)
         if "quality" in stored:  # Files of 0.3 and 0.4 have it outside of the measures.
             stored["measures"]["quality"] = stored.pop("quality")
+        if stored.get("distance") is not None and "largest" in stored["distance"]:
+            stored["distance"] = None  # Files of 0.3 count lost components too.
         measurement: Measurement = from_stored(Measurement, stored)
     except (KeyError, TypeError, ValueError):
         return None  # Made by an older version, or another add-on.
     # An open surface has no volume, and every other has one.
     return None if measurement.measures.closed == math.isnan(measurement.measures.volume) else measurement
+
+
+def other_notes(notes: Sequence[str], measurement: Measurement | None) -> list[str]:
+    """Return the notes on a surface without that on collapsed components, if its measures have these."""
+    known = measurement is not None and measurement.distance is not None
+    return [note for note in notes if not (known and is_specks_text(note))]

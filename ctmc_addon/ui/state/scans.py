@@ -11,13 +11,15 @@ from typing import Any
 
 import bpy
 
-from ...blender.scene.ct_box import boxes_in, fingerprint_of_box
+from ...blender.scene.ct_box import box_of, boxes_in, fingerprint_of_box, paths_of_boxes, remove_box
 from ...blender.surface import read_provenance
-from ..properties.scans import take_over
+from .. import jobs
+from ..properties.scans import clear as clear_state, take_over
 from ..properties.structures import filling
-from . import change_events
+from . import change_events, volumes
 
 _seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
+_had_box: set[tuple[int, str]] = set()  # CTs whose box was seen in a scene: session_uid and fingerprint.
 
 
 def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
@@ -40,6 +42,67 @@ def forget(scene: bpy.types.Scene, fingerprint: str) -> None:
     for number in reversed(range(len(scene.ctmc_scans))):
         if scene.ctmc_scans[number].volume_fingerprint == fingerprint:
             scene.ctmc_scans.remove(number)
+
+
+def state_of(scene: bpy.types.Scene, fingerprint: str) -> Any | None:
+    """Return the panel's state of a CT of a scene; None for a CT that the scene does not have."""
+    return next((ct for ct in all_of(scene) if fingerprint and ct.volume_fingerprint == fingerprint), None)
+
+
+def name_of(scene: bpy.types.Scene, ct: Any) -> str:
+    """Return the name of a CT of a scene, in memory or not."""
+    loaded = volumes.ct_of(ct.volume_fingerprint)
+    if loaded is not None:
+        return volumes.called_as(ct, loaded)
+    box = box_of(scene, ct.volume_fingerprint, ct.volume_path)
+    return str(ct.volume_name).strip() or (volumes.name_of(ct.volume_path) if box is None else box.name)
+
+
+def listed(scene: bpy.types.Scene) -> list[Any]:
+    """Return the panel's state of each CT of a scene, by name: a CT that becomes the panel's keeps its row."""
+    cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
+    return sorted(cts, key=lambda ct: (name_of(scene, ct).casefold(), ct.volume_fingerprint))
+
+
+def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
+    """Remove a CT from a scene, with its box; the panel shows the next one, if any. Its values stay in memory."""
+    ct = state_of(scene, fingerprint)
+    if ct is None:
+        return
+    if ct == scene.ctmc:
+        following = next(iter(scene.ctmc_scans), None)
+        with filling():
+            if following is None:
+                clear_state(ct)
+            else:
+                take_over(ct, following)
+        forget(scene, ct.volume_fingerprint)
+        change_events.notify(ct, "volume")
+    else:
+        forget(scene, fingerprint)
+    remove_box(scene, fingerprint)
+    _had_box.discard((scene.session_uid, fingerprint))
+
+
+def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
+    """Remove CTs whose box was deleted; their values stay in memory, because undo brings the box back.
+
+    Two readings of a path share a box.
+    """
+    cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
+    if not cts or jobs.running() is not None:
+        return
+    uid, boxes = scene.session_uid, paths_of_boxes(scene)
+    gone = []
+    for ct in cts:
+        fingerprint = ct.volume_fingerprint
+        if fingerprint in boxes or ct.volume_path in boxes.values():
+            _had_box.add((uid, fingerprint))
+        elif (uid, fingerprint) in _had_box:
+            gone.append(fingerprint)
+    for fingerprint in gone:  # Removing one moves the others.
+        remove(scene, fingerprint)
+        _had_box.add((uid, fingerprint))  # Undo may bring back the list without the box.
 
 
 def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
@@ -100,8 +163,6 @@ def note(context: bpy.types.Context) -> None:
 
 def follow(*_: Any) -> None:
     """Switch the panel to the CT of the newly active object or collection."""
-    from .. import jobs
-
     context = bpy.context
     if context.scene is None or context.view_layer is None or not len(context.scene.ctmc_scans):
         return
@@ -121,22 +182,23 @@ def notice(context: bpy.types.Context) -> None:
 
 
 def clear(*_: Any) -> None:
-    """Forget the active objects, because another file is loaded."""
+    """Forget the active objects and the boxes, because another file is loaded."""
     _seen.clear()
+    _had_box.clear()
 
 
-HANDLERS = {"depsgraph_update_post": follow, "load_pre": clear}
+HANDLERS = (("depsgraph_update_post", follow), ("depsgraph_update_post", drop_deleted), ("load_pre", clear))
 
 
 def register() -> None:
-    """Listen for changes of the active object, and for another file."""
-    for name, handler in HANDLERS.items():
+    """Listen for changes of the active object, for deleted boxes, and for another file."""
+    for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
 
 
 def unregister() -> None:
     """Stop listening."""
-    for name, handler in HANDLERS.items():
+    for name, handler in HANDLERS:
         getattr(bpy.app.handlers, name).remove(handler)
     if bpy.app.timers.is_registered(follow):
         bpy.app.timers.unregister(follow)

@@ -28,6 +28,8 @@ class Session:
         The last error; stays until the next action.
     load_message : str
         The error of the last load; stays until the next.
+    refused : (path, ReadingOptions) or None
+        The CT that was not loaded because a slice is damaged; it can be read without that slice.
     full : dict of Origin to Reconstruction
         Surfaces of the last run before simplification: the next level of simplification needs no extraction.
     cost : CostEstimates or None
@@ -43,6 +45,7 @@ class Session:
 
     message: str = ""
     load_message: str = ""
+    refused: tuple[str, Any] | None = None
     full: dict[Origin, Reconstruction] = field(default_factory=dict)
     cost: Any = None
     rotation: Any = None
@@ -57,6 +60,13 @@ _sessions: dict[int, Session] = {}
 def of(scene: bpy.types.Scene) -> Session:
     """Return the session of a scene."""
     return _sessions.setdefault(scene.session_uid, Session())
+
+
+def drop_surfaces(fingerprint: str) -> None:
+    """Release the surfaces before simplification of a CT that is no longer in memory, and what was counted for it."""
+    for scene_session in _sessions.values():
+        scene_session.full = {key: full for key, full in scene_session.full.items() if key[0] != fingerprint}
+        scene_session.cost = None
 
 
 def scene_of(uid: int) -> bpy.types.Scene | None:

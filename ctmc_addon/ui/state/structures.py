@@ -31,7 +31,7 @@ from ...core.volume import (
 )
 from ...readers import ReadingOptions
 from ..properties.preferences import machine
-from . import masks, volumes
+from . import change_events, masks, volumes
 
 STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20, "Counting the labels": 10}
 
@@ -192,6 +192,17 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
     return list(stored.add_labels(lines, key))
 
 
+def follow(properties: Any, name: str) -> None:
+    """Release the labels on CTs that are no longer in memory."""
+    if name != change_events.RELEASED:
+        return
+    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
+    used = {source.key for ct in cts if volumes.ct_of(ct.volume_fingerprint) for source in ct.label_sources}
+    for key in set(_sources) - used:
+        del _sources[key]
+    _combined.clear()
+
+
 def discard_unused(*_: Any) -> None:
     """Release the labels that no scene of a newly opened file uses."""
     cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
@@ -202,12 +213,14 @@ def discard_unused(*_: Any) -> None:
 
 
 def register() -> None:
-    """Listen for files that are opened."""
+    """Listen for files that are opened and CTs that are released."""
+    change_events.subscribe(follow)
     bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(discard_unused))
 
 
 def unregister() -> None:
     """Stop listening, and release all labels."""
+    change_events.unsubscribe(follow)
     bpy.app.handlers.load_post.remove(discard_unused)
     _sources.clear()
     _combined.clear()

@@ -18,6 +18,7 @@ from ...blender.scene.ct_box import noted_paths
 from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
 from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
 from ...readers import ReadingOptions, Series
+from . import change_events, session
 from .drawn import Drawn
 
 OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
@@ -125,6 +126,17 @@ def discard_unused(*_: Any) -> None:
         del _loaded[fingerprint]
 
 
+def release(fingerprint: str) -> None:
+    """Release a CT: its samples, the masks of drawings on it, and the surfaces that wait for another simplification.
+
+    The file keeps its path and all choices, so it can be loaded again.
+    """
+    _loaded.pop(fingerprint, None)
+    session.drop_surfaces(fingerprint)
+    for scene in bpy.data.scenes:
+        change_events.notify(scene.ctmc, change_events.RELEASED)
+
+
 def all_cts() -> Iterator[Loaded]:
     """Yield all CTs in memory."""
     yield from _loaded.values()
@@ -201,6 +213,14 @@ def called(scene: bpy.types.Scene) -> str:
 def called_as(stored: Any, ct: Loaded) -> str:
     """Return the name of a CT of a scene; `stored` is the panel's state of it."""
     return str(stored.volume_name).strip() or ct.volume.name
+
+
+def last_name(scene: bpy.types.Scene) -> str:
+    """Return the name of the scene's CT, in memory or not; that of the scene without one."""
+    if loaded(scene) is not None:
+        return called(scene)
+    stored = scene.ctmc
+    return stored.volume_name.strip() or Path(bpy.path.abspath(stored.volume_path)).stem or str(scene.name)
 
 
 def missing(scene: bpy.types.Scene) -> bool:

@@ -27,6 +27,16 @@ def is_shown() -> bool:
     return any(shading.type == "SOLID" and shading.color_type == ATTRIBUTE for shading in _shadings())
 
 
+def is_shown_on(obj: bpy.types.Object | None) -> bool:
+    """Return whether a viewport shows the colors of an object's deviation map."""
+    return painted_mm(obj) is not None and is_shown()
+
+
+def is_switched_on() -> bool:
+    """Return whether a viewport shows the colors of attributes because we switched it there."""
+    return any(shading.as_pointer() in _before for shading in _shadings()) and is_shown()
+
+
 def show() -> None:
     """Show the colors of attributes in every viewport."""
     for shading in _shadings():

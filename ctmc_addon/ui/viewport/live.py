@@ -64,6 +64,8 @@ def mark(properties: Any, name: str) -> None:
     """Note that a setting has changed; this is cheap, because it runs within the slider's own event."""
     if name == "window":
         return
+    if name == change_events.RELEASED:
+        clear()
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)
@@ -185,10 +187,10 @@ def _before_undo(*_: Any) -> None:
 
 
 def after_undo(*_: Any) -> None:
-    """Follow the settings again after undo, which may have changed any of them."""
+    """Follow the settings again after undo, which may have changed any of them, and removed the previewed surface."""
     scene = bpy.context.scene
     if scene is not None and volumes.loaded(scene) is not None:
-        start(scene, stale=preview.state.requested)
+        start(scene, stale=preview.state.requested or not preview.is_made(bpy.context, hidden=True))
 
 
 def after_load(*_: Any) -> None:

@@ -116,8 +116,11 @@ def hide() -> None:
         session.redraw_viewports()
 
 
-def is_made(context: bpy.types.Context) -> bool:
-    """Return whether the viewport already shows the same surface as an object; the two would flicker."""
+def is_made(context: bpy.types.Context, *, hidden: bool = False) -> bool:
+    """Return whether the viewport already shows the same surface as an object; the two would flicker.
+
+    With `hidden` a hidden object counts too.
+    """
     fingerprint = context.scene.ctmc.volume_fingerprint
     if state.key is None:
         return False
@@ -125,7 +128,7 @@ def is_made(context: bpy.types.Context) -> bool:
     return any(
         provenance.fingerprint == fingerprint
         and key_of(provenance.settings, provenance.threshold) == state.key
-        and obj.visible_get()
+        and (hidden or obj.visible_get())
         for obj, provenance in surfaces
         if provenance is not None
     )

@@ -21,9 +21,9 @@ from ctmc_addon.blender.figure.distance_map import (
 )
 from ctmc_addon.blender.figure.page.sheet import deviation_figure_steps, sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
-from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish, length_text
+from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish, length_text, one_way_text
 from ctmc_addon.core.errors import OutputError, SettingsError
-from ctmc_addon.core.mesh import ReferenceSurface
+from ctmc_addon.core.mesh import ReferenceSurface, SurfaceDistance
 
 SETTINGS = ReconstructionSettings(threshold=60.0)
 
@@ -46,13 +46,15 @@ def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path)
     assert [one.title for one in cells] == [f"stride {side} px = {side} mm" for side in (1, 2, 3)]
     faces = [len(one.result.mesh.faces) for one in cells]
     assert faces[0] > faces[1] > faces[2]
-    assert (cells[0].mean_mm, cells[0].max_mm) == (0.0, 0.0)
-    assert 0 < cells[1].mean_mm < cells[2].mean_mm < cells[2].max_mm < 2.0
+    assert cells[0].distance == SurfaceDistance()
+    assert 0 < cells[1].distance.mean < cells[2].distance.mean < cells[2].distance.largest < 2.0
     assert all(one.seconds > 0 for one in cells)
     assert cells[1].lines[0].replace("\N{NO-BREAK SPACE}", " ") == "(b) stride 2 px = 2 mm"
     assert cells[1].lines[1].startswith(f"{faces[1]:,} triangles, ")
-    mean = length_text(cells[1].mean_mm, 3).replace(" ", "\N{NO-BREAK SPACE}")
-    assert cells[1].lines[2].startswith(f"error {mean}")
+    mean = length_text(cells[1].distance.mean, 3).replace(" ", "\N{NO-BREAK SPACE}")
+    assert cells[1].lines[2] == f"error {mean} on average"
+    one_way = one_way_text(cells[1].distance.from_full).replace(" ", "\N{NO-BREAK SPACE}")
+    assert cells[1].lines[4] == f"from full at most {one_way}"
     assert len(bpy.data.scenes) == 1
     assert not bpy.data.objects
 
@@ -69,9 +71,9 @@ def test_crossed_settings_go_down_and_across(volume):
 
 def test_the_alphas_are_measured_against_the_linear_surface(scene, volume, tmp_path):
     _, cells = sheet(volume, tmp_path / "a.png", alphas=[0.0, 0.5, 1.0])
-    assert cells[2].mean_mm == 0
-    assert cells[0].mean_mm == pytest.approx(2 * cells[1].mean_mm, rel=0.1)
-    assert cells[0].mean_mm > 0.02
+    assert cells[2].distance.mean == 0
+    assert cells[0].distance.mean == pytest.approx(2 * cells[1].distance.mean, rel=0.1)
+    assert cells[0].distance.mean > 0.02
 
 
 @pytest.mark.parametrize(
@@ -136,7 +138,7 @@ def lightness(linear_rgb):
 
 
 def test_no_distance_is_light_and_equal_steps_look_equal():
-    shown = lightness(colors_of(np.linspace(0.0, 1.0, len(DISTANCE_COLORS)))[:, :3].astype(np.float64))
+    shown = lightness(colors_of(np.linspace(0.0, 1.0, len(DISTANCE_COLORS)), 1.0)[:, :3].astype(np.float64))
     steps = -np.diff(shown)
     assert shown[0] > 95
     assert shown[-1] < 25
@@ -158,7 +160,7 @@ def test_what_is_right_is_light_on_every_side(scene, volume, tmp_path):
 
 def test_the_same_surface_has_no_distance(scene, volume, tmp_path):
     _, cells = sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True)
-    assert cells[0].max_mm == 0
+    assert cells[0].distance.largest == 0
 
 
 def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):

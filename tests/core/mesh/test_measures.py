@@ -54,6 +54,17 @@ def with_specks(count):
     return values
 
 
+def test_walls_of_cavities_are_counted_apart(block):
+    values = np.pad(np.ones((13, 13, 13), np.uint8), 1)
+    values[3:12:3, 3:12:3, 3:12:3] = 0
+    values[0, 0, 0] = 1
+    mesh = marching_cubes(values, 0.5, close_border=True, normals=False)
+    found = finish(measures_steps(mesh.vertices, mesh.faces))
+    assert (found.components, found.cavities, found.bodies) == (29, 27, 2)
+    inside_out = finish(measures_steps(mesh.vertices, mesh.faces[:, ::-1].copy()))
+    assert (inside_out.components, inside_out.cavities) == (29, 2)
+
+
 @pytest.mark.parametrize("count", [0, 5, 9, 200])
 def test_small_components_are_counted_where_there_are_many(count):
     mesh = marching_cubes(with_specks(count), 0.5, normals=False)

@@ -93,14 +93,6 @@ def test_what_is_smoothed_a_slab_at_a_time_is_counted_so_too():
         finish(cost_estimate_steps(FieldCache(ball, most), nothing))
 
 
-def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
-    calibration = cost_estimate.Calibration()
-    assert sum(1 for _ in calibration.measure_steps()) > 10
-    assert calibration.measured
-    assert min(calibration.vertex, calibration.collapse) > 0
-    assert list(calibration.measure_steps()) == []
-
-
 def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
     settings = ReconstructionSettings(threshold=100.0)
     full = finish(cost_estimate_steps(FieldCache(volume, Budget(work_bytes=0)), settings))
@@ -117,15 +109,3 @@ def test_what_does_not_fit_is_said_with_a_stride_that_does(volume):
 def test_where_no_stride_fits_a_region_is_advised(volume):
     found = finish(cost_estimate_steps(FieldCache(volume, Budget(bytes=1)), ReconstructionSettings(threshold=100.0)))
     assert found.remedy == "choose a smaller region"
-
-
-def test_the_next_estimate_is_that_of_the_last_surface(volume):
-    settings = ReconstructionSettings(threshold=100.0, reduction=0.5)
-    before = finish(cost_estimate_steps(FieldCache(volume), settings))
-    real = reconstruct(volume, settings)
-    work = cost_estimate.Calibration(measured=True)
-    work.learn(before, real, blender_seconds=1.0)
-    took = {stage.name: stage.seconds for stage in real.stages}
-    removed = real.full_faces - len(real.mesh.faces)
-    assert work.collapse == pytest.approx(took["Simplifying"] / removed)
-    assert work.blender_face == pytest.approx(1.0 / before.faces)

@@ -10,7 +10,7 @@ import pydicom
 import pytest
 from pydicom import uid
 
-from ctmc_addon.core import Budget, CtmcError
+from ctmc_addon.core import Budget, CtmcError, DamagedSliceError
 from ctmc_addon.readers import open_volume, read_volume
 
 AXIAL = (1, 0, 0, 0, 1, 0)
@@ -154,7 +154,10 @@ def test_a_file_named_like_the_slices_that_is_none_is_not_passed_over(tmp_path, 
     with pytest.raises(CtmcError) as refused:
         read_volume(tmp_path / "ct")
     damage = "named like the slices, but not DICOM" if content else "0 bytes"
-    assert str(refused.value) == f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again"
+    assert str(refused.value) == (
+        f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again, or set skip_damaged to read the "
+        "series without it"
+    )
     with pytest.raises(CtmcError, match="is a truncated or damaged DICOM file"):
         read_volume(path.with_name(name.format(9)))
 
@@ -409,3 +412,36 @@ def test_stacks_of_three_directions_are_read_as_the_first(tmp_path, save_slice):
     volume = read_volume(tmp_path)
     assert volume.values[:, 0, 0].tolist() == [0, 1, 2]
     assert "6 slices of another size, orientation or spacing left out" in volume.notes
+
+
+def test_a_series_is_read_without_its_damaged_slices_if_asked(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(0, 60, 2))
+    file = tmp_path / "16.dcm"
+    file.write_bytes(file.read_bytes()[:-30])
+    with pytest.raises(DamagedSliceError, match=r"16\.dcm .*, or set skip_damaged to read the series without it$"):
+        read_volume(tmp_path)
+    volume = read_volume(tmp_path, skip_damaged=True)
+    assert volume.size == (7, 5, 30)
+    assert volume.spacing == (0.5, 0.8, 2.0)
+    np.testing.assert_array_equal(np.delete(volume.values, 16, axis=0), np.delete(hu, 16, axis=0))
+    np.testing.assert_array_equal(volume.values[16], np.rint((hu[15].astype(float) + hu[17]) / 2))
+    assert volume.notes == (
+        "slice 17 of 30, by file name, is damaged and was left out; the gap was filled by linear interpolation",
+        "the gaps between slices are uneven (2 and 4 mm): 29 slices were resampled linearly to 30, 2 mm apart",
+    )
+    with pytest.raises(CtmcError, match=r"uneven \(2 and 4 mm\) and strict"):
+        read_volume(tmp_path, skip_damaged=True, strict=True)
+
+
+def test_damaged_slices_at_the_end_leave_no_gap_and_many_in_a_row_too_wide_a_one(tmp_path, save_stack):
+    hu = save_stack(tmp_path, range(12))
+    for number in (10, 11):
+        (tmp_path / f"{number}.dcm").write_bytes(b"")
+    volume = read_volume(tmp_path, skip_damaged=True)
+    np.testing.assert_array_equal(volume.values, hu[:10])
+    note = "slices 11 and 12 of 12, by file name, are damaged and were left out; no uneven gap remains"
+    assert volume.notes == (note,)
+    for number in (3, 4, 5):
+        (tmp_path / f"{number}.dcm").write_bytes(b"")
+    with pytest.raises(CtmcError, match=r"gap of 4 mm between 2\.dcm .* is more than 3 times the median gap"):
+        read_volume(tmp_path, skip_damaged=True)

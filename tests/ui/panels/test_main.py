@@ -102,8 +102,9 @@ def test_the_panel_says_when_alpha_does_nothing_and_when_settings_contradict(sce
 
 def test_the_panel_says_what_was_loaded(scene, ball_file):
     bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
-    texts = drawn(*panels.STEPS).texts
-    assert texts[0] == "ball"
+    layout = drawn(*panels.STEPS)
+    assert "ctmc.choose_ct ball" in layout.buttons
+    texts = layout.texts
     for fact in ("24 x 24 x 12, 1 x 1 x 2 mm", "Values -36 to 147 (no HU), LPS", "Orientation: left, back, head"):
         assert fact in texts
     assert "taken as axial" in " ".join(texts)

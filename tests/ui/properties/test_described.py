@@ -14,7 +14,7 @@ from ctmc_addon.ui.properties import figure, reading
 
 FIELDS = {name: about for kind in FIGURE_SETTINGS for name, about in descriptions(kind).items()}
 OF_THE_PANEL = {"kind", "write_blend", "use_caption", "film", "use_strides", "use_alphas", "use_levels"}
-OF_THE_DIALOG = {"filepath", "directory", "files", "again"}
+OF_THE_DIALOG = {"filepath", "directory", "files", "again", "listed"}
 
 
 def said_of(group, name):

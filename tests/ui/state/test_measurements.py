@@ -14,7 +14,7 @@ from ui.drawing import drawn
 
 from ctmc_addon.blender.stored_values import from_stored
 from ctmc_addon.core import HU, Place, ReconstructionSettings, measures_in
-from ctmc_addon.core.mesh import Measures, SurfaceDistance, TriangleQuality
+from ctmc_addon.core.mesh import LostComponents, Measures, OneWayDistance, SurfaceDistance, TriangleQuality
 from ctmc_addon.ui.panels.results import CTMC_PT_results, facts_of
 from ctmc_addon.ui.panels.table import draw_measurements
 from ctmc_addon.ui.state import measurements, session
@@ -23,7 +23,10 @@ from ctmc_addon.ui.state.measurements import PROPERTY, Measurement
 MEASURES = Measures(
     *(8, 2.5, 1.5, True, 2, 30, 12, 0.002, 3, 6), quality=TriangleQuality(9.0, 0.0, 0.25, 1.5), size=(0.05, 0.02, 0.01)
 )
-FULL = Measurement(MEASURES, SurfaceDistance(0.01, 0.02, 0.3), 2)
+DISTANCE = SurfaceDistance(
+    OneWayDistance(0.01, 0.02, 0.3), OneWayDistance(0.02, 0.3, 4.0), LostComponents(562, 1.9, 46.6)
+)
+FULL = Measurement(MEASURES, DISTANCE, 2)
 
 
 @pytest.fixture
@@ -66,6 +69,8 @@ def test_measures_of_older_files_are_read_without_those_that_they_lack(surface):
     texts = drawn(CTMC_PT_results).texts
     assert texts[texts.index("Size") + 1] == "-"
     assert "30 components" in texts
+    surface[PROPERTY] = json.dumps(stored | {"distance": {"mean": 0.1, "percentile_95": 0.5, "largest": 46.6}})
+    assert measurements.of(surface).distance is None
     surface[PROPERTY] = json.dumps(stored | {"measures": old | {"size": 3}})
     assert measurements.of(surface) is None
 

@@ -15,7 +15,7 @@ from ui.drawing import drawn
 
 from ctmc_addon.ui.panels import main as panels, results
 from ctmc_addon.ui.state import session, volumes
-from ctmc_addon.ui.viewport import live
+from ctmc_addon.ui.viewport import live, preview
 
 
 @pytest.fixture
@@ -60,6 +60,27 @@ def test_undo_while_counting_ends_calmly_and_counts_again(loaded, monkeypatch):
     assert "..." not in drawn(*panels.STEPS).texts
 
 
+def test_undo_of_labels_brings_the_preview_back(loaded, monkeypatch):
+    monkeypatch.setattr(live, "IDLE", 0.0)
+    loaded.ctmc.use_threshold, loaded.ctmc.use_label, loaded.ctmc.label = False, True, 100
+    rest()
+    assert preview.state.shown is not None
+    bpy.ops.ed.undo_push(message="Label")
+    bpy.ops.ctmc.reconstruct()
+    bpy.ops.ed.undo_push(message="Reconstructed")
+    rest()
+    assert preview.state.shown is None
+    bpy.context.object.hide_set(True)
+    bpy.ops.ed.undo_push(message="Hidden")
+    bpy.ops.ed.undo()
+    rest()
+    assert preview.state.shown is None, "its surface is there"
+    bpy.ops.ed.undo()
+    rest()
+    assert not [obj for obj in bpy.context.scene.objects if obj.type == "MESH"]
+    assert preview.state.shown is not None
+
+
 def test_results_are_those_of_the_mesh_that_stands_there_after_undo(loaded):
     bpy.ops.ctmc.reconstruct()
     bpy.ops.ed.undo_push(message="Reconstructed")
@@ -76,7 +97,7 @@ def test_results_survive_reopening_the_file(loaded, tmp_path):
     loaded.ctmc.reduction = 0.8
     bpy.ops.ctmc.reconstruct()
     before = drawn(results.CTMC_PT_results).texts
-    assert "Largest Distance" in before
+    assert "To Full Surface" in before
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "day.blend"))
     bpy.ops.wm.read_homefile(use_empty=True)
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "day.blend"))
@@ -193,7 +214,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
         {"measures": {"volume": float("nan")}},
         {"measures": {"closed": 1}},
         {"measures": {"no such measure": 1}},
-        {"distance": {"mean": "x", "percentile_95": 1.0, "largest": 1.0}},
+        {"distance": {"to_full": {"mean": "x", "percentile_95": 1.0, "largest": 1.0}}},
         {"distance": 3},
     ],
 )

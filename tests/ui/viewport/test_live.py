@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-from types import SimpleNamespace
 from weakref import WeakKeyDictionary
 
 import pytest
@@ -64,23 +63,24 @@ def test_a_slider_is_followed_first_and_its_cost_counted_when_idle(loaded, reste
     assert preview.state.shown is None  # the real one stands there now
 
 
-def test_a_small_surface_beside_a_large_one_does_not_make_every_triangle_expensive(loaded, rested, monkeypatch):
-    found = {}
+def test_a_finished_surface_corrects_the_prediction_by_the_seconds_of_its_stages(loaded, rested, monkeypatch):
+    learned = []
+    monkeypatch.setattr(cost_estimates.CALIBRATION, "learn", lambda *what, **seconds: learned.append((what, seconds)))
     loaded.ctmc.threshold = 100.0
-    for stride in ((1, 1, 1), (2, 2, 1)):
-        loaded.ctmc.stride = stride
-        rested()
-        (settings,), (price,) = session.of(loaded).cost.settings, session.of(loaded).cost.estimates
-        found[settings] = price
-    session.of(loaded).cost = CostEstimates(tuple(found), tuple(found.values()))
-    learnt = []
-    monkeypatch.setattr(
-        cost_estimates.CALIBRATION, "learn", lambda price, _, placed: learnt.append(placed / price.faces)
-    )
-    made = [SimpleNamespace(settings=settings) for settings in found]
-    cost_estimates.learn(loaded.session_uid, made, 6.0)
-    each = 6.0 / sum(price.faces for price in found.values())
-    assert learnt == pytest.approx([each, each])
+    rested()
+    cost = session.of(loaded).cost
+    bpy.ops.ctmc.reconstruct()
+    (((estimates, (result,)), seconds),) = learned
+    assert estimates == cost.estimates
+    assert result.settings == cost.settings[0]
+    own = sum(stage.seconds for stage in result.stages)
+    assert 0 < own + seconds["measuring"] + seconds["adding"] <= seconds["seconds"]
+
+
+def test_a_surface_whose_cost_was_not_counted_teaches_nothing(loaded, monkeypatch):
+    monkeypatch.setattr(cost_estimates.CALIBRATION, "learn", lambda *_, **__: pytest.fail("learned"))
+    session.of(loaded).cost = CostEstimates((), error="refused")
+    bpy.ops.ctmc.reconstruct()
 
 
 def test_the_preview_writes_nothing_to_the_file(loaded, rested):

@@ -21,12 +21,15 @@ from ....core import (
     Stages,
     Steps,
     Volume,
+    distance_phrases,
     equal_part,
     length_text,
+    one_way_text,
     reconstruct_steps,
+    specks_text,
     volume_text,
 )
-from ....core.mesh import ReferenceSurface, surface_distance_steps
+from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...surface.objects import temporary_surfaces
 from ..distance_map import DistanceMap, color_scale, distance_map_steps, keep_distances
 from ..rendering.render import figure_steps
@@ -51,8 +54,7 @@ class Compared:
     title: str
     result: Reconstruction
     seconds: float
-    mean_mm: float
-    max_mm: float
+    distance: SurfaceDistance
     volume: bool = False
 
     @property
@@ -62,17 +64,23 @@ class Compared:
         if self.volume:
             word, mesh = "from the bare surface:", self.result.mesh
             volume = f"{_unbroken(volume_text(mesh.volume))}, " if mesh.closed else ""
-        error = f"{word} 0 mm"
-        if self.max_mm > 0:
-            mean, largest = length_text(self.mean_mm, 3), length_text(self.max_mm, 3)
-            error = f"{word} {_unbroken(mean)}, {_unbroken(f'at most {largest}')}"
+        distance, lost = self.distance, self.distance.lost
+        errors = [f"{word} 0 mm"]
+        if distance.largest > 0:
+            errors = [
+                f"{word} {_unbroken(length_text(distance.mean, 3))} on average",
+                f"to full at most {_unbroken(one_way_text(distance.to_full))}",
+                f"from full at most {_unbroken(one_way_text(distance.from_full))}",
+            ]
+        if lost.count:
+            errors.append(specks_text(lost.count, lost.volume))
         title = self.title
         for unit in (" × ", " px", " mm", " = ", " %"):
             title = title.replace(unit, unit.replace(" ", NO_BREAK))
         return (
             f"({self.letter}) {title}",
             f"{volume}{len(self.result.mesh.faces):,} triangles, {self.seconds:.2f}{NO_BREAK}s",
-            error,
+            *errors,
         )
 
 
@@ -146,9 +154,7 @@ def _cells_steps(
         result, seconds = yield from equal_part(extracting, number, len(variants))
         measuring = stages.run("Measuring the error", surface_distance_steps(result.mesh, reference, budget.threads))
         distance = yield from equal_part(measuring, number, len(variants))
-        compared.append(
-            Compared(string.ascii_lowercase[number], title, result, seconds, distance.mean, distance.largest)
-        )
+        compared.append(Compared(string.ascii_lowercase[number], title, result, seconds, distance))
         if deviation:
             mapping = stages.run("Measuring the map", distance_map_steps(result.mesh, reference, budget.threads))
             maps.append((yield from equal_part(mapping, number, len(variants))))
@@ -191,8 +197,7 @@ def deviation_figure_steps(
         style.caption
         if style.caption is not None
         else (
-            f"Distance to the surface of full resolution: mean {_unbroken(length_text(distance.mean, 3))}, "
-            f"at most {_unbroken(length_text(distance.largest, 3))}; "
+            f"Distance {', '.join(map(_unbroken, distance_phrases(distance)))}; "
             f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
         )
     )

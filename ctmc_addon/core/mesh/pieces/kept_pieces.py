@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import PAUSE, Step, Steps, WithResult, finish
+from ...progress import PAUSE, Step, Steps, WithResult
 from ..cavities import crossings_steps, points_within, smallest_around, summed_pairs
 from ..component_limits import ComponentLimits
 from ..measures import triple_products
@@ -122,7 +122,7 @@ class KeptPieces:
             if isinstance(item, Step):
                 yield item
                 continue
-            numbers = finish(links.add_steps(item.mesh.faces, item.own))
+            numbers = yield from links.add_steps(item.mesh.faces, item.own)
             self._numbers.append(self.spool.put(numbers))
         self.first = links.first
         joining = WithResult(links.joined_steps())
@@ -157,13 +157,17 @@ class KeptPieces:
             mesh, component = item
             at = np.full(self.count, -1)
             at[component[::-1]] = np.arange(len(component))[::-1]  # the first triangle is written last
+            yield PAUSE
             new = np.flatnonzero((at >= 0) & (faces == 0))
             points[new] = points_within(mesh.vertices[mesh.faces[at[new]]])
             faces += np.bincount(component, minlength=self.count)
             for axis in range(3):
-                a, b, c = (mesh.vertices[corner, axis].astype(np.float64) for corner in mesh.faces.T)
+                along, total = np.ascontiguousarray(mesh.vertices[:, axis], np.float64), np.zeros(len(mesh.faces))
+                for corner in mesh.faces.T:
+                    total += np.take(along, corner)
+                    yield PAUSE
+                sums[:, axis] = _added(sums[:, axis], component, total)
                 yield PAUSE
-                sums[:, axis] = _added(sums[:, axis], component, a + b + c)
         return points, sums / (faces * 3)[:, None]
 
     def _volumes_steps(self, middles: NDArray[np.float64]) -> Steps[NDArray[np.float64]]:
@@ -177,8 +181,8 @@ class KeptPieces:
             columns = []
             for axis in range(3):
                 yield PAUSE
-                middle = middles[component, axis]
-                columns.append([mesh.vertices[corner, axis].astype(np.float64) - middle for corner in mesh.faces.T])
+                along, middle = np.ascontiguousarray(mesh.vertices[:, axis], np.float64), middles[component, axis]
+                columns.append([np.take(along, corner) - middle for corner in mesh.faces.T])
             yield PAUSE
             sums = _added(sums, component, triple_products(columns))
         return sums / 6.0
@@ -196,13 +200,17 @@ class KeptPieces:
                 yield item
                 continue
             mesh, component = item
-            corners = mesh.vertices[mesh.faces.ravel()]
+            used = np.zeros(len(mesh.vertices), bool)
+            used[mesh.faces] = True
+            yield PAUSE
+            corners = mesh.vertices[used]
             low, high = corners.min(axis=0), corners.max(axis=0)
+            yield PAUSE
             in_reach = (points[:, 1:] >= low[1:]) & (points[:, 1:] <= high[1:])
             near = np.flatnonzero(in_reach.all(axis=1) & (points[:, 0] <= high[0]))
             if not len(near):
                 continue
-            ray, face, leaves = finish(crossings_steps(mesh, points[near]))
+            ray, face, leaves = yield from crossings_steps(mesh, points[near])
             outer = component[face]
             around = volumes[outer] > 0
             pair, sums = summed_pairs(near[ray[around]] * len(volumes) + outer[around], leaves[around])
@@ -226,10 +234,14 @@ class KeptPieces:
                 continue
             own = len(item.linear)
             vertices = max(own, int(item.faces.max(initial=-1)) + 1)
-            kept = item.faces[keep[self._components(number)]]
+            stays = keep[self._components(number)]
+            yield PAUSE
+            kept = item.faces[stays]
+            yield PAUSE
             number += 1
             used = np.zeros(vertices, bool)
             used[kept] = True
+            yield PAUSE
             if held is not None:
                 seam = held[2][len(held[0].linear) :]
                 used[: len(seam)] |= seam
@@ -284,6 +296,8 @@ def with_faces(surface: Surface, chosen: NDArray[np.bool_]) -> Surface:
 
 def _added(sums: NDArray[np.float64], at: NDArray[np.intp], terms: NDArray[Any]) -> NDArray[np.float64]:
     """The sums with the terms added to them one after the other: the same bits as of all terms at once."""
+    if not sums.any():
+        return np.asarray(np.bincount(at, terms, len(sums)), np.float64)
     places = np.concatenate([np.arange(len(sums)), at])
     return np.asarray(np.bincount(places, np.concatenate([sums, terms]), len(sums)), np.float64)
 

@@ -6,8 +6,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ...progress import Steps
-from ..topology import component_numbers_steps
+from ...progress import PAUSE, Steps
+from ..topology import FACES_PER_STEP, component_numbers_steps
 
 
 class PieceLinks:
@@ -33,7 +33,10 @@ class PieceLinks:
         total = max(own, int(faces.max(initial=-1)) + 1)
         numbers = yield from component_numbers_steps(faces, total)
         at_vertex = np.full(max(total, len(self._above)), -1, np.int64)
-        at_vertex[faces] = (numbers + np.int64(self.first[-1]))[:, None]
+        for start in range(0, len(faces), FACES_PER_STEP):
+            block = slice(start, start + FACES_PER_STEP)
+            at_vertex[faces[block]] = (numbers[block] + np.int64(self.first[-1]))[:, None]
+            yield PAUSE
         here = at_vertex[: len(self._above)]
         both = (self._above >= 0) & (here >= 0)
         if both.any():

@@ -23,7 +23,7 @@ from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import component_numbers_steps
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
-from ...units import volume_text
+from ...units import specks_text
 from ..bounds.error_check import ErrorCheck
 from ..policy import POLICY, Policy
 from .ranked_points import RankedPoints
@@ -60,14 +60,10 @@ class CollapsedComponents:
 
         Examples
         --------
-        >>> CollapsedComponents(9204, 3.93, 811.7).sentence()
-        '9,204 components below 4 mm3 were collapsed, 812 mm3 together'
+        >>> CollapsedComponents(562, 0.03, 1.9).sentence()
+        '562 specks removed (1.9 mm3 in total)'
         """
-        components, were = ("component", "was") if self.count == 1 else ("components", "were")
-        digit = 10.0 ** (math.floor(math.log10(self.largest)) - 1) if self.largest > 0 else 1.0
-        below = (math.floor(self.largest / digit) + 1) * digit  # rounded up to two digits
-        total = volume_text(float(f"{self.volume:.3g}"))
-        return f"{self.count:,} {components} below {volume_text(below)} {were} collapsed, {total} together"
+        return specks_text(self.count, self.volume)
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,24 +11,26 @@ from pathlib import Path
 from typing import Any
 
 import bpy
-from bpy.props import BoolProperty, CollectionProperty, StringProperty
+from bpy.props import BoolProperty, CollectionProperty, EnumProperty, StringProperty
 
 from .... import readers
 from ....blender.colors import color_of
 from ....blender.scene.ct_box import show_box
 from ....blender.scene.new_file import remove_cube, untouched_cube
 from ....blender.units import has_blenders_units, set_units
-from ....core import ReadError, Stages, Steps, fits_in_memory, shown_stride
+from ....core import DamagedSliceError, ReadError, Stages, Steps, fits_in_memory, shown_stride
 from ....core.volume import ValueKind, volume_box, volume_statistics_steps
 from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
 from ... import jobs
+from ...properties import page
 from ...properties.preferences import machine
 from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.structures import called, follow_ticks, tick
 from ...state import change_events, drawings, scans, session, structures, surfaces, volumes
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
+from .series import items
 from .view import frame_everywhere
 
 LABELS = "Reading labels"
@@ -58,6 +60,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         options={"SKIP_SAVE", "HIDDEN"},
     )
 
+    listed: EnumProperty(
+        name="Series", description="Read another series of this CT", items=items, options={"SKIP_SAVE", "HIDDEN"}
+    )
+
     needs = (jobs.idle,)
 
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
@@ -80,6 +86,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         for axis, name in enumerate("XYZ"):
             row.prop(self, "flip_axes", index=axis, text=name, toggle=True)
         layout.prop(self, "strict")
+        layout.prop(self, "skip_damaged")
         layout.prop(self, "remove_table")
         lines = layout.column(align=True)
         lines.scale_y = 0.8
@@ -90,9 +97,12 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         scene = context.scene
         scene_session, stored, expected = session.of(scene), scene.ctmc, ""
         scene_session.message = scene_session.load_message = ""
+        scene_session.refused = None
         # Several files that were dropped or selected together are slices of one stack.
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading = asked = options_of_dialog(self)
+        if self.properties.is_property_set("listed"):
+            reading = asked = replace(asked, series=self.listed)
         if self.again and not path:
             path = stored.volume_path
             reading = options_of_scene(stored)
@@ -128,13 +138,19 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         selected = source.selected_series(reading.series)
         budget = machine().budget
         file, stride = None, (1, 1, 1)
-        if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
-            work = source.read_steps(reading, budget=budget)
-            volume = yield from stages.run(values, work)
-        else:
-            file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
-            stride = shown_stride(file, budget)
-            volume = yield from stages.run(values, file.in_memory_steps(stride))
+        try:
+            if selected is None or fits_in_memory(math.prod(selected.shape) * selected.voxel_bytes, budget):
+                work = source.read_steps(reading, budget=budget)
+                volume = yield from stages.run(values, work)
+            else:
+                file = yield from stages.run(values, source.slabs_steps(reading, budget=budget))
+                stride = shown_stride(file, budget)
+                volume = yield from stages.run(values, file.in_memory_steps(stride))
+        except DamagedSliceError:
+            refused_in = session.scene_of(scene)
+            if refused_in is not None:
+                session.of(refused_in).refused = (str(path), reading)
+            raise
         if reading.series and selected is not None:  # Store its number, because a UID must not be stored.
             reading = replace(reading, series=str(selected.number))
         if selected is not None:
@@ -153,7 +169,7 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             reading,
             source.has_geometry,
             1 if selected is None else selected.number,
-            () if volume.kind == ValueKind.LABEL else readers.labels_beside(path),
+            () if volume.kind == ValueKind.LABEL else readers.labels_beside(readers.volume_place(path)),
             file,
             stride,
         )
@@ -168,6 +184,12 @@ def last_folder(scene: bpy.types.Scene) -> Path | None:
     stored = scene.ctmc.volume_path
     path = Path(bpy.path.abspath(stored)) if stored else volumes.last_path()
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
+
+
+def _leaves_a_choice(loaded: volumes.Loaded) -> bool:
+    """Return whether the page CT has more to say than what was loaded: another series, labels, a spacing, a note."""
+    is_one = len(loaded.series) < 2 and loaded.times < 2
+    return not is_one or bool(loaded.labels_beside or loaded.volume.notes) or not loaded.geometry
 
 
 def _scene_reading(scene: bpy.types.Scene) -> ReadingOptions:
@@ -233,6 +255,8 @@ def conclude(
     _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     if bpy.context.scene == scene:
         scans.note(bpy.context)
+        if is_first and not _leaves_a_choice(loaded):
+            page.show(bpy.context, "SURFACE")
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if taken:
@@ -256,7 +280,6 @@ def _follow_kind(stored: Any, loaded: volumes.Loaded, goes_by_number: bool) -> N
             stored.label = labels[0]
     elif loaded.volume.kind == ValueKind.HU and stored.use_label:
         stored.use_label = False
-        stored.use_threshold = stored.is_property_set("threshold")
 
 
 def _tick_by_name(stored: Any, names: frozenset[str]) -> None:
@@ -270,7 +293,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    names = (volumes.stored_path(folder), folder.name or loaded.volume.name)
+    names = (volumes.stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
     box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:

@@ -87,9 +87,8 @@ class CTMC_OT_add_threshold(Needs, bpy.types.Operator):
 def _limits_of_panel(scene: bpy.types.Scene) -> tuple[float, float | None]:
     """Return the threshold and upper limit of the panel; Otsu's threshold where it has none."""
     stored, ct = scene.ctmc, volumes.require_loaded(scene)
-    is_set = stored.use_threshold or (stored.use_label and stored.is_property_set("threshold"))
     otsu = used_threshold_steps(ct.volume, ct.for_copy(ReconstructionSettings()))
-    return stored.threshold if is_set else finish(otsu), stored.upper if stored.use_upper else None
+    return stored.threshold if stored.use_threshold else finish(otsu), stored.upper if stored.use_upper else None
 
 
 class CTMC_OT_remove_structure(Needs, bpy.types.Operator):

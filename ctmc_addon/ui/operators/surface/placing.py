@@ -21,11 +21,15 @@ from ....blender.surface import (
     update_reconstruction,
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
+from ....core.mesh import Edges
 from ....core.volume import surface_name
+from ....reporting.formatting import count
 from ...properties.preferences import machine
 from ...state import measurements, session
 from ...state.measurements import Measurement
 from ...translations import translate
+
+MOST_NAMED = 3  # A report names at most this many surfaces.
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,8 @@ class ObjectRequest:
 
 
 @dataclass(frozen=True)
-class TimedSurface:
-    """A surface before and after simplification with its request, and the seconds of measuring.
+class MeasuredSurface:
+    """A surface before and after simplification with its request, measurement and edges.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -72,7 +76,7 @@ class TimedSurface:
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
-    measuring_seconds: float = 0.0
+    edges: Edges | None = None
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class NewMesh:
     target: int | None
 
 
-def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
+def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
     """Make the meshes of finished surfaces in small steps; closing the steps removes them.
 
     Raises
@@ -96,8 +100,10 @@ def mesh_steps(surfaces: Sequence[TimedSurface]) -> Steps[list[NewMesh]]:
     try:
         for number, surface in enumerate(surfaces):
             mesh = surface.result.mesh
-            finding = edges_steps(mesh.faces, len(mesh.vertices))
-            edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
+            edges = surface.edges
+            if edges is None:
+                finding = edges_steps(mesh.faces, len(mesh.vertices))
+                edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
@@ -120,7 +126,7 @@ def _remove_unused(meshes: Iterable[NewMesh]) -> None:
         bpy.data.meshes.remove(mesh)
 
 
-def place(scene_uid: int, surfaces: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
+def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> list[bpy.types.Object]:
     """Put finished surfaces into the scene, with their measurements, and select them; the last one is active.
 
     Raises
@@ -185,9 +191,13 @@ def select(scene: bpy.types.Scene, objects: list[bpy.types.Object]) -> None:
             layer.objects.active = obj
 
 
-def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[TimedSurface]) -> str:
-    """Return names and triangles for the report."""
+def summary(objects: Sequence[bpy.types.Object], surfaces: Sequence[MeasuredSurface]) -> str:
+    """Return names and triangles for the report: a line, so the names of few surfaces alone."""
+    faces = [len(surface.result.mesh.faces) for surface in surfaces]
+    if len(objects) > MOST_NAMED:
+        text = translate("{count} surfaces: {faces} triangles; Measure All lists them")
+        return text.format(count=count(len(objects)), faces=count(sum(faces)))
+    text = translate("{name}: {faces} triangles")
     return ", ".join(
-        translate("{name}: {faces} triangles").format(name=obj.name, faces=len(surface.result.mesh.faces))
-        for obj, surface in zip(objects, surfaces, strict=True)
+        text.format(name=obj.name, faces=count(number)) for obj, number in zip(objects, faces, strict=True)
     )

@@ -12,6 +12,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
+from ....blender.surface import edges_steps
 from ....core import (
     CtmcError,
     MadeSurface,
@@ -21,21 +22,22 @@ from ....core import (
     Stages,
     Steps,
     SurfaceRequest,
+    TriangleMesh,
     Volume,
     make_surfaces_steps,
     side_by_side_steps,
-    timed_steps,
 )
+from ....core.mesh import Edges
 from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.structures import called, chosen_opacity
 from ...state import cost_estimates, drawings, session, structures, surfaces, volumes
-from ...state.measurements import measurement_steps
+from ...state.measurements import Measurement, measurement_steps
 from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
-from .placing import NewMesh, ObjectRequest, TimedSurface
+from .placing import MeasuredSurface, NewMesh, ObjectRequest
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -122,6 +124,7 @@ def surfaces_steps(
 
     Surfaces of labels are made from `labels` if these are not in the volume itself.
     """
+    begun = time.perf_counter()
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
@@ -134,9 +137,14 @@ def surfaces_steps(
     def conclude() -> str:
         start = time.perf_counter()
         message = _add_to_scene(scene_uid, finished, meshes)
-        seconds = sum(surface.measuring_seconds for surface in finished)
-        seconds += stages.seconds[adding] + time.perf_counter() - start
-        cost_estimates.learn(scene_uid, [surface.result for surface in finished], seconds)
+        end = time.perf_counter()
+        cost_estimates.learn(
+            scene_uid,
+            [surface.result for surface in finished],
+            measuring=stages.seconds[measuring],
+            adding=stages.seconds[adding] + end - start,
+            seconds=end - begun,
+        )
         return message
 
     return conclude
@@ -144,16 +152,16 @@ def surfaces_steps(
 
 def measured_steps(
     requests: Sequence[ObjectRequest], outcomes: Sequence[MadeSurface | CtmcError], threads: int
-) -> Steps[list[TimedSurface]]:
+) -> Steps[list[MeasuredSurface]]:
     """Measure surfaces, several at a time; no Blender data is used, so threads may do this."""
 
-    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[TimedSurface]:
+    def work_steps(request: ObjectRequest, surface: MadeSurface) -> Steps[MeasuredSurface]:
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
-        measuring = measurement_steps(result.mesh, None if full is None else full.mesh, crossings)
-        measurement, seconds = yield from timed_steps(measuring)
-        return TimedSurface(request, full, result, measurement, seconds)
+        measuring = _with_edges_steps(result.mesh, None if full is None else full.mesh, crossings)
+        measurement, edges = yield from measuring
+        return MeasuredSurface(request, full, result, measurement, edges)
 
     new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
     pairs = list(zip(requests, new_surfaces, strict=True))
@@ -161,7 +169,15 @@ def measured_steps(
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
-def _add_to_scene(scene_uid: int, finished: Sequence[TimedSurface], meshes: Sequence[NewMesh]) -> str:
+def _with_edges_steps(
+    mesh: TriangleMesh, full: TriangleMesh | None, crossings: int | None
+) -> Steps[tuple[Measurement, Edges]]:
+    """Measure a surface; its edges are found once, for the measures and for Blender."""
+    edges = yield from edges_steps(mesh.faces, len(mesh.vertices))
+    return (yield from measurement_steps(mesh, full, crossings, edges)), edges
+
+
+def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> str:
     """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)

@@ -11,9 +11,9 @@ import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
 from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
-from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Steps, TriangleMesh, length_text
+from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Stages, Steps, TriangleMesh, distance_phrases
 from ....core.files.file_names import file_name
-from ....core.mesh import ReferenceSurface, vertex_distances_steps
+from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps, vertex_distances_steps
 from ....readers import ReadingOptions
 from ....reporting.command_line import command_line
 from ... import jobs
@@ -21,8 +21,10 @@ from ...properties.reading import options_of_scene
 from ...properties.structures import called
 from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
-from ...translations import translate
+from ...translations import translate, translate_sentence
 from ...viewport import deviation
+
+MAP_STAGES = {"Comparing with the full surface": 2, "Measuring": 1}
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -90,22 +92,30 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
         require_editable(obj)
         full = surfaces.full_of_last_run(obj, scene)
         assert full is not None, "has_full asks for it"
-        return deviation_steps(own_mesh(obj), full, obj.session_uid)
+        measurement = None if any(modifier.show_viewport for modifier in obj.modifiers) else measurements.of(obj)
+        distance = None if measurement is None else measurement.distance
+        return deviation_steps(own_mesh(obj), full, obj.session_uid, distance)
 
 
-def deviation_steps(mesh: TriangleMesh, full: Reconstruction, uid: int) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once; the message has the largest painted distance."""
-    distances = yield from vertex_distances_steps(mesh, ReferenceSurface(full.mesh))
+def deviation_steps(
+    mesh: TriangleMesh, full: Reconstruction, uid: int, distance: SurfaceDistance | None = None
+) -> Steps[jobs.Conclusion]:
+    """Measure every vertex, then write once; the message has the numbers of Results, which may be known already."""
+    reference, stages = ReferenceSurface(full.mesh), Stages(MAP_STAGES)
+    comparing, measuring = MAP_STAGES
+    if distance is None:
+        distance = yield from stages.run(comparing, surface_distance_steps(mesh, reference))
+    measured = distance
+    distances = yield from stages.run(measuring, vertex_distances_steps(mesh, reference))
 
     def conclude() -> str:
         obj = session.object_of(uid)
         if obj is None or len(obj.data.vertices) != len(distances):
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
         require_editable(obj)
-        paint_distances(obj.data, distances)
+        paint_distances(obj.data, distances, measured.to_full.largest)
         deviation.show()
-        message = translate("{name}: at most {most} from the full surface; the viewport shows Color: Attribute")
-        return message.format(name=obj.name, most=length_text(float(distances.max(initial=0.0)), 3))
+        return f"{obj.name}: {', '.join(map(translate_sentence, distance_phrases(measured)))}"
 
     return conclude
 
@@ -122,7 +132,7 @@ class CTMC_OT_deviation_view(bpy.types.Operator):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_shown():
+        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_switched_on():
             cls.poll_message_set("Make a deviation map first")
             return False
         return True

@@ -11,6 +11,7 @@ import bpy
 
 from ....blender.surface import apply_shape_and_modifiers, require_provenance, require_updatable
 from ....core import GOALS, CtmcError, MeshError, Steps
+from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
 from ...state import drawings, structures, surfaces
@@ -70,7 +71,7 @@ class CTMC_OT_apply_shape(Needs, bpy.types.Operator):
         except CtmcError as error:
             return jobs.refuse(self, context.scene.session_uid, error)
         message = translate("{name}: {faces} triangles")
-        self.report({"INFO"}, message.format(name=obj.name, faces=len(obj.data.polygons)))
+        self.report({"INFO"}, message.format(name=obj.name, faces=count(len(obj.data.polygons))))
         return {"FINISHED"}
 
 

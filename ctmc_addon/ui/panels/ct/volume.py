@@ -9,13 +9,14 @@ import bpy
 
 from ....core import Volume
 from ....core.volume import ValueKind, VolumeStatistics
-from ....readers import Series
 from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
 from ...state import session, volumes
 from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_text
+from .scans import draw_cts, draw_without_damaged
+from .series import draw_series
 
 LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
 MOST_LABEL_BUTTONS = 6  # Buttons for label files next to the CT.
@@ -36,12 +37,13 @@ def draw_load(layout: Any, context: bpy.types.Context) -> None:
     scene_session = session.of(scene)
     if scene_session.load_message:
         draw_text(layout.box(), context, scene_session.load_message, "ERROR")
+    draw_without_damaged(layout, context)
+    draw_cts(layout, context)
     if volumes.missing(scene):
         _draw_missing(layout, context)
     loaded = volumes.loaded(scene)
     if loaded is None:
         return
-    layout.label(text=loaded.volume.name, icon="VOLUME_DATA", translate=False)
     _draw_volume(layout, context, loaded)
 
 
@@ -70,8 +72,7 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
     _draw_label_files(layout, context, loaded)
     if volume.kind == ValueKind.HU:
         layout.operator("ctmc.remove_table", icon="TRASH", depress=loaded.reading.remove_table)
-    if len(loaded.series) > 1:
-        _draw_series(layout, context, loaded)
+    draw_series(layout, context)
     if loaded.times > 1:
         _draw_times(layout, stored, loaded)
     if not loaded.geometry:
@@ -142,36 +143,3 @@ def _draw_times(layout: Any, stored: Any, loaded: volumes.Loaded) -> None:
     row = column.row(align=True)
     row.enabled = stored.time != loaded.reading.time
     row.operator("ctmc.load", text="Load Time Point", icon="FILE_REFRESH").again = True
-
-
-def _draw_series(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:
-    """Draw a button for every series, pressed for the one that was read, and below it what distinguishes it."""
-    column = layout.column()
-    column.label(text=translate("Series"), translate=False)
-    for series in loaded.series:
-        text = f"{series.number}: {series.description or series.modality}"
-        line = column.column(align=True)
-        button = line.operator("ctmc.load", text=text, translate=False, depress=series.number == loaded.series_number)
-        button.again, button.series = True, str(series.number)
-        draw_text(line, context, _series_text(series))
-
-
-def _series_text(series: Series) -> str:
-    """Return number and kernel as set by the scanner, spacing and number of slices, size, folder."""
-    facts = {
-        "no. {number}": series.dicom_number,
-        "kernel {kernel}": series.kernel,
-        "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
-        "{count} slices": str(series.slices),
-        "{columns} x {rows}": "size",
-        "in {folder}": series.folder,
-    }
-    columns, rows = series.size
-    words = [
-        translate(text).format(
-            number=value, kernel=value, gap=value, count=value, folder=value, columns=columns, rows=rows
-        )
-        for text, value in facts.items()
-        if value
-    ]
-    return ", ".join(words)

@@ -9,6 +9,7 @@ import pytest
 from ctmc_addon.core import TriangleMesh, distances, finish, marching_cubes
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh import (
+    LostComponents,
     ReferenceSurface,
     SurfaceDistance,
     surface_distance,
@@ -39,7 +40,7 @@ def rough(seed, stride=1):
 
 def test_the_same_surface_is_at_no_distance():
     mesh = rough(1)
-    assert surface_distance(mesh, mesh) == SurfaceDistance(0.0, 0.0, 0.0)
+    assert surface_distance(mesh, mesh) == SurfaceDistance()
     rolled = TriangleMesh(mesh.vertices, np.roll(mesh.faces, 1, axis=1))
     assert surface_distance(rolled, mesh).largest < 1e-12
 
@@ -56,7 +57,7 @@ def test_balls_of_10_and_11_mm_are_a_millimeter_apart_both_ways():
 
 
 def test_the_numbers_are_those_of_all_samples_and_vertices():
-    mesh, reference = rough(2, stride=2), rough(2)
+    mesh, reference = rough(2), rough(2, stride=2)  # fewer components, so none is lost
     there, back = (
         distances(finish(surface_samples_steps(mesh)), reference),
         distances(finish(surface_samples_steps(reference)), mesh),
@@ -66,6 +67,46 @@ def test_the_numbers_are_those_of_all_samples_and_vertices():
     assert apart.mean == pytest.approx((there.mean() + back.mean()) / 2, rel=1e-12)
     assert apart.percentile_95 == pytest.approx(max(np.percentile(there, 95), np.percentile(back, 95)), rel=1e-12)
     assert apart.largest == pytest.approx(max(there.max(), back.max(), at_vertices), rel=1e-12)
+    assert apart.to_full.mean == pytest.approx(there.mean(), rel=1e-12)
+    assert apart.from_full.percentile_95 == pytest.approx(np.percentile(back, 95), rel=1e-12)
+
+
+def joined(*meshes):
+    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
+    faces = [mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)]
+    return TriangleMesh(np.concatenate([mesh.vertices for mesh in meshes]), np.concatenate(faces).astype(np.int32))
+
+
+def test_a_lost_speck_is_named_and_not_the_largest_distance():
+    speck = moved(ball(0.4), [46, 0, 0])
+    apart = surface_distance(ball(10.5), joined(ball(10), speck))
+    assert apart.to_full.largest == pytest.approx(0.5, abs=0.03)
+    assert apart.from_full.largest == pytest.approx(0.5, abs=0.03)
+    assert apart.largest < 0.6
+    assert apart.lost.count == 1
+    assert apart.lost.volume == pytest.approx(4 / 3 * np.pi * 0.4**3, rel=0.02)
+    assert apart.lost.largest == pytest.approx(46.4 - 10.5, abs=0.05)
+    both = surface_distance(joined(moved(ball(0.3), [46, 0, 0]), ball(10.5)), joined(ball(10), speck))
+    assert both.lost == LostComponents()
+    assert both.largest == pytest.approx(0.5, abs=0.03)
+
+
+def test_a_lost_cavity_is_a_lost_component():
+    cavity = ball(4)
+    cavity = TriangleMesh(cavity.vertices, np.ascontiguousarray(cavity.faces[:, ::-1]))
+    apart = surface_distance(ball(10), joined(cavity, ball(10)))
+    assert (apart.lost.count, apart.largest) == (1, pytest.approx(0, abs=1e-9))
+    assert apart.lost.volume == pytest.approx(4 / 3 * np.pi * 4**3, rel=0.02)
+    assert apart.lost.largest == pytest.approx(6, abs=0.1)
+
+
+def test_the_two_ways_are_told_apart():
+    plate = np.array([[0, 0, 0], [10, 0, 0], [10, 10, 0], [0, 10, 0]], np.float32)
+    half = plate * np.float32([0.5, 1, 1])
+    faces = np.array([[0, 1, 2], [0, 2, 3]], np.int32)
+    apart = surface_distance(TriangleMesh(half, faces), TriangleMesh(plate, faces))
+    assert apart.to_full.largest == 0.0
+    assert (apart.from_full.largest, apart.from_full.percentile_95) == pytest.approx((5.0, 4.5), abs=0.03)
 
 
 def test_the_largest_is_found_at_a_vertex_that_hardly_any_sample_is_near():

@@ -33,13 +33,14 @@ def test_the_front_half_is_cut_away_its_box_is_active_and_all_comes_back(scene, 
     box = bpy.context.object
     assert bpy.context.selected_objects == [box]
     assert not bpy.ops.ctmc.cut_away.poll()  # a box is not a surface
-    assert not bpy.ops.ctmc.export.poll()
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "front.ply"))  # not the box, but the one visible surface
     assert ends_mm(surface)[:, 1] == pytest.approx((before[0, 1], middle), abs=1e-3)
     bpy.ops.ctmc.flip_cut_away()
     assert ends_mm(surface)[:, 1] == pytest.approx((middle, before[1, 1]), abs=1e-3)
     bpy.context.view_layer.objects.active = surface
     surface.select_set(True)
     bpy.ops.ctmc.export(filepath=str(tmp_path / "half.ply"), which="SELECTED")  # one surface: PLY holds no more
+    assert (tmp_path / "front.ply").exists()
     bpy.ops.ctmc.flip_cut_away()
     assert ends_mm(surface)[:, 1] == pytest.approx((before[0, 1], middle), abs=1e-3)
     assert bpy.ops.ctmc.remove_cut_away() == {"FINISHED"}

@@ -15,6 +15,7 @@ from ctmc_addon.blender.figure.spec import Cell, Page, ShownSurface
 from ctmc_addon.cli import main
 from ctmc_addon.core import finish
 from ctmc_addon.ui.operators.figure import subject
+from ctmc_addon.ui.operators.surface import export
 from ctmc_addon.ui.operators.surface.export import CTMC_OT_export
 from ctmc_addon.ui.operators.surface.results import command_text
 from ctmc_addon.ui.panels.ct.slice import draw_cuts
@@ -75,6 +76,70 @@ def test_several_surfaces_go_to_one_file_with_the_bytes_of_the_command_line(scen
     ]
 
 
+def three_organs(scene, tmp_path):
+    bpy.ops.ctmc.load(filepath=str(organs_file(tmp_path)), spacing=(1, 1, 2))
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    return sum(len(obj.data.polygons) for obj in surfaces.selected_surfaces(bpy.context))
+
+
+def test_several_selected_surfaces_go_to_the_file_of_a_script_that_does_not_say_which(scene, tmp_path, capfd):
+    faces = three_organs(scene, tmp_path)
+    assert bpy.ops.ctmc.export(filepath=str(tmp_path / "organs.glb")) == {"FINISHED"}
+    size = max(1, round((tmp_path / "organs.glb").stat().st_size / 1000))
+    path = tmp_path / "organs.glb"
+    assert f"Info: Wrote {path}: 3 objects, {faces:,} triangles, {size} kB" in capfd.readouterr().out
+    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, and there are 3"):
+        bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"))
+    for obj in bpy.context.scene.objects:
+        obj.select_set(obj == active())
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "one.stl"))
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "all.obj"))
+    assert (tmp_path / "one.stl").stat().st_size == 84 + 50 * len(active().data.polygons)
+    assert sum(line.startswith("o ") for line in (tmp_path / "all.obj").read_text("utf-8").splitlines()) == 3
+    active().hide_set(True)
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "two.obj"), which="VISIBLE")
+    assert sum(line.startswith("o ") for line in (tmp_path / "two.obj").read_text("utf-8").splitlines()) == 2
+
+
+class Dialog:
+    """The operator as its file browser has it."""
+
+    suffixes, suggested = CTMC_OT_export.suffixes, ""
+    kind, which, filepath = ".stl", "ACTIVE", ""
+    ending, suggestion, surfaces = CTMC_OT_export.ending, CTMC_OT_export.suggestion, CTMC_OT_export.surfaces
+    check, follow = CTMC_OT_export.check, CTMC_OT_export.follow
+    properties = type("Properties", (), {"is_property_set": lambda self, name: False})()
+
+    def __init__(self, monkeypatch):
+        monkeypatch.setattr(export.SaveDialog, "invoke", lambda self, *_: None)
+        CTMC_OT_export.invoke(self, bpy.context, None)
+        self.filepath = f"/x/{self.suggested}"
+
+
+def test_the_dialog_takes_several_selected_surfaces_and_the_name_of_their_ct(scene, tmp_path, monkeypatch):
+    three_organs(scene, tmp_path)
+    dialog = Dialog(monkeypatch)
+    assert (dialog.which, dialog.filepath) == ("SELECTED", "/x/totalsegmentator_seg.glb")
+    scene.ctmc.volume_name = "Ex 4"
+    dialog = Dialog(monkeypatch)
+    assert dialog.filepath == "/x/Ex 4.glb"
+    dialog.which = "ACTIVE"
+    assert dialog.check(bpy.context)
+    assert dialog.filepath == f"/x/{active().name}.glb"
+    for obj in bpy.context.scene.objects:
+        obj.select_set(obj == active())
+    dialog = Dialog(monkeypatch)
+    assert (dialog.which, dialog.filepath) == ("ACTIVE", f"/x/{active().name}.stl")
+    dialog.kind = ".3mf"
+    assert dialog.check(bpy.context)
+    assert (dialog.which, dialog.filepath) == ("VISIBLE", "/x/Ex 4.3mf")
+    dialog.filepath = "/x/mine.ply"
+    dialog.check(bpy.context)
+    assert (dialog.kind, dialog.which, dialog.filepath) == (".ply", "ACTIVE", "/x/mine.ply")
+
+
 def test_several_surfaces_do_not_go_to_an_stl(scene, tmp_path):
     bpy.ops.ctmc.load(filepath=str(organs_file(tmp_path)), spacing=(1, 1, 2))
     for item in scene.ctmc.labels:
@@ -90,7 +155,7 @@ def test_an_object_with_a_slash_in_its_name_is_exported_under_one_that_a_file_ca
 
     bpy.ops.ctmc.reconstruct()
     active().name = "CT Kidney/left"
-    dialog = SimpleNamespace(ending=lambda: ".stl")
+    dialog = SimpleNamespace(ending=lambda: ".stl", surfaces=lambda _: [active()])
     assert CTMC_OT_export.suggestion(dialog, bpy.context) == "CT Kidney_left.stl"
     assert subject(bpy.context) == "CT Kidney_left"
     assert bpy.ops.ctmc.export(filepath=str(tmp_path / "CT Kidney_left.stl")) == {"FINISHED"}

@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -10,11 +12,14 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn, meshes_in
 
+from ctmc_addon.blender.figure.distance_map import painted_mm
 from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.readers import read_volume
+from ctmc_addon.ui.operators.surface.placing import summary
 from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import measurements, session, surfaces
+from ctmc_addon.ui.viewport import deviation
 
 
 def active():
@@ -259,7 +264,11 @@ def test_results_name_the_removed_components(noise):
     noise.ctmc.reduction = 0.9
     bpy.ops.ctmc.reconstruct()
     removed = 196 - measurements.of(active()).measures.components
-    assert f"{removed} components below" in " ".join(drawn(CTMC_PT_results).texts)
+    texts = drawn(CTMC_PT_results).texts
+    assert texts[texts.index("Collapsed Components") + 1].startswith(f"{removed} (")
+    assert not any(text.startswith(f"{removed} specks removed") for text in texts), "said once"
+    largest = measurements.of(active()).distance.largest
+    assert largest < 1.0, "of what is still there"
 
 
 def test_results_name_a_goal_that_was_not_met(loaded):
@@ -284,3 +293,90 @@ def test_results_keep_the_last_surface_while_a_slice_is_active(loaded):
     assert tuple(loaded.ctmc.color) == pytest.approx((0.1, 0.2, 0.3))
     bpy.data.objects.remove(bpy.data.objects[name])
     assert "No surface is selected" in drawn(CTMC_PT_results).texts
+
+
+@pytest.mark.parametrize(
+    ("name", "setting", "text"),
+    [
+        ("keep_largest", "keep_parts", "Keeps the largest component"),
+        ("remove_small", "min_part_mm3", "Removes components below 1 mm3"),
+    ],
+)
+def test_what_a_button_removes_is_said_above_reconstruct_and_one_press_undoes_it(noise, capfd, name, setting, text):
+    from ctmc_addon.ui.panels.surface import CTMC_PT_surface
+
+    bpy.ops.ctmc.reconstruct()
+    full = read_provenance(active()).full_faces
+    assert "ctmc.stop_removing" not in drawn(CTMC_PT_surface).buttons
+    assert getattr(bpy.ops.ctmc, name)() == {"FINISHED"}
+    assert f". For the next surfaces too: {text}" in capfd.readouterr().out
+    drawing = drawn(CTMC_PT_surface)
+    assert drawing.texts[0] == text
+    assert drawing.buttons[0] == "ctmc.stop_removing"
+    assert read_provenance(active()).full_faces < full
+    assert bpy.ops.ctmc.stop_removing(setting=setting) == {"FINISHED"}
+    assert getattr(noise.ctmc, setting) == 0
+    assert text not in drawn(CTMC_PT_surface).texts
+    bpy.ops.ctmc.reconstruct(new=True)
+    assert read_provenance(active()).full_faces == full
+
+
+def test_a_region_and_several_components_are_said_above_reconstruct(noise):
+    from ctmc_addon.ui.panels.surface import CTMC_PT_surface
+
+    noise.ctmc.keep_parts, noise.ctmc.region = 3, (0, 0, 0, 9, 9, 9)
+    lines = ["Keeps the 3 largest components", "Leaves out everything outside the region"]
+    assert drawn(CTMC_PT_surface).texts[:2] == lines
+    bpy.ops.ctmc.stop_removing(setting="region")
+    assert not noise.ctmc.use_region
+    assert drawn(CTMC_PT_surface).texts[0] == lines[0]
+    assert lines[1] not in drawn(CTMC_PT_surface).texts
+
+
+def test_cavities_are_counted_apart_from_components(scene, tmp_path):
+    values = np.zeros((20, 20, 20), np.int16)
+    values[2:18, 2:18, 2:18], values[4:16:3, 4:16:3, 4:16:3] = 200, 0
+    values[0, 0, 0] = 200
+    np.save(tmp_path / "holes.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "holes.npy"), spacing=(1.0, 1.0, 1.0))
+    scene.ctmc.threshold, scene.ctmc.close_border = 100.0, True
+    bpy.ops.ctmc.reconstruct()
+    assert "2 components, 64 cavities, 65 below 4 mm3" in drawn(CTMC_PT_results).texts
+    bpy.ops.ctmc.keep_largest()
+    assert "1 component, 64 cavities, 64 below 4 mm3" in drawn(CTMC_PT_results).texts
+
+
+def test_show_deviation_is_pressed_only_on_a_surface_with_a_map(loaded, monkeypatch):
+    shading = SimpleNamespace(type="SOLID", color_type="VERTEX", as_pointer=lambda: -1)
+    monkeypatch.setattr(deviation, "_shadings", lambda: [shading])
+    loaded.ctmc.reduction = 0.5
+    bpy.ops.ctmc.reconstruct()
+    assert deviation.is_shown()  # a viewport shows colors of attributes, but there is no map
+    assert not deviation.is_shown_on(active())
+    assert not bpy.ops.ctmc.deviation_view.poll()
+    bpy.ops.ctmc.deviation_map()
+    assert deviation.is_shown_on(active())
+    assert bpy.ops.ctmc.deviation_view.poll()
+
+
+def test_the_deviation_map_has_the_numbers_of_results_and_of_the_legend(noise, capfd):
+    noise.ctmc.reduction = 0.9
+    bpy.ops.ctmc.reconstruct()
+    distance = measurements.of(active()).distance
+    assert distance.lost.count > 100
+    assert distance.lost.largest > distance.largest
+    texts = drawn(CTMC_PT_results).texts
+    to_full, from_full = (texts[texts.index(name) + 1] for name in ("To Full Surface", "From Full Surface"))
+    capfd.readouterr()
+    bpy.ops.ctmc.deviation_map()
+    report = capfd.readouterr().out
+    assert f"to the full surface at most {to_full}, from the full surface at most {from_full}, " in report
+    assert f"{distance.lost.count} specks removed (" in report
+    assert painted_mm(active()) == pytest.approx(distance.to_full.largest)
+
+
+def test_a_report_of_many_surfaces_is_one_short_line(loaded):
+    made = [SimpleNamespace(result=SimpleNamespace(mesh=SimpleNamespace(faces=range(100_000)))) for _ in range(61)]
+    objects = [SimpleNamespace(name=f"organ {number}") for number in range(61)]
+    assert summary(objects, made) == "61 surfaces: 6,100,000 triangles; Measure All lists them"
+    assert summary(objects[:2], made[:2]) == "organ 0: 100,000 triangles, organ 1: 100,000 triangles"
