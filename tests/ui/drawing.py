@@ -40,6 +40,11 @@ class Layout:
             if is_number and not about.name.endswith("]"):
                 self.bare.append(about.name)
 
+    def prop_enum(self, owner, name, _value, text=None, **_):
+        assert name in owner.bl_rna.properties, name
+        self.shown.append(name)
+        self.labels.append(text or "")
+
     def prop_search(self, owner, name, _data, _property, **options):
         self.prop(owner, name, **options)
 

@@ -109,7 +109,7 @@ def main() -> int:
             if asked.draw:
                 draw_structures(root, package, ct, asked.draw)
                 return 0
-            go_the_newcomers_way(root, package, ct, asked.threshold, shown=not asked.seconds)
+            go_the_newcomers_way(root, package, ct, shown=not asked.seconds)
             if asked.seconds:
                 return 0
             desk = Desk(root, OUT, SIZE, LIMIT)
@@ -148,7 +148,7 @@ def draw_structures(root: Path, package: Path, ct: Path, names: Sequence[str]) -
         desk.close()
 
 
-def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, *, shown: bool) -> None:
+def go_the_newcomers_way(root: Path, package: Path, ct: Path, *, shown: bool) -> None:
     """Install the zip and go all the way to a render, a picture for every step."""
     desk = Desk(root, OUT / "newcomer", newcomer.SIZE, LIMIT)
     try:
@@ -157,7 +157,10 @@ def go_the_newcomers_way(root: Path, package: Path, ct: Path, threshold: float, 
         if ct.is_dir():
             path = f"{path}/{min(ct.iterdir()).name}"  # any slice will do
         desk.open()
-        newcomer.go(desk, path, threshold, seconds, keep_step if shown else lambda *_: None)
+        desk.ask("open_fold('cuts')")
+        person = newcomer.go(desk, path, seconds, keep_step if shown else lambda *_: None)
+        if shown:
+            newcomer.go_on(person)
     finally:
         desk.close()
 

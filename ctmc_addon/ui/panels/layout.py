@@ -166,7 +166,7 @@ def draw_pair(layout: Any, context: bpy.types.Context, left: float = 0.5) -> Any
     return layout.column(align=True) if is_narrow(context) else layout.split(factor=left, align=True)
 
 
-def _text_width(text: str) -> float:
+def text_width(text: str) -> float:
     """Return how wide a text is in Blender's own font, pixels at its usual size."""
     import blf
 
@@ -179,7 +179,7 @@ def draw_text(layout: Any, context: bpy.types.Context, text: str, icon: str = "N
     column = layout.column(align=True)
     column.scale_y = 0.8
     room = max(NARROWEST, width_of(context) - MARGIN)
-    for number, line in enumerate(in_lines(text, room, _text_width)):
+    for number, line in enumerate(in_lines(text, room, text_width)):
         column.label(text=line, icon=icon if number == 0 else "NONE" if icon == "NONE" else "BLANK1", translate=False)
 
 

@@ -18,7 +18,7 @@ from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
 
-COST_NAMES = 0.36  # Share of the width for names; counts of voxels and triangles need the rest.
+COST_NAMES = 0.46  # Share of the width for names.
 
 
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -36,7 +36,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row = layout.row()
     row.enabled = alpha_matters(settings)
     row.prop(settings, "alpha", slider=True)
-    draw_table(layout, [("", translate("0 even triangles, 1 most accurate"))])
+    draw_text(layout, context, translate("Alpha 0: even triangles. 1: most accurate"))
 
 
 def alpha_matters(settings: Any) -> bool:
@@ -49,15 +49,15 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted."""
+    """Draw the cost estimate of the settings, always in three lines, so that nothing jumps while it is counted."""
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
-    triangles = seconds = "..." if waits else "-"
+    voxels = triangles = seconds = "..." if waits else "-"
     if cost is not None and not cost.error:
-        voxels = translate("{count} voxels").format(count=count(cost.voxels))
-        triangles = f"{count(cost.faces)} ({voxels})"
+        voxels, triangles = count(cost.voxels), count(cost.faces)
         seconds = f"{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
-    draw_table(layout, [(translate("Triangles"), triangles), (translate("Estimated Time"), seconds)], COST_NAMES)
+    names = (translate("Voxels"), translate("Triangles"), translate("Estimated Time"))
+    draw_table(layout, list(zip(names, (voxels, triangles, seconds), strict=True)), COST_NAMES)
 
 
 def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:

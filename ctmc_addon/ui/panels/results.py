@@ -65,7 +65,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.42)
+    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.45)
     if provenance is not None and obj.data.is_editmode:
         draw_text(layout, context, translate("Leave edit mode first"), "INFO")
     _draw_mending(layout, measurement)

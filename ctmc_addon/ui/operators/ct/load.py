@@ -23,6 +23,7 @@ from ....core.volume import ValueKind, volume_box, volume_statistics_steps
 from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
 from ... import jobs
+from ...properties import page
 from ...properties.preferences import machine
 from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.structures import called, follow_ticks, tick
@@ -190,6 +191,12 @@ def last_folder(scene: bpy.types.Scene) -> Path | None:
     return path.absolute().parent if path is not None and path.absolute().parent.is_dir() else None
 
 
+def _leaves_a_choice(loaded: volumes.Loaded) -> bool:
+    """Return whether the page CT has more to say than what was loaded: another series, labels, a spacing, a note."""
+    is_one = len(loaded.series) < 2 and loaded.times < 2
+    return not is_one or bool(loaded.labels_beside or loaded.volume.notes) or not loaded.geometry
+
+
 def _scene_reading(scene: bpy.types.Scene) -> ReadingOptions:
     """Return how the CT of the scene was read."""
     loaded = volumes.loaded(scene)
@@ -253,6 +260,8 @@ def conclude(
     _show_in_scene(scene, loaded, is_another_ct and not is_another_time)
     if bpy.context.scene == scene:
         scans.note(bpy.context)
+        if is_first and not _leaves_a_choice(loaded):
+            page.show(bpy.context, "SURFACE")
     columns, rows, slices = loaded.full.size
     text = translate("Loaded {name}: {size}").format(name=loaded.volume.name, size=f"{columns} x {rows} x {slices}")
     if taken:
