@@ -15,6 +15,7 @@ from ...operators.ct.view import AS_IT_IS, SIDES
 from ...state import session, volumes
 from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_table, draw_text
+from .values import values_fact
 
 LOAD, LOAD_LABELS = "ctmc.load", "ctmc.load_labels"
 MOST_LABEL_BUTTONS = 6  # Buttons for label files next to the CT.
@@ -70,12 +71,7 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
         (translate("Size"), f"{columns} x {rows} x {slices}"),
         (translate("Spacing"), f"{spacing} mm"),
         (translate("Orientation"), f"{right}, {down}, {up} ({volume.orientation})"),
-        (
-            translate("Values"),
-            translate("{low} to {high} {kind}").format(
-                low=f"{statistics.low:g}", high=f"{statistics.high:g}", kind=translate(str(volume.kind))
-            ),
-        ),
+        values_fact(statistics.low, statistics.high, volume.kind),
     ]
     draw_table(layout, facts, NAMES)
     _draw_views(layout)
