@@ -51,7 +51,7 @@ class CTMC_PT_results(StepPanel, bpy.types.Panel):
         item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
         name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
         draw_table(layout, facts_of(provenance, measurement, unit, name), 0.46)
-        if provenance is not None and obj.data.is_editmode:
+        if obj is not None and obj.data.is_editmode:
             draw_text(layout, context, translate("Leave edit mode first"), "INFO")
         _draw_mending(layout, measurement)
         column = layout.column(align=True)
