@@ -309,10 +309,10 @@ class VolumeSource(ABC):
             raise ReadError(f"there is no time {time}, because {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
-        note = (
-            f"{times} times (time points, phases or acquisitions) at the same places found: time {line.default_time} "
-            f"was read; give the time, 1 to {times}, for another"
-        )
+        remedy = f"give the time, 1 to {times}, for another"
+        note = f"{times} time points found, showing the first; {remedy}"
+        if line.default_time != 1:
+            note = f"{times} time points found, showing number {line.default_time}; {remedy}"
         return line.default_time, [note]
 
     def selected_level(self, level: int | None) -> tuple[int, list[str]]:

@@ -44,7 +44,7 @@ EXPLAINING = (
     "has no name",
     "the later one keeps",
     "renumbered",
-    "times (time points",
+    "time points found",
     "acquisitions",
     "channels: the first was read",
     "no orientation",

@@ -58,9 +58,9 @@ class Constrained(Smoothing):
         volumes = ""
         if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
             is_open = not settings.close_border and _reaches_border(field, mask, volume)
-            words = "closed flat at the border, the surface would enclose" if is_open else "the surface encloses"
+            border = ", closed flat at the border" if is_open else ""
             surface, samples = (volume_text(each, 6) for each in (smooth.volume_mm3, smooth.label_mm3))
-            volumes = f"; {words} {surface} at alpha 1 and stride 1, the samples {samples}"
+            volumes = f": {surface}{border}, voxels {samples}"
         notes = [*field.notes, _smoothed_note(slice_steps, volumes)]
         if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
             notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")
@@ -93,10 +93,10 @@ class Constrained(Smoothing):
 def _smoothed_note(slice_steps: int, volumes: str = "") -> _SmoothedNote:
     """Return the note on a label that was smoothed in `slice_steps` steps a slice.
 
-    `volumes` says after a semicolon what it encloses.
+    `volumes` says after a colon what it encloses at alpha 1 and stride 1, and what its samples hold.
     """
-    steps = f", with {slice_steps} steps per slice" if slice_steps > 1 else ""
-    return _SmoothedNote(f"The label is smoothed with every sample on its own side{steps}{volumes}.")
+    steps = f" ({slice_steps} steps per slice)" if slice_steps > 1 else ""
+    return _SmoothedNote(f"Smoothed label{steps}{volumes}")
 
 
 def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:

@@ -99,7 +99,7 @@ def histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     counts = np.zeros(bins, np.int64)
     done = 0
     for slab in slabs_of(values):
-        yield Step(done / values.shape[0], "Counting the values")
+        yield Step(done / values.shape[0], "Computing histogram")
         done += len(slab)
         if whole:
             index = slab.astype(np.int64).ravel() - int(low)
@@ -122,7 +122,7 @@ def _narrow_histogram_steps(values: NDArray[Any] | Volume) -> Steps[Histogram]:
     counts = np.zeros(1 << 8 * values.dtype.itemsize, np.int64)
     done = 0
     for slab in slabs_of(values):
-        yield Step(done / values.shape[0], "Counting the values")
+        yield Step(done / values.shape[0], "Computing histogram")
         done += len(slab)
         counts += np.bincount(slab.ravel().astype(np.intp) - lowest, minlength=len(counts))
     filled = np.flatnonzero(counts)
@@ -202,11 +202,11 @@ def volume_statistics_steps(volume: Volume) -> Steps[VolumeStatistics]:
     ((2, 1), (5, 3))
     """
     values = volume.values
-    stages = Stages({"Counting the values": 7, "Counting the labels": 3})
+    stages = Stages({"Computing histogram": 7, "Counting the labels": 3})
     x, y, z = volume.size
     try:
         counting = box_histogram_steps(volume, ((0, x), (0, y), (0, z)))
-        histogram: Histogram | None = yield from stages.run("Counting the values", counting)
+        histogram: Histogram | None = yield from stages.run("Computing histogram", counting)
     except ThresholdError:
         histogram = None
     low, high, non_finite = float("nan"), float("nan"), values.size

@@ -34,7 +34,7 @@ from .series import items
 from .view import frame_everywhere
 
 LABELS = "Reading labels"
-STAGES = {"Reading headers": 10, "Reading values": 80, "Counting the values": 10}
+STAGES = {"Reading headers": 10, "Reading values": 80, "Computing histogram": 10}
 # Blender looks at the last suffix only, and folders cannot be dropped.
 DROPPED = ";".join(sorted({"." + end.rpartition(".")[2] for end in KNOWN_SUFFIXES if end not in FOLDER_SUFFIXES}))
 
@@ -263,7 +263,7 @@ def conclude(
         text += ". " + translate("Drawn structures kept: {count}").format(count=taken)
     if is_first and machine().show_mm and not bpy.data.filepath and has_blenders_units(scene):
         set_units(scene, machine().scale)
-        text += ". " + translate("Blender's numbers are millimeters now")
+        text += ". " + translate("Units set to millimeters")
     if cube is not None:
         text += ". " + translate("Default cube removed")
     return text

@@ -98,7 +98,7 @@ class CTMC_OT_set_units(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         set_units(context.scene, machine().scale)
-        self.report({"INFO"}, translate("Blender's numbers are millimeters now"))
+        self.report({"INFO"}, translate("Units set to millimeters"))
         return {"FINISHED"}
 
 
