@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import argparse
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 Case = tuple[str, Mapping[str, Any]]
@@ -55,20 +55,19 @@ def main() -> None:
     bpy.ops.ctmc.load(filepath=args.ct)
     settings = bpy.context.scene.ctmc
     settings.preview, settings.threshold = False, args.threshold
-    rows = list(_rows("", OF_THRESHOLD))
+    print("| surface | triangles | predicted | taken | ratio |\n|---|---|---|---|---|")
+    _print_rows("", OF_THRESHOLD)
     if args.labels:
         bpy.ops.ctmc.load_labels(filepath=args.labels)
         for names in (None, args.only.split(",")) if args.only else (None,):
             for item in settings.labels:
                 item.chosen = names is None or item.name in names
             count = sum(item.chosen for item in settings.labels)
-            rows += _rows(f"{count} labels, ", OF_LABELS)
-    print("| surface | triangles | predicted | taken | ratio |\n|---|---|---|---|---|")
-    print("\n".join(rows))
+            _print_rows(f"{count} labels, ", OF_LABELS)
 
 
-def _rows(prefix: str, cases: tuple[Case, ...]) -> Iterator[str]:
-    """Make the surfaces of all cases, and yield a row for each."""
+def _print_rows(prefix: str, cases: tuple[Case, ...]) -> None:
+    """Make the surfaces of all cases, and print a row for each."""
     import bpy
 
     from ctmc_addon.ui.state import session
@@ -83,12 +82,13 @@ def _rows(prefix: str, cases: tuple[Case, ...]) -> Iterator[str]:
             pass
         cost = session.of(scene).cost
         if cost.error:
-            yield f"| {prefix}{name} | {cost.error} | | | |"
+            print(f"| {prefix}{name} | {cost.error} | | | |")
             continue
         predicted, start = cost.seconds, time.perf_counter()
         bpy.ops.ctmc.reconstruct(new=True)
         taken = time.perf_counter() - start
-        yield f"| {prefix}{name} | {cost.faces:,} | {predicted:.2f} s | {taken:.2f} s | {predicted / taken:.2f} |"
+        numbers = f"{cost.faces:,} | {predicted:.2f} s | {taken:.2f} s | {predicted / taken:.2f}"
+        print(f"\n| {prefix}{name} | {numbers} |", flush=True)
 
 
 if __name__ == "__main__":

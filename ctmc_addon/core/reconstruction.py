@@ -77,6 +77,8 @@ class Reconstruction:
         Measures of a surface that was written piece by piece, whose mesh is empty.
     beyond : (F,) int32 or None
         The label in front of each triangle of the mesh, 0 for none, where neighbors share their interfaces.
+    components : (F,) int32 or None
+        The component of each triangle of the mesh, if it was looked for.
     neighbors : tuple of Neighbor
         The labels that the surface borders on, with triangles and area.
     alpha_choice : AlphaChoice or None
@@ -103,6 +105,7 @@ class Reconstruction:
     self_intersections: int | None = None
     measured: Measures | None = None
     beyond: NDArray[np.int32] | None = None
+    components: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
 

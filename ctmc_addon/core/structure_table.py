@@ -85,9 +85,11 @@ def measure_structures(
     >>> labels = Volume(labels, np.eye(4), kind="label", label_names={1: "box"})
     >>> ct = Volume(np.full((8, 8, 20), 40, np.int16), np.eye(4), kind="HU")
     >>> surfaces = reconstruct_labels(labels, ReconstructionSettings(smoothing="none")).surfaces
-    >>> print(table_csv(measure_structures(surfaces, ct, labels), ct.kind), end="")
-    name,label,threshold_hu,volume_ml,area_cm2,components,largest_diameter_mm,mean_hu,sd_hu,size_x_mm,size_y_mm,size_z_mm
-    box,1,,0.0586666667,0.811878949,1,5.83095189,40,0,4,4,4
+    >>> head, box = table_csv(measure_structures(surfaces, ct, labels), ct.kind).splitlines()
+    >>> head[:64]
+    'name,label,threshold_hu,volume_ml,area_cm2,components,largest_di'
+    >>> box
+    'box,1,,0.0586666667,0.811878949,1,5.83095189,40,0,4,4,4,0'
     """
     return finish(measure_structures_steps(results, ct, labels, names))
 

@@ -309,11 +309,9 @@ class VolumeSource(ABC):
             raise ReadError(f"there is no time {time}, because {self.path.name} {holds}; choose from 1 to {times}")
         if time is not None or times == 1:
             return time or 1, []
-        remedy = f"give the time, 1 to {times}, for another"
-        note = f"{times} time points found, showing the first; {remedy}"
-        if line.default_time != 1:
-            note = f"{times} time points found, showing number {line.default_time}; {remedy}"
-        return line.default_time, [note]
+        if line.default_time == 1:
+            return 1, [f"{times} time points found, showing the first"]
+        return line.default_time, [f"{times} time points found, showing number {line.default_time}"]
 
     def selected_level(self, level: int | None) -> tuple[int, list[str]]:
         """Return the resolution to read, 0 for the full one, and a note with all resolutions."""

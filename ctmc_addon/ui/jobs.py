@@ -12,6 +12,7 @@ call, so the thread would have to be left running, and Blender's own calls must 
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -33,6 +34,7 @@ TICK = 0.04  # Seconds of work between two checks for events.
 # While a job keeps objects of its own in the file, only these events get past it: navigation changes nothing there.
 NAVIGATION = {"MOUSEMOVE", "INBETWEEN_MOUSEMOVE", "MIDDLEMOUSE", "WHEELUPMOUSE", "WHEELDOWNMOUSE", "TRACKPADPAN"}
 START = Step(0.0, "Starting")
+SHOWN = 0.2  # Seconds between two pictures of the progress; drawing may take longer than the work between two checks.
 INTERVAL = 0.005  # Seconds between the end of one tick and the next, in which the window draws and responds.
 NO_MEMORY = "there is not enough memory for this; use a larger stride, a region, or close other programs"
 
@@ -50,6 +52,8 @@ class Job:
     stopped: bool = False
     locks: bool = False
     workspaces: set[str] = field(default_factory=set)
+    shown: str = ""
+    shown_at: float = -math.inf
 
     def advance(self, seconds: float = TICK) -> Conclusion | None:
         """Work for about this long and return the conclusion once the work is complete.
@@ -98,7 +102,11 @@ def start(job: Job, context: bpy.types.Context) -> None:
 
 
 def show(job: Job, context: bpy.types.Context) -> None:
-    """Show the progress of a job in the status bar and the panel."""
+    """Show the progress of a job in the status bar and the panel, unless its stage was shown a moment ago."""
+    now = time.perf_counter()
+    if job.step.message == job.shown and now - job.shown_at < SHOWN:
+        return
+    job.shown, job.shown_at = job.step.message, now
     workspace = context.workspace
     if workspace is not None:
         job.workspaces.add(workspace.name)

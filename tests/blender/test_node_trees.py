@@ -18,7 +18,7 @@ from ctmc_addon.blender.figure.spec import ColorScale, FigureStyle
 from ctmc_addon.blender.figure.styles import transparent_material
 from ctmc_addon.blender.materials import add_edges, flat_material, surface_material
 from ctmc_addon.blender.rulers import wire_material
-from ctmc_addon.blender.scene.lighting import AMBIENT, BACKGROUND, gray_world
+from ctmc_addon.blender.scene.background import BACKGROUNDS, studio_world
 from ctmc_addon.blender.scene.studio import page_world
 from ctmc_addon.blender.slices.cut_box import box_nodes
 from ctmc_addon.blender.slices.cut_nodes import cut_nodes
@@ -62,6 +62,20 @@ BY_CAMERA = """
     Background.Background > MixShader.Shader_001
     MixShader.Shader > OutputWorld.Surface
 """
+GRADIENT = """
+    TexCoord.Window > SeparateXYZ.Vector
+    SeparateXYZ.X > Math.Value
+    SeparateXYZ.Y > Math.Value
+    Math.Value > Math.Value
+    Math.Value > Math.Value_001
+    Math.Value > MapRange.Value
+    MapRange.Result > MixShader.Fac
+    Background.Background > MixShader.Shader
+    Background.Background > MixShader.Shader_001
+    MixShader.Shader > MixShader.Shader_001
+    LightPath.Is Camera Ray > MixShader.Fac
+    MixShader.Shader > OutputWorld.Surface
+"""
 BY_DEPTH = """
     CameraData.View Z Depth > MapRange.Value
     MapRange.Result > MixShader.Fac
@@ -101,7 +115,8 @@ LINKS = {
 """
         + SURFACE,
     ),
-    "sidebar's world": (gray_world, BY_CAMERA),
+    "studio's world": (lambda: studio_world("DARK"), BY_CAMERA),
+    "studio's gradient": (lambda: studio_world("GRADIENT"), GRADIENT),
     "figure's world": (page_world, BY_CAMERA),
     "outline": (
         outline_material,
@@ -318,7 +333,9 @@ def test_values_are_in_the_sockets_that_are_meant():
         0,
         1,
     ]
-    for world, levels in ((gray_world(), [AMBIENT, BACKGROUND]), (page_world(RED, 0.5), [1.0, RED[0]])):
+    dark = BACKGROUNDS["DARK"]
+    levels_of = ((studio_world("DARK"), [dark.ambient, dark.middle[0]]), (page_world(RED, 0.5), [1.0, RED[0]]))
+    for world, levels in levels_of:
         [mix] = nodes_of(world.node_tree, "MixShader")
         shaders = [input_of(mix, called).links[0].from_node for called in ("Shader", "Shader_001")]
         reds = [input_of(shader, "Color").default_value[0] for shader in shaders]

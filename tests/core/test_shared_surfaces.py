@@ -184,6 +184,7 @@ def test_within_a_maximum_error_no_label_moves_farther_and_the_wall_stays_one():
     for label in (1, 2):
         small, before = together.results[label].mesh, full.results[label].mesh
         assert surface_distance(small, before).largest <= 0.4
+        assert surface_distance(before, small).largest <= 0.4
         assert len(small.faces) < 0.5 * len(before.faces)
         assert small.closed
     assert together.results[1].neighbors[0][1:] == together.results[2].neighbors[0][1:]

@@ -196,7 +196,8 @@ def test_the_volumes_in_a_note_are_left_out_where_a_region_cuts_the_label():
     mask = ellipsoid((13, 60, 60), (3.6, 24, 24))
     voxels = mask.sum() * 0.75 * 0.75 * 5
     for region in (None, (0, 0, 0, 59, 59, 12), (4, 4, 1, 55, 55, 11)):
-        assert f"voxels {voxels / 1000:.6g} ml" in made(mask, region=region).notes[0]
+        assert f"voxels {voxels / 1000:.5g} ml" in made(mask, region=region).notes[0]
+        assert f"voxels {voxels / 1000:.5g} ml" in made(mask, region=region, alpha=0.5).notes[0]
     for region in ((0, 0, 0, 59, 30, 12), (0, 0, 6, 59, 59, 12)):
         assert "voxels" not in made(mask, region=region).notes[0]
 

@@ -143,6 +143,24 @@ def test_no_step_begins_that_would_make_the_window_wait(monkeypatch):
     assert ticks(0.03, 0.03, 0.5, 0.001) == [0.03, 0.06, 0.56]
 
 
+def test_the_panel_is_drawn_again_for_a_new_stage_and_else_five_times_a_second(context, monkeypatch):
+    drawn, clock = [], SimpleNamespace(now=100.0)
+    monkeypatch.setattr(jobs.time, "perf_counter", lambda: clock.now)
+    monkeypatch.setattr(session, "redraw_panels", lambda: drawn.append(clock.now))
+    job = jobs.Job("CTMC_OT_reconstruct", "Reconstruct Surface", iter(()), 0)
+    for seconds, message in (
+        (0, "Measuring"),
+        (0.1, "Measuring"),
+        (0.15, "Simplifying"),
+        (0.3, "Simplifying"),
+        (0.36, "Simplifying"),
+    ):
+        clock.now, job.step = 100.0 + seconds, Step(0.5, message)
+        jobs.show(job, context)
+    assert drawn == [100.0, 100.15, 100.36]
+    context.workspace.status_text_set(text=None)
+
+
 def test_esc_stops_at_once_and_nothing_is_concluded(context):
     work = Work()
     operator = begun(context, work)

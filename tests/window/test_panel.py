@@ -103,7 +103,8 @@ open("{desk.inside}/segmentation-9.nii", "wb").write(bytes(data[:start]) + value
 """)
     load(desk, f"{desk.inside}/segmentation-9.nii")
     desk.look("panel-07-labels")
-    assert desk.ask("s = bpy.context.scene.ctmc; answer = [s.use_label, s.use_threshold, s.label]") == [True, False, 1]
+    chosen = desk.ask("s = bpy.context.scene.ctmc; answer = [s.use_label, s.to_settings().threshold, s.label]")
+    assert chosen == [True, None, 1]
     desk.ask("for o in bpy.data.objects: o.select_set(False)")
     desk.press(MAKE, "reconstruct")
     desk.wait(f"{IDLE} and 'Label 1' in bpy.data.objects")

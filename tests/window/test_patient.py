@@ -13,8 +13,9 @@ from window.scenes import IDLE, QUIET, begin, load
 pytestmark = pytest.mark.window
 
 NO_OBJECTS = "bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])"
-SERIES = 'bpy.ops.ctmc.load(again=True, series="{}")'
-LIST_HEIGHT = 200  # pixels, of a list of two series
+ABOVE = "bpy.ops.ctmc.remove_table()"  # the button above the dropdown of series
+ROW = 26  # pixels from one row of the sidebar, or of a menu, to the next
+FACTS_HEIGHT = 120  # pixels, of the dropdown and the lines below it
 
 
 def write_series(folder, number, **tags):
@@ -50,20 +51,20 @@ def write_series(folder, number, **tags):
         dcmwrite(folder / str(number) / f"{at}.dcm", dataset, enforce_file_format=True)
 
 
-def series_list(desk, name, **tags):
-    """A picture of the sidebar's list of two series, the second with these tags."""
+def series_facts(desk, name, **tags):
+    """A picture of what the sidebar says of the second of two series, which has these tags."""
     folder = desk.folder / "study"
     if folder.exists():
         shutil.rmtree(folder)
     write_series(folder, 1, SeriesDescription="AAA", ConvolutionKernel="B10f")
     write_series(folder, 2, **{"SeriesDescription": "AAA", "ConvolutionKernel": "B10f", **tags})
     desk.ask(NO_OBJECTS)
-    load(desk, f"{desk.inside}/study")
+    load(desk, f"{desk.inside}/study", series="2")
     left, width = desk.ask("bar = viewport().sidebar; answer = [bar.x, bar.width]")
-    _, y = desk.find(SERIES.format(1))
+    _, y = desk.find(ABOVE)
     desk.move(left - 200, y)
     picture = desk.look(f"patient-01-{name}")
-    return picture.crop((left, y - 20, left + width - 30, y + LIST_HEIGHT))
+    return picture.crop((left, y + ROW // 2, left + width - 30, y + FACTS_HEIGHT))
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -73,20 +74,24 @@ def tab(desk):
 
 
 def test_series_are_told_apart_by_what_the_scanner_says_and_their_words_stay_on_the_screen(desk):
-    plain = series_list(desk, "plain")
+    plain = series_facts(desk, "plain")
     for name, tags in {
         "number": {"SeriesNumber": 8},
         "description": {"SeriesDescription": "MUSTER"},
         "kernel": {"ConvolutionKernel": "B70f"},
         "spacing": {"gap": 5},
     }.items():
-        other = series_list(desk, name, **tags)
+        other = series_facts(desk, name, **tags)
         assert ImageChops.difference(plain, other).getbbox() is not None, f"{name} is not shown"
-    series_list(desk, "words", SeriesDescription="MUSTER")
-    desk.press(SERIES.format(2), "load")
-    desk.wait(f"{IDLE} and ours('ui.state.volumes').loaded(bpy.context.scene).series_number == 2")
+    series_facts(desk, "words", SeriesDescription="MUSTER")
+    x, y = desk.find(ABOVE)
+    desk.click(x, y + ROW)
+    desk.look("patient-02-dropdown")
+    desk.click(x, y + 2 * ROW)
+    desk.look("patient-02-chosen")
+    desk.wait(f"{IDLE} and ours('ui.state.volumes').loaded(bpy.context.scene).series_number == 1")
     desk.wait(QUIET)
-    desk.look("patient-02-second")
+    desk.look("patient-03-first")
     written = desk.ask("""
 loaded = ours("ui.state.volumes").loaded(bpy.context.scene)
 blocks = [block.name for kind in (bpy.data.objects, bpy.data.collections, bpy.data.meshes) for block in kind]

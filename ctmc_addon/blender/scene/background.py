@@ -12,6 +12,7 @@ from ..materials import math_node, mixed, use_nodes
 from ..sockets import input_of, output_of
 
 NAME = "CTMC Studio"
+LIGHTEST = 1.1  # White that stays white after the denoiser, which darkens the border of a picture.
 CORNER = 0.75  # Distance from the middle at which a gradient ends, as a share of the picture.
 
 
@@ -36,8 +37,8 @@ class _Background(NamedTuple):
 
 BACKGROUNDS = {
     "GRADIENT": _Background((0.11, 0.125, 0.15), (0.012, 0.014, 0.018), 0.22),
-    "DARK": _Background((0.03, 0.032, 0.036), (0.03, 0.032, 0.036), 0.22),
-    "WHITE": _Background((1.0, 1.0, 1.0), (1.0, 1.0, 1.0), 0.4),
+    "DARK": _Background((0.012, 0.013, 0.016), (0.012, 0.013, 0.016), 0.22),
+    "WHITE": _Background((LIGHTEST,) * 3, (LIGHTEST,) * 3, 0.4),
     "TRANSPARENT": _Background((0.1, 0.1, 0.1), (0.1, 0.1, 0.1), 0.3, transparent=True),
 }
 

@@ -6,7 +6,6 @@ Cycles takes few samples before its denoiser, more without one, and stops at a t
 
 from __future__ import annotations
 
-import os
 from typing import Any, NamedTuple
 
 import bpy
@@ -23,11 +22,11 @@ LONGEST_S = 60.0  # Time limit of Cycles' samples, seconds.
 EEVEE_SAMPLES = 32
 BOUNCES, LAYERS = 4, 64  # Reflections of light, and transparent surfaces that it passes.
 # Seconds of a processor core: of each triangle, of a thousand samples, and of a thousand pixels for the denoiser.
-PER_TRIANGLE, PER_SAMPLES, PER_DENOISED = 3e-6, 1.6e-3, 8e-3
+PER_TRIANGLE, PER_SAMPLES, PER_DENOISED = 3e-6, 1.6e-3, 4e-3
 
 
 class RenderPlan(NamedTuple):
-    """What F12 renders with; `seconds` are predicted for Cycles, and None for the others."""
+    """What F12 renders with; `seconds` are predicted for Cycles on the processor alone."""
 
     engine: str
     samples: int
@@ -79,7 +78,7 @@ def _set_cycles(cycles: Any) -> None:
     cycles.use_denoising = denoised
     if denoised:
         cycles.denoiser, cycles.denoising_input_passes = "OPENIMAGEDENOISE", "RGB_ALBEDO_NORMAL"
-        cycles.denoising_prefilter = "FAST"
+        cycles.denoising_prefilter = "NONE"
     cycles.max_bounces, cycles.transparent_max_bounces = BOUNCES, LAYERS
 
 
@@ -91,7 +90,9 @@ def render_plan(scene: bpy.types.Scene, triangles: int) -> RenderPlan:
     if engine != "cycles":
         samples = scene.eevee.taa_render_samples if engine == "eevee" else 0
         return RenderPlan(engine, samples, (width, height), None)
-    cycles, cores = scene.cycles, os.cpu_count() or 1
+    if scene.cycles.device == "GPU":
+        return RenderPlan(engine, scene.cycles.samples, (width, height), None)
+    cycles, cores = scene.cycles, render.threads
     kilopixels = width * height / 1000
     traced = kilopixels * cycles.samples * PER_SAMPLES / cores
     if cycles.time_limit > 0.0:

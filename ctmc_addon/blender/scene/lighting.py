@@ -67,9 +67,9 @@ def set_up_studio(
 ) -> tuple[bpy.types.ID, ...]:
     """Add a camera framed on objects, three lights and a background to a scene, replacing earlier ones.
 
-    Other objects, materials and lights stay as they are, except that renders do not see the light of a new file. What
-    F12 depends on is set: the scene's camera, world and view transform; engine, size and samples stay. Camera and lights
-    stand outside the CTs' boxes, and clicks do not catch the lights.
+    Other objects, materials and lights stay as they are, except that renders do not see the light of a new file. The
+    scene's camera, world and view transform are set; engine, size and samples stay. Camera and lights stand outside
+    the CTs' boxes, and clicks do not catch the lights.
 
     Parameters
     ----------

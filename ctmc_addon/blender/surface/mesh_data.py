@@ -61,14 +61,11 @@ def new_mesh_steps(
             _write_numbers(mesh, ".edge_verts", ends.T)
             yield Step(0.3, "Adding the surface")  # Until here it is a valid mesh of edges.
             mesh = mesh_of(uid)
+            # Blender crashes on a mesh that has corners but no faces, so both come in one step.
             mesh.loops.add(faces.size)
-            _write_numbers(mesh, ".corner_vert", faces)
-            yield Step(0.5, "Adding the surface")
-            mesh = mesh_of(uid)
-            _write_numbers(mesh, ".corner_edge", edge_of_corner.T)
-            yield Step(0.7, "Adding the surface")
-            mesh = mesh_of(uid)
             mesh.polygons.add(len(faces))
+            _write_numbers(mesh, ".corner_vert", faces)
+            _write_numbers(mesh, ".corner_edge", edge_of_corner.T)
             mesh.polygons.foreach_set("loop_start", np.arange(0, faces.size, 3, dtype=np.int32))
         mesh.update()
         complete = True

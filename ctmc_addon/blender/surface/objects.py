@@ -13,7 +13,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ...core import MeshError, Reconstruction, ReconstructionSettings, Steps, finish
+from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, finish
 from ...core.volume import finish_of, transform_normals
 from ..colors import Color, color_of
 from ..scene.ct_box import link_beside_ct
@@ -231,7 +231,9 @@ def surface_mesh_steps(
     )
     if edges is None:
         edges = yield from meshes.edges_steps(faces, len(vertices))
-    mesh = yield from meshes.new_mesh_steps(name, placement.to_local(vertices), faces, edges)
+    local = placement.to_local(vertices)
+    yield Step(0.1, "Adding the surface")
+    mesh = yield from meshes.new_mesh_steps(name, local, faces, edges)
     keep_positions_mm(mesh, vertices, surface)
     if result.beyond is not None:
         meshes.add_face_numbers(mesh, NEIGHBOR, result.beyond)

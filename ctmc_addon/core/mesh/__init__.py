@@ -9,7 +9,7 @@ from .coarse import coarse_mesh
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
 from .pieces.kept_pieces import bodies_steps, keep_components_steps, with_faces
-from .topology import Edges, Groups, edges_steps
+from .topology import Edges, Groups, Topology, edges_steps, topology_steps
 from .triangle_mesh import blend
 
 if TYPE_CHECKING:

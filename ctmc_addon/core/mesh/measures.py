@@ -19,7 +19,7 @@ from .pieces.piece_links import PieceLinks
 from .topology import (
     FACES_PER_STEP,
     EdgeKeys,
-    Edges,
+    Topology,
     component_numbers_steps,
     edge_ends,
     edge_keys_steps,
@@ -97,7 +97,7 @@ class Measures:
 
 
 def measures_steps(
-    vertices: NDArray[np.float32], faces: NDArray[np.int32], edges: Edges | None = None
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], topology: Topology | None = None
 ) -> Steps[Measures]:
     """Measure a surface.
 
@@ -105,8 +105,8 @@ def measures_steps(
     ----------
     vertices : (V, 3) float32
     faces : (F, 3) int32
-    edges : (2, E) and (3, F) int32, optional
-        Result of `topology.edges_steps`, where someone else needs it too.
+    topology : Topology, optional
+        The edges and components, where someone else needs them too.
 
     Examples
     --------
@@ -118,7 +118,7 @@ def measures_steps(
     (1.0, True, 2, 1)
     """
     measured = PieceMeasures()
-    yield from measured.add_steps(vertices, faces, len(vertices), edges)
+    yield from measured.add_steps(vertices, faces, len(vertices), topology)
     return (yield from measured.measures_steps())
 
 
@@ -146,9 +146,9 @@ class PieceMeasures:
         self._seam_counts = np.empty((2, 0), np.int64)
 
     def add_steps(
-        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int, known: Edges | None = None
+        self, vertices: NDArray[np.float32], faces: NDArray[np.int32], own: int, known: Topology | None = None
     ) -> Steps[None]:
-        """Take in the next piece: its `own` vertices and those of the next that it needs, its triangles, its edges."""
+        """Take in the next piece: its `own` vertices and those of the next that it needs, and its triangles."""
         stages = Stages(STAGES)
         sizes, edges, components = STAGES
         if not self._vertices and len(vertices):  # far from the origin the terms would cancel badly
@@ -156,9 +156,9 @@ class PieceMeasures:
         first = self._vertices
         self._add_vertices(vertices, faces, own)
         self._faces += len(faces)
-        counting = edge_keys_steps(faces, len(vertices)) if known is None else keys_of_edges_steps(faces, *known)
+        counting = edge_keys_steps(faces, len(vertices)) if known is None else keys_of_edges_steps(faces, *known.edges)
         yield from stages.run(edges, self._add_edges_steps(counting, own, first))
-        numbers = yield from stages.run(components, self._links.add_steps(faces, own))
+        numbers = yield from stages.run(components, self._links.add_steps(faces, own, known and known.components))
         yield from stages.run(sizes, self._add_sums_steps(vertices, faces, numbers))
 
     def measures_steps(self) -> Steps[Measures]:

@@ -7,6 +7,7 @@ Only vertex numbers are looked at, no positions. Work is cut into blocks, so tha
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,27 @@ BUCKET = 1 << 20  # Sort the edges of this many corners at once.
 
 Edges = tuple[Ints, Ints]  # As `edges_steps` returns them.
 EdgeKeys = tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]  # As `edge_keys_steps` returns them.
+
+
+class Topology(NamedTuple):
+    """How the triangles of a mesh are connected, found once for all who need it.
+
+    Parameters
+    ----------
+    edges : (2, E) and (3, F) int32
+        As `edges_steps` returns them.
+    components : (F,) int32
+        As `component_numbers_steps` returns them.
+    """
+
+    edges: Edges
+    components: Ints
+
+
+def topology_steps(faces: Ints, vertex_count: int) -> Steps[Topology]:
+    """Find edges and components of faces (F, 3)."""
+    edges = yield from edges_steps(np.ascontiguousarray(faces.T), vertex_count)
+    return Topology(edges, (yield from component_numbers_steps(faces, vertex_count)))
 
 
 def edges_steps(faces: Ints, vertex_count: int) -> Steps[Edges]:

@@ -58,7 +58,7 @@ def without_small_steps(
     mesh = full.mesh
     surface = full.surface or Surface(mesh.vertices, mesh.vertices, mesh.faces, mesh.normals)
     alpha = settings.alpha_number
-    surface, removed = yield from kept_and_removed_steps(surface, alpha, limits_of(settings))
+    surface, removed = yield from kept_and_removed_steps(surface, alpha, limits_of(settings), full.components)
     yield PAUSE
     mesh = surface.at(alpha)
     return replace(
@@ -68,6 +68,7 @@ def without_small_steps(
         settings=settings,
         full_faces=len(mesh.faces),
         removed_components=full.removed_components + removed,
+        components=None,
     )
 
 
@@ -261,6 +262,7 @@ class Finish:
             full,
             mesh=mesh,
             surface=None,
+            components=None,
             notes=(*full.notes, *notes),
             collapsed_components=collapsed.count,
             collapsed_mm3=collapsed.volume,

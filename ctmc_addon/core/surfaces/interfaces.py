@@ -39,9 +39,9 @@ from .request import Scope, scope_of_labels
 
 FIELDS, WALLS, OWNING, CROSSING, PLACING, KEEPING, MOVING = (
     "Smoothing the labels",
-    "Smoothing the walls",
+    "Smoothing shared walls",
     "Assigning samples to labels",
-    "Finding where labels meet",
+    "Joining shared walls",
     "Placing vertices and triangles",
     "Keeping the volumes",
     "Moving to millimeters",

@@ -312,7 +312,7 @@ def _damaged_notes(damaged: Sequence[Broken], slices: Sequence[Slice], stack: St
     paths = {ct_slice.image.path for ct_slice in slices} | {broken.path for broken in damaged}
     numbers = {path: number for number, path in enumerate(sorted(paths, key=natural_key), 1)}
     left_out = sorted(numbers[broken.path] for broken in damaged)
-    gap = "the gap was filled by linear interpolation" if stack.resampled else "no uneven gap remains"
+    gap = "the gap was filled by linear interpolation" if stack.resampled else "no gap remains within the stack"
     if len(left_out) == 1:
         return [f"slice {left_out[0]} of {len(paths)}, by file name, is damaged and was left out; {gap}"]
     some = [str(number) for number in left_out[:MOST_LISTED]]

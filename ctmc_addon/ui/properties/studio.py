@@ -30,7 +30,7 @@ class CTMCStudio(PropertyGroup):
         "Background",
         "Background of renders. It changes at once where camera and lights are set up",
         items=[
-            ("GRADIENT", "Gradient", "Dark gray, lighter in the middle"),
+            ("GRADIENT", "Dark Gradient", "Dark gray, lighter in the middle"),
             ("DARK", "Dark", "Nearly black"),
             ("WHITE", "White", "White, for documents"),
             ("TRANSPARENT", "Transparent", "None, to lay the picture over others"),

@@ -20,10 +20,10 @@ from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state
 from ...core import FinishedSurface, Stages, Steps, TriangleMesh, is_specks_text
 from ...core.mesh import (
-    Edges,
     Measures,
     ReferenceSurface,
     SurfaceDistance,
+    Topology,
     measures_steps,
     self_intersections_steps,
     surface_distance_steps,
@@ -64,15 +64,18 @@ class Measurement:
 
 
 def measurement_steps(
-    mesh: TriangleMesh, full: TriangleMesh | None, self_intersections: int | None = None, edges: Edges | None = None
+    mesh: TriangleMesh,
+    full: TriangleMesh | None,
+    self_intersections: int | None = None,
+    topology: Topology | None = None,
 ) -> Steps[Measurement]:
     """Measure a surface, and its distance from the surface before simplification; both meshes in RAS+ mm.
 
-    `self_intersections` are counted if they are None; `edges` are found if they are None.
+    `self_intersections` are counted if they are None; the `topology` is found if it is None.
     """
     stages = Stages(STAGES)
     measuring, crossing, comparing = STAGES
-    measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces, edges))
+    measures = yield from stages.run(measuring, measures_steps(mesh.vertices, mesh.faces, topology))
     if self_intersections is None:
         pairs = yield from stages.run(crossing, self_intersections_steps(mesh.vertices, mesh.faces))
         self_intersections = len(pairs)

@@ -11,7 +11,9 @@ bpy = pytest.importorskip("bpy")
 from bpy_extras.object_utils import world_to_camera_view
 from mathutils import Vector
 
-from ctmc_addon.blender.scene.lighting import LAMPS, NAME, set_up_studio, sphere_of
+from ctmc_addon.blender.scene.background import NAME
+from ctmc_addon.blender.scene.ct_box import show_box
+from ctmc_addon.blender.scene.lighting import LAMPS, has_placed_camera, set_up_studio, sphere_of
 from ctmc_addon.blender.scene.studio import corners_of
 from ctmc_addon.blender.surface import add_reconstruction
 
@@ -66,3 +68,49 @@ def test_the_studio_stands_alone_and_again_takes_its_place(scene, torus):
     assert sum(world.name.startswith(NAME) for world in bpy.data.worlds) == 1
     assert before == (obj.matrix_world, scene.render.engine, scene.render.resolution_x, len(bpy.data.materials))
     assert lamp.name in scene.objects
+
+
+def test_camera_and_lights_stand_outside_the_ct_and_clicks_miss_the_lights(scene, torus):
+    obj = add_reconstruction(torus(), scene)
+    scene.view_layers[0].update()
+    middle, radius = sphere_of(corners_of(obj, scene))
+    signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, 8).T
+    corners = middle + radius * np.array([2.0, 1.0, 0.0]) + 8.0 * radius * signs
+    show_box(scene, corners, "patient", "f", "patient.nii", ("folder", "folder"))
+    set_up_studio(scene, [obj])
+    for light in [scene.objects[name] for name in LAMPS]:
+        turn = np.array(light.matrix_world)[:3, :3]
+        ahead = (corners - np.array(light.matrix_world.translation)) @ turn[:, 2]
+        assert ahead.max() < 0.0  # A light shines along its negative z: the whole box is on that side.
+        assert light.hide_select
+    eye = scene.camera
+    ahead = (corners - np.array(eye.matrix_world.translation)) @ np.array(eye.matrix_world)[:3, 2]
+    assert ahead.max() < 0.0
+    assert not eye.hide_select
+
+
+def test_a_camera_is_placed_by_a_person_once_it_was_moved(scene, torus):
+    obj = add_reconstruction(torus(), scene)
+    assert not has_placed_camera(scene)
+    set_up_studio(scene, [obj])
+    scene.view_layers[0].update()
+    assert not has_placed_camera(scene)
+    scene.objects["CTMC Key"].data.energy *= 2.0
+    assert has_placed_camera(scene)
+    set_up_studio(scene, [obj])
+    assert not has_placed_camera(scene)
+    scene.camera.location.x += 0.1
+    assert has_placed_camera(scene)
+
+
+def test_the_camera_and_the_light_of_a_new_file_are_not_a_persons(torus):
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    scene = bpy.context.scene
+    obj = add_reconstruction(torus(), scene)
+    assert not has_placed_camera(scene)
+    set_up_studio(scene, [obj])
+    assert bpy.data.objects["Light"].hide_render
+    own = bpy.data.objects["Camera"]
+    own.location.x += 1.0
+    scene.camera = own
+    assert has_placed_camera(scene)

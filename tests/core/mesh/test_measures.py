@@ -8,7 +8,7 @@ import pytest
 from meshes import layered, layered_pieces, sheet
 
 from ctmc_addon.core import Step, finish, marching_cubes
-from ctmc_addon.core.mesh import measures, measures_steps
+from ctmc_addon.core.mesh import measures, measures_steps, topology_steps
 from ctmc_addon.core.mesh.measures import PieceMeasures
 from ctmc_addon.core.mesh.pieces.completed_pieces import completed_pieces_steps
 from ctmc_addon.core.volume.affine import transform_points
@@ -43,6 +43,13 @@ def test_a_mesh_with_one_triangle_turned_over_is_not_closed(block):
     faces[0] = faces[0, ::-1]
     assert finish(measures_steps(mesh.vertices, mesh.faces)).closed
     assert not finish(measures_steps(mesh.vertices, faces)).closed
+
+
+def test_measures_are_the_same_with_a_topology_that_someone_else_found(block):
+    mesh = marching_cubes(np.random.default_rng(3).integers(0, 100, (6, 9, 8)).astype(np.uint8), 50.5)
+    topology = finish(topology_steps(mesh.faces, len(mesh.vertices)))
+    found = finish(measures_steps(mesh.vertices, mesh.faces))
+    assert astuple(finish(measures_steps(mesh.vertices, mesh.faces, topology))) == astuple(found)
 
 
 def with_specks(count):

@@ -11,7 +11,9 @@ from ctmc_addon.core.mesh.topology import (
     component_numbers_steps,
     component_roots_steps,
     edge_counts_steps,
+    edge_keys_steps,
     edges_steps,
+    keys_of_edges_steps,
 )
 
 
@@ -62,6 +64,18 @@ def test_of_every_edge_the_triangles_are_counted_and_those_that_run_up_it():
     assert edges.T.tolist() == [[0, 1], [0, 2], [0, 3], [0, 4], [1, 2], [1, 3], [1, 4]]
     assert count.tolist() == [3, 1, 1, 1, 1, 1, 1]
     assert upwards.tolist() == [2, 0, 1, 0, 1, 0, 1]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_known_edges_are_counted_as_edges_that_are_found(seed):
+    faces = np.random.default_rng(seed).integers(0, 30, (90, 3)).astype(np.int32)  # Some edges are points.
+    closed = marching_cubes(np.pad(np.ones((2, 2, 2), np.uint8), 2), 0.5).faces
+    for each in (faces, closed, faces[:0]):
+        edges = finish(edges_steps(np.ascontiguousarray(each.T), 100))
+        found = finish(edge_keys_steps(each, 100))
+        for known, expected in zip(finish(keys_of_edges_steps(each, *edges)), found, strict=True):
+            assert known.dtype == expected.dtype
+            np.testing.assert_array_equal(known, expected)
 
 
 def test_links_of_two_connect_as_faces_do():

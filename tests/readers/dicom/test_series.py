@@ -439,7 +439,7 @@ def test_damaged_slices_at_the_end_leave_no_gap_and_many_in_a_row_too_wide_a_one
         (tmp_path / f"{number}.dcm").write_bytes(b"")
     volume = read_volume(tmp_path, skip_damaged=True)
     np.testing.assert_array_equal(volume.values, hu[:10])
-    note = "slices 11 and 12 of 12, by file name, are damaged and were left out; no uneven gap remains"
+    note = "slices 11 and 12 of 12, by file name, are damaged and were left out; no gap remains within the stack"
     assert volume.notes == (note,)
     for number in (3, 4, 5):
         (tmp_path / f"{number}.dcm").write_bytes(b"")

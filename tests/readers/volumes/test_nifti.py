@@ -114,7 +114,7 @@ def test_each_time_of_a_fourth_dimension_is_read(tmp_path, name, dtype):
         assert volume.notes == ()
     first = read_volume(path)
     np.testing.assert_array_equal(first.values.T, array[..., 0])
-    assert any("3 time points found, showing the first; give the time, 1 to 3" in note for note in first.notes)
+    assert "3 time points found, showing the first" in first.notes
     with pytest.raises(CtmcError, match=rf"no time 4, because {name} holds 3 times; choose from 1 to 3"):
         read_volume(path, time=4)
     for time in (0, -1):

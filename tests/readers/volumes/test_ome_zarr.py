@@ -187,7 +187,7 @@ def test_times_and_channels_are_chosen(tmp_path, version):
     first = read_volume(path)
     np.testing.assert_array_equal(first.values, values[0, 0])
     assert "2 channels found: channel 1 was read; give its number as the series, 1 to 2" in first.notes
-    assert any(note.startswith("3 time points found, showing the first") for note in first.notes)
+    assert "3 time points found, showing the first" in first.notes
     with pytest.raises(ReadError, match=r"^there is no series '3', because scan.ome.zarr has 2 channels; choose"):
         read_volume(path, series="3")
     with pytest.raises(ReadError, match=r"there is no time 4, because scan.ome.zarr holds 3 times; choose from 1 to 3"):

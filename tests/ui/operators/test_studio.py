@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from ctmc_addon.blender.materials import material_opacity
+from ctmc_addon.blender.scene import engine
+from ctmc_addon.ui.operators.scene import studio
 
 
 def test_the_button_needs_a_surface_and_sets_the_camera(loaded):
@@ -18,6 +20,72 @@ def test_the_button_needs_a_surface_and_sets_the_camera(loaded):
     surface = bpy.context.view_layer.objects.active
     surface.hide_render = True
     assert not bpy.ops.ctmc.setup_studio.poll()
+
+
+@pytest.fixture
+def made(loaded):
+    """A scene with a surface, and small pictures."""
+    bpy.ops.ctmc.reconstruct()
+    loaded.render.resolution_x, loaded.render.resolution_y = 64, 48
+    return loaded
+
+
+def test_set_up_sets_the_engine_that_is_shown_and_undo_takes_all_of_it_back(made):
+    made.render.engine, made.ctmc_figure.engine = "BLENDER_WORKBENCH", "cycles"
+    bpy.ops.ed.undo_push(message="Made")
+    bpy.ops.ctmc.setup_studio("EXEC_DEFAULT", True)
+    assert made.render.engine == "CYCLES"
+    assert made.cycles.time_limit == 60.0
+    assert studio.render_text(bpy.context).startswith(f"Cycles, {made.cycles.samples} samples, 64 x 48, about ")
+    bpy.ops.ed.undo()
+    scene = bpy.context.scene
+    assert scene.render.engine == "BLENDER_WORKBENCH"
+    assert scene.camera is None
+    assert "CTMC Studio" not in bpy.data.collections
+
+
+def test_without_a_graphics_card_cycles_takes_the_place_of_eevee(made, monkeypatch):
+    monkeypatch.setattr(engine, "draws_in_software", lambda: True)
+    made.ctmc_figure.engine = "eevee"
+    bpy.ops.ctmc.setup_studio()
+    assert made.render.engine == "CYCLES"
+    assert made.ctmc_figure.engine == "cycles"
+
+
+def test_the_background_changes_at_once_after_set_up_alone(made):
+    own = bpy.data.worlds.new("mine")
+    made.world = own
+    made.ctmc_studio.background = "TRANSPARENT"
+    assert made.world == own
+    assert not made.render.film_transparent
+    bpy.ops.ctmc.setup_studio()
+    assert made.render.film_transparent
+    made.ctmc_studio.background = "WHITE"
+    assert min(made.world.color) >= 1.0
+    assert not made.render.film_transparent
+
+
+def test_render_sets_up_once_and_writes_the_surface_on_its_background(made, tmp_path):
+    made.ctmc_studio.background = "WHITE"
+    before = made.render.filepath
+    assert bpy.ops.ctmc.render(filepath=str(tmp_path / "ball.png")) == {"FINISHED"}
+    assert made.camera.name == "CTMC Studio Camera"
+    assert made.render.filepath == before
+    image = bpy.data.images.load(str(tmp_path / "ball.png"))
+    pixels = np.array(image.pixels[:]).reshape(48, 64, 4)[..., :3]
+    assert pixels[4, 4].min() > 0.99
+    assert pixels[24, 32].min() < 0.95
+    made.camera.location.z += 0.02
+    place = made.camera.location.copy()
+    bpy.ops.ctmc.render()
+    assert made.camera.location == place
+
+
+def test_render_follows_the_view_of_the_panel_until_a_person_moves_the_camera(made):
+    bpy.ops.ctmc.render()
+    bpy.ops.ctmc.figure_view(side="left")
+    bpy.ops.ctmc.render()
+    assert made.camera.matrix_world.col[2].to_tuple(3)[:3] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-3)
 
 
 def test_results_set_the_opacity_of_the_active_surface(loaded):

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ...arrays import Flags, Indices, Ints
+from ...arrays import Doubles, Flags, Indices, Ints
 from ...progress import PAUSE, Steps
 from ..topology import component_numbers_steps
 from ..triangle_mesh import TriangleMesh
@@ -61,7 +61,7 @@ def _probes_steps(faces: Ints, component: Ints) -> Steps[tuple[Indices, Indices]
     return vertices[selected], of[selected]
 
 
-def _most_frequent(of: Indices, values: Indices, squared: np.ndarray) -> Indices:
+def _most_frequent(of: Indices, values: Indices, squared: Doubles) -> Indices:
     """Return for each number in `of` the value that it has most often; of equally frequent ones the nearest."""
     keys, position = np.unique(np.stack([of, values]), axis=1, return_inverse=True)
     position = position.ravel()

@@ -209,4 +209,5 @@ def _both_ways_steps(
         tree = yield from surface.tree_steps()
         farthest = yield from tree.largest_steps(gone.vertices(), threads=threads)
         lost = replace(lost, largest=farthest)
-    return SurfaceDistance(*ways, lost)
+    to_full, from_full = ways
+    return SurfaceDistance(to_full, from_full, lost)

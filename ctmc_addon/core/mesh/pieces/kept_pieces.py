@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from ...progress import PAUSE, Step, Steps, WithResult
 from ..cavities import crossings_steps, points_within, smallest_around, summed_pairs
 from ..component_limits import ComponentLimits
-from ..measures import triple_products
+from ..measures import BLOCK, triple_products
 from ..topology import component_numbers_steps
 from ..triangle_mesh import Pieces, Surface, TriangleMesh, at_alpha_steps, replayed_steps
 from .completed_pieces import completed_pieces_steps
@@ -43,10 +43,19 @@ class KeptPieces:
         Limits that decide which components stay.
     spool : Spool, optional
         Keeps the component of each triangle; by default they stay in memory.
+    components : (F,) int32, optional
+        The component of each triangle of a single piece, if it is known.
     """
 
-    def __init__(self, one_pass: Callable[[bool], Pieces], limits: ComponentLimits, spool: Spool | None = None) -> None:
+    def __init__(
+        self,
+        one_pass: Callable[[bool], Pieces],
+        limits: ComponentLimits,
+        spool: Spool | None = None,
+        components: NDArray[np.int32] | None = None,
+    ) -> None:
         self.one_pass, self.limits, self.spool = one_pass, limits, spool or Spool()
+        self._known = components
         self.alpha = 1.0  # at which components are measured
         self.first: list[int] = []  # of every piece's components among those of all pieces; the end
         self.component = np.empty(0, np.int32)  # of the surface, for a component of a piece
@@ -122,7 +131,7 @@ class KeptPieces:
             if isinstance(item, Step):
                 yield item
                 continue
-            numbers = yield from links.add_steps(item.mesh.faces, item.own)
+            numbers = yield from links.add_steps(item.mesh.faces, item.own, self._known)
             self._numbers.append(self.spool.put(numbers))
         self.first = links.first
         joining = WithResult(links.joined_steps())
@@ -173,18 +182,24 @@ class KeptPieces:
     def _volumes_steps(self, middles: NDArray[np.float64]) -> Steps[NDArray[np.float64]]:
         """Return the signed volume of every component, (components,) float64."""
         sums = np.zeros(self.count)
+        middle_columns = np.ascontiguousarray(middles.T)
         for item in self._meshes_steps(MEASURING):
             if isinstance(item, Step):
                 yield item
                 continue
             mesh, component = item
-            columns = []
-            for axis in range(3):
+            columns = np.ascontiguousarray(mesh.vertices.T, np.float64)
+            values = np.empty(len(component))
+            for start in range(0, len(component), BLOCK):
+                block = slice(start, start + BLOCK)
+                own, corners = component[block], mesh.faces[block].T
+                offsets = [
+                    [np.take(along, corner) - np.take(middle, own) for corner in corners]
+                    for along, middle in zip(columns, middle_columns, strict=True)
+                ]
+                values[block] = triple_products(offsets)
                 yield PAUSE
-                along, middle = np.ascontiguousarray(mesh.vertices[:, axis], np.float64), middles[component, axis]
-                columns.append([np.take(along, corner) - middle for corner in mesh.faces.T])
-            yield PAUSE
-            sums = _added(sums, component, triple_products(columns))
+            sums = _added(sums, component, values)
         return sums / 6.0
 
     def _owners_steps(self, points: NDArray[np.float64], volumes: NDArray[np.float64]) -> Steps[NDArray[np.intp]]:
@@ -257,9 +272,14 @@ def keep_components_steps(surface: Surface, alpha: float, limits: ComponentLimit
     return (yield from kept_and_removed_steps(surface, alpha, limits))[0]
 
 
-def kept_and_removed_steps(surface: Surface, alpha: float, limits: ComponentLimits) -> Steps[tuple[Surface, int]]:
-    """Do what `keep_components_steps` does, and count the removed components, cavities among them."""
-    kept = KeptPieces(lambda _: replayed_steps([surface]), limits)
+def kept_and_removed_steps(
+    surface: Surface, alpha: float, limits: ComponentLimits, components: NDArray[np.int32] | None = None
+) -> Steps[tuple[Surface, int]]:
+    """Do what `keep_components_steps` does, and count the removed components, cavities among them.
+
+    The component of each triangle may be known, (F,).
+    """
+    kept = KeptPieces(lambda _: replayed_steps([surface]), limits, components=components)
     for item in kept.pieces_steps(alpha):
         if isinstance(item, Step):
             yield item

@@ -25,13 +25,15 @@ class PieceLinks:
         # Components of the piece before, at the first vertices of the next; -1 for none.
         self._above = np.empty(0, np.int64)
 
-    def add_steps(self, faces: NDArray[np.int32], own: int) -> Steps[NDArray[np.int32]]:
+    def add_steps(
+        self, faces: NDArray[np.int32], own: int, known: NDArray[np.int32] | None = None
+    ) -> Steps[NDArray[np.int32]]:
         """Take in the triangles of the next piece, and return the component of each among the piece's own, (f,).
 
-        `own` vertices are the piece's; numbers from there on are those of the next piece.
+        `own` vertices are the piece's; numbers from there on are those of the next piece. The components may be known.
         """
         total = max(own, int(faces.max(initial=-1)) + 1)
-        numbers = yield from component_numbers_steps(faces, total)
+        numbers = (yield from component_numbers_steps(faces, total)) if known is None else known
         at_vertex = np.full(max(total, len(self._above)), -1, np.int64)
         for start in range(0, len(faces), FACES_PER_STEP):
             block = slice(start, start + FACES_PER_STEP)

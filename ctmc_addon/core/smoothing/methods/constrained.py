@@ -58,9 +58,10 @@ class Constrained(Smoothing):
         volumes = ""
         if settings.region is None or not _is_cut(field, mask, volume):  # the volume is that of the label in the box
             is_open = not settings.close_border and _reaches_border(field, mask, volume)
-            border = ", closed flat at the border" if is_open else ""
-            surface, samples = (volume_text(each, 6) for each in (smooth.volume_mm3, smooth.label_mm3))
-            volumes = f": {surface}{border}, voxels {samples}"
+            surface, samples = (volume_text(each, 5) for each in (smooth.volume_mm3, smooth.label_mm3))
+            volumes = f"Smoothed label: {surface}, voxels {samples}"
+            if is_open:
+                volumes = f"Smoothed label, closed at the border: {surface}, voxels {samples}"
         notes = [*field.notes, _smoothed_note(slice_steps, volumes)]
         if slice_steps < automatic_refinement(spacing) and settings.slice_steps == 0:
             notes.append(f"Slices are not refined at a stride of {settings.stride[2]} along z.")
@@ -93,10 +94,10 @@ class Constrained(Smoothing):
 def _smoothed_note(slice_steps: int, volumes: str = "") -> _SmoothedNote:
     """Return the note on a label that was smoothed in `slice_steps` steps a slice.
 
-    `volumes` says after a colon what it encloses at alpha 1 and stride 1, and what its samples hold.
+    `volumes` begins the note with what it encloses.
     """
-    steps = f" ({slice_steps} steps per slice)" if slice_steps > 1 else ""
-    return _SmoothedNote(f"Smoothed label{steps}{volumes}")
+    beginning = volumes or "Smoothed label, every voxel on its own side"
+    return _SmoothedNote(f"{beginning}, {slice_steps} steps per slice" if slice_steps > 1 else beginning)
 
 
 def _is_cut(field: Field, mask: NDArray[np.bool_], volume: Volume) -> bool:

@@ -66,9 +66,14 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
 
     needs = (jobs.idle,)
 
+    @property
+    def listed_series(self) -> str:
+        """Return the series that was chosen in the dropdown; empty where none was."""
+        return str(self.listed) if self.properties.is_property_set("listed") else ""
+
     def invoke(self, context: bpy.types.Context, _event: bpy.types.Event) -> set[str]:
         self.windowed = True
-        if self.filepath or self.directory or self.again:
+        if self.filepath or self.directory or self.again or self.listed_series:
             return self.begin(context)
         folder = last_folder(context.scene)
         if folder is not None:
@@ -101,9 +106,9 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         # Several files that were dropped or selected together are slices of one stack.
         path = self.directory if len(self.files) > 1 else self.filepath or self.directory
         reading = asked = options_of_dialog(self)
-        if self.properties.is_property_set("listed"):
-            reading = asked = replace(asked, series=self.listed)
-        if self.again and not path:
+        if self.listed_series:
+            asked = replace(asked, series=self.listed_series)
+        if (self.again or self.listed_series) and not path:
             path = stored.volume_path
             reading = options_of_scene(stored)
             if asked.series:

@@ -14,8 +14,7 @@ import bpy
 from bpy.props import EnumProperty
 
 from ....blender.surface import as_shown
-from ....core import SETTINGS, Steps
-from ....core.units import volume_text
+from ....core import SETTINGS, Steps, volume_text
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs

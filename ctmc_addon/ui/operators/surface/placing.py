@@ -14,14 +14,13 @@ import bpy
 from ....blender.surface import (
     add_reconstruction,
     call,
-    edges_steps,
     require_updatable,
     set_drawn,
     surface_mesh_steps,
     update_reconstruction,
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
-from ....core.mesh import Edges
+from ....core.mesh import Topology, topology_steps
 from ....core.volume import surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
@@ -67,7 +66,7 @@ class ObjectRequest:
 
 @dataclass(frozen=True)
 class MeasuredSurface:
-    """A surface before and after simplification with its request, measurement and edges.
+    """A surface before and after simplification with its request, measurement and topology.
 
     `full` is None where the surface before simplification did not fit in memory.
     """
@@ -76,7 +75,7 @@ class MeasuredSurface:
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
-    edges: Edges | None = None
+    topology: Topology | None = None
 
 
 @dataclass(frozen=True)
@@ -100,14 +99,14 @@ def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
     try:
         for number, surface in enumerate(surfaces):
             mesh = surface.result.mesh
-            edges = surface.edges
-            if edges is None:
-                finding = edges_steps(mesh.faces, len(mesh.vertices))
-                edges = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
+            topology = surface.topology
+            if topology is None:
+                finding = topology_steps(mesh.faces, len(mesh.vertices))
+                topology = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
-            making = surface_mesh_steps(surface.result, obj, machine().scale, edges)
+            making = surface_mesh_steps(surface.result, obj, machine().scale, topology.edges)
             block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))

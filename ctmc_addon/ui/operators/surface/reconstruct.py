@@ -12,7 +12,6 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty
 
-from ....blender.surface import edges_steps
 from ....core import (
     CtmcError,
     MadeSurface,
@@ -27,7 +26,7 @@ from ....core import (
     make_surfaces_steps,
     side_by_side_steps,
 )
-from ....core.mesh import Edges
+from ....core.mesh import Topology, topology_steps
 from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
@@ -159,9 +158,11 @@ def measured_steps(
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
-        measuring = _with_edges_steps(result.mesh, None if full is None else full.mesh, crossings)
-        measurement, edges = yield from measuring
-        return MeasuredSurface(request, full, result, measurement, edges)
+        measuring = _with_topology_steps(result.mesh, None if full is None else full.mesh, crossings)
+        measurement, topology = yield from measuring
+        if full is not None and full.mesh.faces is result.mesh.faces:
+            full = replace(full, components=topology.components)
+        return MeasuredSurface(request, full, result, measurement, topology)
 
     new_surfaces = [surface for surface in outcomes if isinstance(surface, MadeSurface)]
     pairs = list(zip(requests, new_surfaces, strict=True))
@@ -169,12 +170,12 @@ def measured_steps(
     return (yield from side_by_side_steps([partial(work_steps, *pair) for pair in pairs], weights, threads))
 
 
-def _with_edges_steps(
+def _with_topology_steps(
     mesh: TriangleMesh, full: TriangleMesh | None, crossings: int | None
-) -> Steps[tuple[Measurement, Edges]]:
-    """Measure a surface; its edges are found once, for the measures and for Blender."""
-    edges = yield from edges_steps(mesh.faces, len(mesh.vertices))
-    return (yield from measurement_steps(mesh, full, crossings, edges)), edges
+) -> Steps[tuple[Measurement, Topology]]:
+    """Measure a surface; its topology is found once, for the measures, Blender and Remove Small Components."""
+    topology = yield from topology_steps(mesh.faces, len(mesh.vertices))
+    return (yield from measurement_steps(mesh, full, crossings, topology)), topology
 
 
 def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> str:

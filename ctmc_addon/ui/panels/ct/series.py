@@ -25,6 +25,6 @@ def draw_series(layout: Any, context: bpy.types.Context) -> None:
     names = dict(zip((line.number for line in loaded.series), series_names(loaded.series), strict=True))
     row = draw_name(column, translate("Series"), NAMES)
     name = names[loaded.series_number]
-    row.operator_menu_enum("ctmc.load", "listed", text=name, translate=False).again = True
+    row.operator_menu_enum("ctmc.load", "listed", text=name, translate=False)
     current = next(line for line in loaded.series if line.number == loaded.series_number)
     draw_text(column, context, facts_of(current))

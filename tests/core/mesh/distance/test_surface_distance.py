@@ -2,11 +2,12 @@
 """The one estimator of distances between surfaces, against closed forms and every triangle in turn."""
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core import TriangleMesh, distances, finish, marching_cubes
+from ctmc_addon.core import ReconstructionSettings, TriangleMesh, distances, finish, marching_cubes, reconstruct
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh import (
     LostComponents,
@@ -17,6 +18,7 @@ from ctmc_addon.core.mesh import (
     vertex_distances_steps,
 )
 from ctmc_addon.core.mesh.quality import surface_samples_steps
+from ctmc_addon.readers import read_volume
 
 
 def moved(mesh, by):
@@ -152,3 +154,15 @@ def test_steps_rise_and_can_be_closed_anywhere():
         steps = surface_distance_steps(mesh, ReferenceSurface(reference))
         assert len(list(itertools.islice(steps, stop))) == stop
         steps.close()
+
+
+def test_specks_of_bone_that_simplification_removed_are_told_apart_from_the_distance(real):
+    volume = read_volume(real("ircadb01_abdomen"))
+    settings = ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))
+    full, small = (reconstruct(volume, replace(settings, reduction=share)) for share in (None, 0.9))
+    apart = surface_distance(small.mesh, full.mesh)
+    assert apart.lost.count == small.collapsed_components > 1000
+    assert apart.lost.largest > 10
+    assert apart.to_full.largest < 2
+    assert apart.from_full.largest < apart.lost.largest
+    assert apart.from_full.percentile_95 < 1

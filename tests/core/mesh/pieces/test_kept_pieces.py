@@ -341,3 +341,13 @@ def test_limits_tell_whether_a_surface_may_lose_more(asked, before, more):
 def test_the_largest_component_that_a_refusal_names_is_no_cavity():
     with pytest.raises(MeshError, match="the largest of 2 has 10 mm3"):
         ComponentLimits(0, 50.0).kept(np.array([10.0, -40.0, 5.0]), np.array([0, 0, 2]))
+
+
+def test_cavities_are_sought_in_more_steps_the_more_rays_there_are(monkeypatch):
+    monkeypatch.setattr("ctmc_addon.core.mesh.cavities.PAIRS_PER_STEP", 1)
+    surface = boxes(*(((30.0 * at, 0, 0), 20) for at in range(40)), *(((30.0 * at + 5, 5, 5), -8) for at in range(40)))
+    steps = keep_components_steps(surface, 1.0, ComponentLimits(0, 600.0))
+    titles = []
+    kept = finish(steps, lambda step: titles.append(step.message))
+    assert len(kept.faces) == 40 * 12
+    assert len(titles) > 40

@@ -225,6 +225,7 @@ def test_a_layer_much_larger_than_a_batch_is_simplified_in_bands(goal, whole_fac
         assert wanted - 1 <= len(result.mesh.faces) <= wanted
     else:
         assert surface_distance(result.mesh, mesh).largest <= 0.3
+        assert surface_distance(mesh, result.mesh).largest <= 0.3
     assert_sound(result.mesh)
     assert result.mesh.closed
     assert result.mesh.euler == mesh.euler + 2 * result.handles_cut

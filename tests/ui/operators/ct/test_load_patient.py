@@ -60,7 +60,7 @@ def test_the_dropdown_names_the_series_by_folder_and_reads_another(scene, patien
     ]
     assert listed[2][2] == "2 mm apart, 6 slices, 7 x 5, in PATIENT_DICOM"
     assert items(None, bpy.context) is listed  # Blender keeps no reference
-    bpy.ops.ctmc.load(again=True, listed="2")
+    bpy.ops.ctmc.load(listed="2")
     assert volumes.loaded(scene).series_number == 2
     assert scene.ctmc.series == "2"
     bpy.ops.ctmc.load(again=True)

@@ -311,8 +311,8 @@ def test_what_a_button_removes_is_said_above_reconstruct_and_one_press_undoes_it
     assert getattr(bpy.ops.ctmc, name)() == {"FINISHED"}
     assert f". For the next surfaces too: {text}" in capfd.readouterr().out
     drawing = drawn(CTMC_PT_surface)
-    assert drawing.texts[0] == text
-    assert drawing.buttons[0] == "ctmc.stop_removing"
+    assert text in drawing.texts
+    assert drawing.buttons.index("ctmc.stop_removing") < drawing.buttons.index("ctmc.reconstruct")
     assert read_provenance(active()).full_faces < full
     assert bpy.ops.ctmc.stop_removing(setting=setting) == {"FINISHED"}
     assert getattr(noise.ctmc, setting) == 0
@@ -326,10 +326,10 @@ def test_a_region_and_several_components_are_said_above_reconstruct(noise):
 
     noise.ctmc.keep_parts, noise.ctmc.region = 3, (0, 0, 0, 9, 9, 9)
     lines = ["Keeps the 3 largest components", "Leaves out everything outside the region"]
-    assert drawn(CTMC_PT_surface).texts[:2] == lines
+    assert [text for text in drawn(CTMC_PT_surface).texts if text in lines] == lines
     bpy.ops.ctmc.stop_removing(setting="region")
     assert not noise.ctmc.use_region
-    assert drawn(CTMC_PT_surface).texts[0] == lines[0]
+    assert lines[0] in drawn(CTMC_PT_surface).texts
     assert lines[1] not in drawn(CTMC_PT_surface).texts
 
 

@@ -40,6 +40,30 @@ def steps_of(scene, *runs, target=None):
     return surfaces_steps(volumes.current(scene), requests, scene.session_uid)
 
 
+def test_the_edges_of_a_surface_are_found_once_for_its_measures_and_for_blender(loaded, monkeypatch):
+    from ctmc_addon.core.mesh import topology
+
+    sorted_pairs, sort = [], topology._order
+    monkeypatch.setattr(topology, "_order", lambda *pairs: sorted_pairs.append(len(pairs[0])) or sort(*pairs))
+    monkeypatch.setattr("ctmc_addon.core.mesh.measures.edge_keys_steps", None)  # Nothing sorts them a second time.
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    assert sum(sorted_pairs) == 3 * len(active().data.polygons)
+
+
+def test_components_that_were_counted_once_are_not_looked_for_again_to_keep_the_largest(loaded, monkeypatch):
+    from ctmc_addon.core.mesh.pieces import piece_links
+
+    bpy.ops.ctmc.reconstruct()
+    sizes, number = [], piece_links.component_numbers_steps
+    monkeypatch.setattr(
+        piece_links, "component_numbers_steps", lambda faces, count: sizes.append(len(faces)) or number(faces, count)
+    )
+    faces = len(active().data.polygons)
+    assert bpy.ops.ctmc.keep_largest() == {"FINISHED"}
+    assert len(active().data.polygons) == faces
+    assert faces not in sizes
+
+
 def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded):
     bpy.ops.ctmc.reconstruct()
     thing, material = active(), active().data.materials[0]
