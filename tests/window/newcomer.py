@@ -181,8 +181,11 @@ def choose_color(desk: Desk) -> None:
 def choose_tab(desk: Desk) -> None:
     """Click down the sidebar's tabs until ours is in front."""
     left, top, width, height = desk.ask(SIDEBAR)
+    front = "answer = viewport().sidebar.active_panel_category"
+    if desk.ask(front) == "CTMC":  # A click on the tab in front would fold the sidebar, in 5.2.
+        return
     for y in range(top + 20, top + height, 30):
         desk.click(left + width - 8, y)
-        if desk.ask("answer = viewport().sidebar.active_panel_category") == "CTMC":
+        if desk.ask(front) == "CTMC":
             return
     raise AssertionError("the sidebar has no tab CTMC")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The newcomer's way of docs/sidebar.md from the zip to a render takes at most 10 clicks and 10 notches of the wheel."""
+"""The newcomer's way of docs/sidebar.md takes at most 10 clicks and 10 notches of the wheel up to a render."""
 
 from __future__ import annotations
 

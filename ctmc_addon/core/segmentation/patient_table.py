@@ -82,14 +82,14 @@ def without_table_steps(volume: Volume) -> Steps[Volume]:
     coarse = yield from stages.run(reading, volume.in_memory_steps((stride[0], stride[1], stride[2])))
     table = yield from stages.run(looking, table_steps(coarse))
     if table is None:
-        return replace(volume, notes=(*volume.notes, "No table was found behind the body."))
+        return replace(volume, notes=(*volume.notes, "No patient table was found"))
     shape = [size for axis, size in enumerate(volume.shape) if axis != table.axis]
     steps = [step for axis, step in enumerate(stride[::-1]) if axis != table.axis]
     count, along = volume.shape[table.axis], stride[2 - table.axis]
     first = _enlarged(table.first, steps, shape) * along
     if table.backwards:  # the first sample that was looked at lies at the back
         first += (count - 1) % along
-    note = f"The table was removed: {volume_text(table.volume_mm3)} behind the body."
+    note = f"Patient table removed ({volume_text(table.volume_mm3)})"
     reader = _WithoutTable(volume, replace(table, first=first))
     removed = replace(volume, reader=reader, notes=(*volume.notes, note))
     return removed if volume.reader.own_bytes else (yield from removed.in_memory_steps())

@@ -19,7 +19,7 @@ from .surface import CTMC_PT_surface
 
 STEPS = (CTMC_PT_ct, CTMC_PT_surface, CTMC_PT_draw, CTMC_PT_results, CTMC_PT_render)
 """The pages, in the order of the work."""
-MARGIN, PADDING = 52.0, 6.0  # Pixels beside the row, tabs included, and of a button beside its word.
+MARGIN, PADDING = 52.0, 2.0  # Pixels beside the row, tabs included, and of a button beside its word.
 
 
 class CTMC_PT_main(SidePanel, bpy.types.Panel):

@@ -36,7 +36,7 @@ def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     row = layout.row()
     row.enabled = alpha_matters(settings)
     row.prop(settings, "alpha", slider=True)
-    draw_text(layout, context, translate("Alpha 0: even triangles. 1: most accurate"))
+    draw_text(layout, context, translate("0: even triangles, 1: most accurate"))
 
 
 def alpha_matters(settings: Any) -> bool:
@@ -49,15 +49,15 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """Draw the cost estimate of the settings, always in three lines, so that nothing jumps while it is counted."""
+    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted."""
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
-    voxels = triangles = seconds = "..." if waits else "-"
+    triangles = seconds = "..." if waits else "-"
     if cost is not None and not cost.error:
-        voxels, triangles = count(cost.voxels), count(cost.faces)
+        triangles = count(cost.faces)
         seconds = f"{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
-    names = (translate("Voxels"), translate("Triangles"), translate("Estimated Time"))
-    draw_table(layout, list(zip(names, (voxels, triangles, seconds), strict=True)), COST_NAMES)
+    names = (translate("Triangles"), translate("Estimated Time"))
+    draw_table(layout, list(zip(names, (triangles, seconds), strict=True)), COST_NAMES)
 
 
 def draw_simplify(layout: Any, context: bpy.types.Context, settings: Any) -> None:

@@ -15,7 +15,7 @@ from ..state import measurements, structures, surfaces, volumes
 from ..translations import translate
 from .layout import draw_name, draw_text, holds_hu, is_narrow
 
-ROWS = (3, 6)  # Fewest and most lines of the list.
+ROWS = (3, 4)  # Fewest and most lines of the list.
 
 
 def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -57,12 +57,11 @@ def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None
         column.label(text=_label_text(item), translate=False)
     else:
         unit = "HU" if holds_hu(context.scene) else translate("Gray Value")
-        draw_name(column, f"{translate('From')} [{unit}]", 0.45).prop(item, "threshold", text="")
-        limit = draw_name(column, f"{translate('To')} [{unit}]", 0.45)
-        limit.prop(item, "use_upper", text="")
-        number = limit.row(align=True)
-        number.active = item.use_upper
-        number.prop(item, "upper", text="")
+        row = draw_name(column, f"{translate('From')} [{unit}]", 0.45)
+        row.prop(item, "threshold", text="")
+        row.prop(item, "use_upper", text="", icon="TRIA_UP_BAR")
+        if item.use_upper:
+            draw_name(column, f"{translate('To')} [{unit}]", 0.45).prop(item, "upper", text="")
     layout.prop(item, "opacity", slider=True)
 
 

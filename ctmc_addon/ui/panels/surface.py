@@ -14,7 +14,7 @@ from ..state import volumes
 from ..translations import translate
 from ..viewport import histogram
 from .ct.region import draw_region
-from .layout import PagePanel, begin, block, draw_name, draw_setting, fold, lacks_ct
+from .layout import PagePanel, begin, block, draw_name, fold, lacks_ct
 from .reconstruct import draw_cost, draw_reconstruct, draw_simplify, draw_voxels
 from .settings import draw_advanced, draw_components
 from .structures import draw_structures
@@ -78,7 +78,7 @@ def _draw_threshold(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 
 def _draw_smoothing(layout: Any, settings: Any) -> None:
-    """Draw the smoothing method with its number, and the shared walls of structures."""
+    """Draw the smoothing method with its number."""
     row = draw_name(layout, translate(SETTINGS["smoothing"].label))
     row.prop(settings, "smoothing", text="")
     width_mm = settings.smoothing_mm if settings.use_smoothing_mm else None
@@ -88,10 +88,6 @@ def _draw_smoothing(layout: Any, settings: Any) -> None:
         number.active = settings.use_smoothing_mm or has_width(settings.smoothing)
     for name in own or ("smoothing_mm",):
         number.prop(settings, name, text="")
-    if settings.use_label:
-        row = layout.row()
-        row.active = sum(item.chosen for item in settings.labels) > 1
-        draw_setting(row, settings, "interfaces")
 
 
 def _threshold_label(volume: Volume | None) -> str:

@@ -145,7 +145,7 @@ def test_the_summary_has_stages_counts_and_volume(ctmc, phantom_folder, tmp_path
     outcome = ctmc("reconstruct", phantom_folder / "segmentation-4.nii.gz", "-o", tmp_path / "t.obj", "--label", "2")
     for word in ("seconds", "Reading", "Writing .obj", "triangles", " ml\n", "cm2", "Euler", "visited", "t.obj"):
         assert word in outcome.out
-    assert "on its own side" in outcome.out
+    assert "Smoothed label" in outcome.out
 
 
 def test_without_threshold_or_label_otsu_is_used_and_said(ctmc, phantom_folder, tmp_path):

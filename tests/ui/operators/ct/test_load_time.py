@@ -40,7 +40,7 @@ def test_the_time_of_the_panel_is_read_and_noted(scene, tmp_path):
     layout = drawn(panels.STEPS[0])
     assert "time" in layout.shown
     assert "Time, 1 to 3" in layout.labels
-    assert "ctmc.load Load This Time" in layout.buttons
+    assert "ctmc.load Load Time Point" in layout.buttons
     assert "--time 2" in results.command_text(scene)
     scene.ctmc.time = 4
     with pytest.raises(RuntimeError, match=r"no time 4, because heart\.nii holds 3 times; choose from 1 to 3"):

@@ -23,7 +23,7 @@ def test_it_is_a_switch_that_the_note_and_the_command_know(scene, tmp_path):
     assert "ctmc.remove_table" in drawn(CTMC_PT_ct).buttons
     assert bpy.ops.ctmc.remove_table() == {"FINISHED"}
     assert volumes.current(scene).values[:, 50:].max() == -1000
-    assert any(text.startswith("The table was removed: 22.4 ml") for text in volumes.current(scene).notes)
+    assert any(text == "Patient table removed (22.4 ml)" for text in volumes.current(scene).notes)
     assert "--remove-table" in command_text(scene)
     bpy.ops.ctmc.remove_table()
     np.testing.assert_array_equal(volumes.current(scene).values, values)
