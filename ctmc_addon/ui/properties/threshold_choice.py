@@ -19,9 +19,9 @@ KEYS = ["otsu", *TISSUES, "custom"]
 
 def used_threshold(properties: Any) -> float | None:
     """Return the threshold of a reconstruction; None if it is not known yet."""
-    from ..operators.ct import threshold
+    from ..state import volumes
 
-    return threshold.used_threshold(properties.id_data)
+    return volumes.used_threshold(properties.id_data)
 
 
 def take_tissue(properties: Any, key: str) -> None:

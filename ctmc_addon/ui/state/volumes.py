@@ -15,8 +15,8 @@ from typing import Any
 import bpy
 
 from ...blender.scene.ct_box import noted_paths
-from ...core import ReadError, ReconstructionSettings, Volume, available_bytes
-from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, settings_of_copy
+from ...core import CtmcError, ReadError, ReconstructionSettings, Volume, available_bytes
+from ...core.volume import ValueKind, VolumeStatistics, lie_in_one_place, quick_threshold, settings_of_copy
 from ...readers import ReadingOptions, Series
 from . import change_events, session
 from .drawn import Drawn
@@ -192,6 +192,15 @@ def current_full(scene: bpy.types.Scene) -> Volume | None:
     """Return all samples of the CT of `scene`, in memory or in its file."""
     ct = loaded(scene)
     return None if ct is None else ct.full
+
+
+def used_threshold(scene: bpy.types.Scene) -> float | None:
+    """Return the threshold of a reconstruction; None if it is not known yet or not used."""
+    ct = loaded(scene)
+    try:
+        return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))
+    except CtmcError:
+        return None
 
 
 def is_coarse(scene: bpy.types.Scene) -> bool:

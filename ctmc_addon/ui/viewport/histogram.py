@@ -24,7 +24,6 @@ from ...core.volume import (
     shown_range,
     tissue_bands,
 )
-from ..operators.ct.threshold import used_threshold
 from ..state import session, volumes
 from ..translations import translate
 
@@ -81,7 +80,7 @@ def hide() -> None:
 def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
     """Return threshold and upper limit of a reconstruction."""
     settings = scene.ctmc
-    return used_threshold(scene), settings.upper if settings.use_upper else None
+    return volumes.used_threshold(scene), settings.upper if settings.use_upper else None
 
 
 def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:

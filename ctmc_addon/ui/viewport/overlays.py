@@ -30,7 +30,6 @@ from ...core.volume import (
     windowed,
     with_labels,
 )
-from ..operators.ct.threshold import used_threshold
 from ..properties.preferences import machine
 from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
@@ -92,7 +91,7 @@ def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
     draws = bool(tool_of(bpy.context))  # Drawings show best on gray.
-    above = None if settings.use_label or draws else used_threshold(scene)
+    above = None if settings.use_label or draws else volumes.used_threshold(scene)
     upper = settings.upper if settings.use_upper and above is not None else None
     window, level = window_and_level(view)
     scale = machine().scale

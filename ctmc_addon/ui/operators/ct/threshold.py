@@ -11,7 +11,7 @@ import bpy.utils.previews
 from bpy.props import EnumProperty
 
 from ....core import CtmcError, finish
-from ....core.volume import TISSUES, ValueKind, histogram_picture, quick_threshold, used_threshold_steps
+from ....core.volume import TISSUES, ValueKind, histogram_picture, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
 from ...properties.threshold_choice import take_tissue
@@ -79,21 +79,12 @@ class CTMC_OT_tissue(bpy.types.Operator):
         return {"FINISHED"}
 
 
-def used_threshold(scene: bpy.types.Scene) -> float | None:
-    """Return the threshold of a reconstruction; None if it is not known yet or not used."""
-    ct = volumes.loaded(scene)
-    try:
-        return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))
-    except CtmcError:
-        return None
-
-
 def histogram_icon(scene: bpy.types.Scene) -> int:
     """Return the icon number of the histogram's picture, redrawn if volume or limits have changed; 0 without one."""
     loaded = volumes.loaded(scene)
     if loaded is None or not _pictures:
         return 0
-    limits = (used_threshold(scene), scene.ctmc.upper if scene.ctmc.use_upper else None)
+    limits = (volumes.used_threshold(scene), scene.ctmc.upper if scene.ctmc.use_upper else None)
     key = (loaded.statistics.fingerprint, limits)
     pictures = _pictures[NAME]
     picture = pictures[NAME] if NAME in pictures else pictures.new(NAME)

@@ -11,7 +11,7 @@ bpy = pytest.importorskip("bpy")
 from ui.strokes import middle, stroke
 
 from ctmc_addon.core import ReconstructionSettings
-from ctmc_addon.ui.operators.ct import threshold
+from ctmc_addon.ui.state import volumes
 from ctmc_addon.ui.viewport import histogram
 
 
@@ -20,15 +20,15 @@ def test_with_a_region_the_panel_shows_the_threshold_of_the_region(scene, tmp_pa
     values[2:7, 5:15, 5:15], values[12:17, 5:15, 5:15] = 100, 1000
     np.save(tmp_path / "two.npy", values)
     bpy.ops.ctmc.load(filepath=str(tmp_path / "two.npy"))
-    assert threshold.used_threshold(scene) == 550.0
+    assert volumes.used_threshold(scene) == 550.0
     scene.ctmc.region = (0, 0, 0, 19, 19, 8)
     assert scene.ctmc.use_region
-    assert threshold.used_threshold(scene) == 50.0
+    assert volumes.used_threshold(scene) == 50.0
     assert bpy.ops.ctmc.auto_threshold() == {"FINISHED"}
     assert scene.ctmc.threshold == 50.0
     scene.ctmc.use_threshold = False
     scene.ctmc.label, scene.ctmc.use_label = 100, True
-    assert threshold.used_threshold(scene) == 0.5
+    assert volumes.used_threshold(scene) == 0.5
 
 
 def limits():
@@ -55,7 +55,7 @@ def test_looking_at_structures_keeps_threshold_and_upper_limit(bone):
     bone.ctmc.surface_from = "label"
     assert bone.ctmc.to_settings() == ReconstructionSettings(label=bone.ctmc.label)
     assert limits() == (200.0, 900.0, None)
-    assert threshold.used_threshold(bone) == 200.0
+    assert volumes.used_threshold(bone) == 200.0
 
 
 def test_otsu_stays_otsu_after_looking_at_structures(bone):
