@@ -79,7 +79,8 @@ def _draw_threshold(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 def _draw_smoothing(layout: Any, settings: Any) -> None:
     """Draw the smoothing method with its number."""
-    row = draw_name(layout, translate(SETTINGS["smoothing"].label))
+    about = SETTINGS["smoothing"]
+    row = draw_name(layout, translate(about.label))
     row.prop(settings, "smoothing", text="")
     width_mm = settings.smoothing_mm if settings.use_smoothing_mm else None
     own = SMOOTHINGS[done_smoothing(settings.smoothing, width_mm, settings.use_label)].settings
