@@ -26,6 +26,8 @@ from .layout import PagePanel, begin, block, draw_shape_change, draw_status, dra
 from .scene.rulers import draw_rulers
 from .table import TABLE, draw_measurements, measure_text
 
+NAMES = 0.47  # Share of the width for names.
+
 
 class CTMC_PT_results(PagePanel, bpy.types.Panel):
     """Page for facts of the active surface, and for operators on it."""
@@ -65,10 +67,11 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.45)
+    facts = facts_of(provenance, measurement, unit, name)
+    draw_table(layout, [fact for fact in facts if fact[1] != UNKNOWN], NAMES)
     if provenance is not None and obj.data.is_editmode:
         draw_text(layout, context, translate("Leave edit mode first"), "INFO")
-    _draw_mending(layout, measurement)
+    _draw_mending(layout, context, measurement)
     column = layout.column(align=True)
     column.label(text=translate("Pick Component"), translate=False)
     row = column.row(align=True)
@@ -85,7 +88,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
         draw_text(layout, context, translate_sentence(note), "INFO")
 
 
-def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
+def _draw_mending(layout: Any, context: bpy.types.Context, measurement: Measurement | None) -> None:
     """Draw whether the surface is closed, its number of components, and buttons to fix both."""
     measures = None if measurement is None else measurement.measures
     for text, buttons in (
@@ -93,7 +96,7 @@ def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
         (components_text(measures), (("ctmc.keep_largest", "Keep Largest"), ("ctmc.remove_small", "Remove Small"))),
     ):
         column = layout.column(align=True)
-        column.label(text=text, translate=False)
+        draw_text(column, context, text)
         row = column.row(align=True)
         for name, label in buttons:
             row.operator(name, text=label)
