@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from ...core.volume import TISSUES
+from ...core import CtmcError
+from ...core.volume import TISSUES, quick_threshold
 from .kinds import choice, decimal
 
 OTSU = ("otsu", "Otsu", "The threshold that best separates the values of the volume, or region, into two classes")
@@ -18,10 +19,14 @@ KEYS = ["otsu", *TISSUES, "custom"]
 
 
 def used_threshold(properties: Any) -> float | None:
-    """Return the threshold of a reconstruction; None if it is not known yet."""
-    from ..operators.ct import threshold
+    """Return the threshold of a reconstruction; None if it is not known yet or not used."""
+    from ..state import volumes
 
-    return threshold.used_threshold(properties.id_data)
+    ct = volumes.loaded(properties.id_data)
+    try:
+        return None if ct is None else quick_threshold(ct.volume, ct.for_copy(properties.to_settings()))
+    except CtmcError:
+        return None
 
 
 def take_tissue(properties: Any, key: str) -> None:

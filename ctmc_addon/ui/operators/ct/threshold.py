@@ -11,10 +11,10 @@ import bpy.utils.previews
 from bpy.props import EnumProperty
 
 from ....core import CtmcError, finish
-from ....core.volume import TISSUES, ValueKind, histogram_picture, quick_threshold, used_threshold_steps
+from ....core.volume import TISSUES, ValueKind, histogram_picture, used_threshold_steps
 from ... import jobs
 from ...needs import Needs
-from ...properties.threshold_choice import take_tissue
+from ...properties import threshold_choice
 from ...state import volumes
 from ...translations import translate
 
@@ -75,17 +75,13 @@ class CTMC_OT_tissue(bpy.types.Operator):
         return volumes.has_volume(cls, context)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        take_tissue(context.scene.ctmc, self.tissue)
+        threshold_choice.take_tissue(context.scene.ctmc, self.tissue)
         return {"FINISHED"}
 
 
 def used_threshold(scene: bpy.types.Scene) -> float | None:
     """Return the threshold of a reconstruction; None if it is not known yet or not used."""
-    ct = volumes.loaded(scene)
-    try:
-        return None if ct is None else quick_threshold(ct.volume, ct.for_copy(scene.ctmc.to_settings()))
-    except CtmcError:
-        return None
+    return threshold_choice.used_threshold(scene.ctmc)
 
 
 def histogram_icon(scene: bpy.types.Scene) -> int:
