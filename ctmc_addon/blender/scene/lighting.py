@@ -26,6 +26,7 @@ from .studio import corners_of, frame, matrix_of_axes, view_axes
 CAMERA = "CTMC Studio Camera"
 STATE = "ctmc_state"
 """The collection's property: numbers of camera and lights as they were set up."""
+LINE = 0.08  # Length of the line from a light, as a share of its distance from the middle.
 CLEARANCE = 1.1  # Distance of a light, as a multiple of that of the furthest corner towards it.
 
 
@@ -163,6 +164,7 @@ def _add_lamp(
     radius = max(radius, clear / lamp.away)
     away, side = lamp.away * radius, lamp.size * radius
     light.shape, light.size, light.color = "SQUARE", side, lamp.tint
+    light.cutoff_distance = LINE * away  # Unused but for the line that the viewport draws, which stays off the patient.
     # A square of this power lights what faces it at a distance with about power / (pi * distance^2): white is pi of it.
     light.energy = lamp.share * math.pi * away**2 * math.pi
     obj = bpy.data.objects.new(name, light)
