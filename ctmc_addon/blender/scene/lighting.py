@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..figure.spec import AZIMUTH, ELEVATION
-from .background import NAME, show_background
+from .background import NAME, is_studio_world, show_background
 from .ct_box import boxes_of_scene
 from .new_file import is_first_camera, is_first_light
 from .studio import corners_of, frame, matrix_of_axes, view_axes
@@ -99,9 +99,11 @@ def set_up_studio(
     lights = [_add_lamp(folder, name, lamp, points, around, azimuth, elevation) for name, lamp in LAMPS.items()]
     for obj in filter(is_first_light, scene.objects):
         obj.hide_render = True
+    is_first = not is_studio_world(scene.world)
     show_background(scene, background)
-    scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
-    scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
+    if is_first:  # Later changes of a user stay.
+        scene.view_settings.view_transform = "Standard"  # Shows colors of anatomy as they are in lists and files.
+        scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
     folder[STATE] = _state_of(folder)
     return (folder, eye, *lights, camera, *(light.data for light in lights), scene.world)
 

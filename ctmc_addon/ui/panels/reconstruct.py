@@ -110,7 +110,8 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
 def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw errors, refusals and settings without effect, if any."""
     scene_session = session.of(context.scene)
-    draw_status(layout, context)
+    job = jobs.running()
+    draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
         settings.all_settings()
     except SettingsError as error:

@@ -40,6 +40,7 @@ class CTMC_PT_results(PagePanel, bpy.types.Panel):
         layout, obj = begin(self.layout), surfaces.surface_of_results(context)
         if obj is None:
             layout.label(text=translate("No surface is selected"), icon="INFO", translate=False)
+            draw_status(self.layout, context)
             return
         _draw_surface(layout, context, obj)
         for name, text, draw in FOLDS:

@@ -205,6 +205,15 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}
 
 
+def test_every_page_shows_a_running_job_once(scene, monkeypatch):
+    from ctmc_addon.ui import jobs
+
+    job = jobs.Job("ctmc.measure_all", "Measure", iter(()), scene.session_uid, locks=False)
+    monkeypatch.setattr(jobs, "_running", [job])
+    for page in panels.STEPS:
+        assert drawn(page).buttons.count("ctmc.cancel") == 1, page
+
+
 def drawn_settings():
     return drawn(settings.draw_components)
 

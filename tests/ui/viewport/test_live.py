@@ -75,6 +75,10 @@ def test_a_finished_surface_corrects_the_prediction_by_the_seconds_of_its_stages
     assert result.settings == cost.settings[0]
     own = sum(stage.seconds for stage in result.stages)
     assert 0 < own + seconds["measuring"] + seconds["adding"] <= seconds["seconds"]
+    loaded.ctmc.reduction = 0.5
+    rested()
+    bpy.ops.ctmc.simplify()  # Its seconds lack the extraction.
+    assert len(learned) == 1
 
 
 def test_a_surface_whose_cost_was_not_counted_teaches_nothing(loaded, monkeypatch):
