@@ -64,6 +64,13 @@ def remove_box(scene: bpy.types.Scene, fingerprint: str) -> None:
             bpy.data.collections.remove(owner)
 
 
+def give_box(scene: bpy.types.Scene, fingerprint: str, other: str) -> None:
+    """Make the box of a CT that of another reading of the same path."""
+    box = box_of(scene, fingerprint)
+    if box is not None and box.library is None:
+        box[PROPERTY]["fingerprint"] = other
+
+
 def objects_beside(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Object]:
     """Return the other objects in the collection of a CT; none if it holds several CTs or is the scene's own."""
     collection = _collection_of_ct(scene, fingerprint)
