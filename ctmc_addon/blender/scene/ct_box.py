@@ -13,6 +13,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..datablocks import remove_from_scene
+
 PROPERTY = "ctmc_ct"
 """The empty's custom property: fingerprint and path of its CT."""
 FOLDER = "ctmc_folder"
@@ -58,7 +60,8 @@ def remove_box(scene: bpy.types.Scene, fingerprint: str) -> None:
     if box is None:
         return
     owners = list(box.users_collection)
-    bpy.data.objects.remove(box)
+    if not remove_from_scene(scene, box):
+        return
     for owner in owners:
         if FOLDER in owner and not owner.all_objects:
             bpy.data.collections.remove(owner)

@@ -107,7 +107,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
         if not fingerprint:
             return {"CANCELLED"}
         if self.with_objects:
-            remove_with_data(objects_of(scene, fingerprint))
+            remove_with_data(scene, objects_of(scene, fingerprint))
             drawn = scene.ctmc_draw.structures
             for number in reversed(range(len(drawn))):
                 if drawn[number].fingerprint == fingerprint:

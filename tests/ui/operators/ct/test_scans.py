@@ -189,3 +189,17 @@ def test_another_reading_of_a_file_keeps_its_row_its_box_and_its_rulers(loaded, 
     assert "Mine" in loaded.objects
     bpy.ops.ctmc.remove_ct(with_objects=True)
     assert len(loaded.objects) == 0
+
+
+@pytest.mark.parametrize("with_objects", [False, True])
+def test_a_ct_that_is_removed_stays_in_a_linked_copy_of_the_scene(two, with_objects):
+    bpy.ops.scene.new(type="LINK_COPY")
+    copy = bpy.context.scene
+    assert copy != two
+    objects, cts = sorted(two.objects.keys()), names(two)
+    bpy.ops.ctmc.remove_ct(with_objects=with_objects)
+    bpy.context.view_layer.update()
+    assert names(copy) == ["ball"]
+    assert (sorted(two.objects.keys()), names(two)) == (objects, cts)
+    assert volumes.current(two).name == "small"
+    bpy.data.scenes.remove(copy)
