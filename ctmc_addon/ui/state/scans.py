@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.scene.ct_box import box_of, boxes_in, fingerprint_of_box, paths_of_boxes, remove_box
+from ...blender.scene.ct_box import box_of, boxes_in, fingerprint_of_box, give_box, paths_of_boxes, remove_box
 from ...blender.surface import read_provenance
 from .. import jobs
 from ..properties.scans import clear as clear_state, take_over
@@ -64,11 +64,23 @@ def listed(scene: bpy.types.Scene) -> list[Any]:
     return sorted(cts, key=lambda ct: (name_of(scene, ct).casefold(), ct.volume_fingerprint))
 
 
+def other_readings(scene: bpy.types.Scene, fingerprint: str) -> list[str]:
+    """Return the fingerprints of the other CTs that share a CT's box: series, times and spacings of the same path."""
+    ct = state_of(scene, fingerprint)
+    path = "" if ct is None else ct.volume_path
+    same = [other.volume_fingerprint for other in all_of(scene) if path and other.volume_path == path]
+    return [other for other in same if other and other != fingerprint]
+
+
 def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
-    """Remove a CT from a scene, with its box; the panel shows the next one, if any. Its values stay in memory."""
+    """Remove a CT from a scene; the panel shows the next one, if any. Its values stay in memory.
+
+    Its box goes too, unless it is that of another reading of the same path.
+    """
     ct = state_of(scene, fingerprint)
     if ct is None:
         return
+    others = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
     if ct == scene.ctmc:
         following = next(iter(scene.ctmc_scans), None)
         with filling():
@@ -80,7 +92,10 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
         change_events.notify(ct, "volume")
     else:
         forget(scene, fingerprint)
-    remove_box(scene, fingerprint)
+    if others:
+        give_box(scene, fingerprint, others[0])
+    else:
+        remove_box(scene, fingerprint)
     _had_box.discard((scene.session_uid, fingerprint))
 
 
