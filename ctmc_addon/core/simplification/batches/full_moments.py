@@ -16,8 +16,6 @@ from ...mesh.measures import component_moments_steps
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
 
-POWERS = np.array([3, 2, 2, 2, 1, 1, 1, 0])  # Powers of the unit of length in a row of moments.
-
 
 @dataclass(frozen=True, eq=False)
 class FullMoments:
@@ -39,7 +37,7 @@ class FullMoments:
         """Return the same rows at other vertices."""
         return FullMoments(vertices, self.rows)
 
-    def and_(self, other: FullMoments) -> FullMoments:
+    def with_others(self, other: FullMoments) -> FullMoments:
         """Return the rows of both."""
         return FullMoments(np.concatenate([self.vertices, other.vertices]), np.concatenate([self.rows, other.rows]))
 
@@ -53,10 +51,11 @@ class FullMoments:
 
     def scaled(self, factor: float) -> Doubles:
         """Return the rows with lengths multiplied."""
-        return self.rows * factor**POWERS
+        area = factor * factor
+        return self.rows * np.array([area * factor, *3 * (area,), *3 * (factor,), 1.0])
 
 
-NOTHING = FullMoments(np.empty(0, np.int64), np.empty((0, len(POWERS))))
+NOTHING = FullMoments(np.empty(0, np.int64), np.empty((0, 8)))
 
 
 def full_moments_steps(mesh: TriangleMesh, component: Ints) -> Steps[FullMoments]:

@@ -240,7 +240,7 @@ class _Passes:
         moments = reduced.moments.at(reduced.batch.numbers[reduced.moments.vertices])
         if len(reduced.gone):
             self.moments = self.moments.select(~np.isin(self.moments.vertices, reduced.gone))
-        self.moments = self.moments.and_(moments)
+        self.moments = self.moments.with_others(moments)
 
     def protected(self) -> Indices:
         """Indices of the vertices of components that were too large to go when they were first simplified."""
