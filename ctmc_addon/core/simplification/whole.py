@@ -175,13 +175,14 @@ def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplif
         f"simplifying {len(mesh.faces)} triangles",
         "use a larger stride or a region",
     )
-    volumes, policy = None, goal.policy
+    before, policy = None, goal.policy
     if max_error is None and len(mesh.faces) > policy.clustered * target:
         batch = Batch(mesh, np.arange(len(mesh.vertices)))
-        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * target), policy)
+        batch, before = yield from clustered_steps(batch, round(policy.left_by_clusters * target), policy)
         mesh = batch.mesh
     collapsing = CollapsingMesh(mesh, max_error, policy)
-    if volumes is not None:
+    if before is not None:
+        volumes = before.volumes[before.component]
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)
