@@ -88,3 +88,13 @@ def test_a_sentence_is_translated_by_its_template_with_its_names_and_numbers(mon
     assert said.endswith("bitte einen in diesem Bereich wählen")
     assert in_german(monkeypatch, "a {b} c is in edit mode; leave it first").startswith("a {b} c ist im")
     assert in_german(monkeypatch, "Nobody has said this: 4 of 5 mm") == "Nobody has said this: 4 of 5 mm"
+
+
+def test_a_sentence_begins_with_a_capital_unless_it_begins_with_a_name():
+    translations._by_template.cache_clear()
+    templates = [template for _, template in translations.templates()]
+    known = next(template for template in templates if template.startswith("no ") or template[:1].islower())
+    filled = translations.FIELD.sub("7", known)
+    assert translations.translate_sentence(filled)[0].isupper()
+    assert translations.translate_sentence("a {b} c is in edit mode; leave it first").startswith("a {b} c")
+    assert translations.translate_sentence("nobody has said this") == "nobody has said this"
