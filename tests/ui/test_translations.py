@@ -86,7 +86,7 @@ def test_a_sentence_is_translated_by_its_template_with_its_names_and_numbers(mon
     said = in_german(monkeypatch, str(refused.value))
     assert said.startswith("Der Schwellwert 99 liegt über dem Höchstwert 26 von diesem Volumen (Bereich 0 bis 26); ")
     assert said.endswith("bitte einen in diesem Bereich wählen")
-    assert in_german(monkeypatch, "a {b} c is in edit mode; leave it first").startswith("a {b} c ist im")
+    assert in_german(monkeypatch, "a {b} c is in Edit Mode; leave it first").startswith("a {b} c ist im")
     assert in_german(monkeypatch, "Nobody has said this: 4 of 5 mm") == "Nobody has said this: 4 of 5 mm"
 
 

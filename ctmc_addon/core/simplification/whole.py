@@ -20,6 +20,7 @@ from .bounds.uncrossing import uncross_steps
 from .clustering import clustered_steps
 from .engine.component_removal import CollapsedComponents, Staying
 from .engine.edge_collapse import CollapsingMesh
+from .engine.handles import handles_text
 from .policy import POLICY, Policy
 
 STAGES = {"Simplifying": 1}
@@ -148,9 +149,9 @@ class Simplification:
                 "surface or losing a component that is to stay"
             )
         if self.collapsed.count:
-            message += f"; specks removed: {self.collapsed.count}"
+            message += f"; {self.collapsed.sentence()}"
         if self.handles_cut:
-            message += f"; small handles removed: {self.handles_cut}"
+            message += f"; {handles_text(self.handles_cut)}"
         if self.self_intersections:
             message += f"; pairs of triangles that cross each other: {self.self_intersections}"
         return message

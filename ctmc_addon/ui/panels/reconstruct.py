@@ -76,11 +76,12 @@ def _kept_text(context: bpy.types.Context, settings: Any) -> str:
     """Return the effect of the goal, in words."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
+    kept = None
     if settings.goal == "reduction":
-        return translate("Keep {percent} % of triangles").format(percent=f"{100 * (1 - settings.reduction):.4g}")
-    if settings.goal == "target_faces" and faces:
-        return translate("of {faces}").format(faces=count(faces))
-    return ""
+        kept = 1 - settings.reduction
+    elif settings.goal == "target_faces" and faces:
+        kept = min(1.0, settings.target_faces / faces)
+    return "" if kept is None else translate("Keep {percent} % of triangles").format(percent=f"{100 * kept:.4g}")
 
 
 def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:

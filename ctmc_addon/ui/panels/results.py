@@ -71,7 +71,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     facts = facts_of(provenance, measurement, unit, name)
     draw_table(layout, [fact for fact in facts if fact[1] != UNKNOWN], NAMES)
     if provenance is not None and obj.data.is_editmode:
-        draw_text(layout, context, translate("Leave edit mode first"), "INFO")
+        draw_text(layout, context, translate("Leave Edit Mode first"), "INFO")
     _draw_mending(layout, context, measurement)
     column = layout.column(align=True)
     column.label(text=translate("Pick Component"), translate=False)

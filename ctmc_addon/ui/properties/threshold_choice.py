@@ -12,7 +12,7 @@ from ...core.volume import TISSUES
 from .kinds import choice, decimal
 
 OTSU = ("otsu", "Otsu", "The threshold that best separates the values of the volume, or region, into two classes")
-CUSTOM = ("custom", "Custom", "The number below")
+CUSTOM = ("custom", "Custom", "Use the number below")
 TISSUE_ITEMS = [(key, tissue.name, f"{tissue.text} [HU]") for key, tissue in TISSUES.items()]
 KEYS = ["otsu", *TISSUES, "custom"]
 

@@ -88,7 +88,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
     fingerprint: _fingerprint()
     with_objects: BoolProperty(
         name="Remove Its Objects Too",
-        description="Also remove its surfaces, slices, Volume objects, rulers and drawings",
+        description="Also remove its surfaces, slices, Volume objects, distances, angles and drawings",
         options={"SKIP_SAVE"},
         translation_context=OURS,
     )

@@ -69,7 +69,7 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
     bl_label = "Set Up Camera and Lights"
     bl_description = (
         "Add a camera that frames what is shown, with key, fill and rim lights and the background, in a collection of "
-        "their own, CTMC Studio, that may be deleted. Sets the engine with samples that end in a minute or two"
+        "their own, CTMC Studio, which may be deleted. Set the engine, with samples for a render of a minute or two"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -87,7 +87,7 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
             set_up_studio(scene, shown_surfaces(context), panel.azimuth, panel.elevation, background)
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
-        self.report({"INFO"}, f"{translate('F12 renders')}: {render_text(context)}{note}")
+        self.report({"INFO"}, f"F12: {render_text(context)}{note}")
         return {"FINISHED"}
 
 
@@ -97,8 +97,8 @@ class CTMC_OT_render(bpy.types.Operator):
     bl_idname = "ctmc.render"
     bl_label = "Render"
     bl_description = (
-        "Render what is shown, with this engine and background, in a window; Esc there stops it. Camera and lights are "
-        "set up first, unless you placed them"
+        "Render what is shown with this engine and background in a window; Esc in it stops. Camera and lights are set "
+        "up first, unless you placed them"
     )
 
     filepath: StringProperty(
@@ -111,7 +111,7 @@ class CTMC_OT_render(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if bpy.app.is_job_running("RENDER"):
-            cls.poll_message_set("Wait until the present render ends")
+            cls.poll_message_set("Wait for the current render to end")
             return False
         return _has_surface(cls, context)
 
