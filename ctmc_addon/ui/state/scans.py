@@ -20,6 +20,7 @@ from . import change_events, volumes
 
 _seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
 _had_box: set[tuple[int, str]] = set()  # CTs whose box was seen in a scene: session_uid and fingerprint.
+_checked: dict[int, tuple[Any, ...]] = {}  # Number of objects and CTs when boxes were looked for, by session_uid.
 
 
 def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
@@ -102,12 +103,16 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
 def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
     """Remove CTs whose box was deleted; their values stay in memory, because undo brings the box back.
 
-    Two readings of a path share a box.
+    Two readings of a path share a box. Objects are looked through only when their number or the CTs have changed,
+    because this runs at each frame of playback.
     """
     cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
     if not cts or jobs.running() is not None:
         return
-    uid, boxes = scene.session_uid, paths_of_boxes(scene)
+    uid, present = scene.session_uid, (len(scene.objects), *(ct.volume_fingerprint for ct in cts))
+    if _checked.get(uid) == present:
+        return
+    _checked[uid], boxes = present, paths_of_boxes(scene)
     gone = []
     for ct in cts:
         fingerprint = ct.volume_fingerprint
@@ -200,6 +205,7 @@ def clear(*_: Any) -> None:
     """Forget the active objects and the boxes, because another file is loaded."""
     _seen.clear()
     _had_box.clear()
+    _checked.clear()
 
 
 HANDLERS = (("depsgraph_update_post", follow), ("depsgraph_update_post", drop_deleted), ("load_pre", clear))

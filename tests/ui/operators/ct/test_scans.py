@@ -15,7 +15,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import Layout, meshes_in
 
 from ctmc_addon.blender.rulers import PROPERTY as RULER
-from ctmc_addon.blender.scene.ct_box import box_of, fingerprint_of_box, link_beside_ct
+from ctmc_addon.blender.scene.ct_box import box_of, fingerprint_of_box, link_beside_ct, paths_of_boxes
 from ctmc_addon.ui.panels.ct.scans import draw_cts
 from ctmc_addon.ui.state import scans, session, structures, volumes
 from ctmc_addon.ui.viewport import live
@@ -203,3 +203,20 @@ def test_a_ct_that_is_removed_stays_in_a_linked_copy_of_the_scene(two, with_obje
     assert (sorted(two.objects.keys()), names(two)) == (objects, cts)
     assert volumes.current(two).name == "small"
     bpy.data.scenes.remove(copy)
+
+
+def test_objects_are_looked_through_only_after_their_number_or_the_cts_have_changed(two, monkeypatch):
+    calls = []
+    monkeypatch.setattr(scans, "paths_of_boxes", lambda scene: calls.append(scene) or paths_of_boxes(scene))
+    scans.drop_deleted(two)
+    calls.clear()
+    for _ in range(3):
+        scans.drop_deleted(two)
+    assert calls == []
+    two.collection.objects.link(bpy.data.objects.new("Mine", None))
+    scans.drop_deleted(two)
+    assert calls == [two]
+    scans.remove(two, fingerprint_of(two, "ball"))
+    calls.clear()
+    scans.drop_deleted(two)
+    assert calls == [two]
