@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from meshes import as_mesh, component_of_face, icosphere, joined, layered
 
-from ctmc_addon.core import Budget, finish
+from ctmc_addon.core import Budget, finish, marching_cubes
 from ctmc_addon.core.mesh import surface_distance
 from ctmc_addon.core.mesh.measures import component_moments_steps, component_volumes_steps, volumes_of_moments
 from ctmc_addon.core.simplification.batches.full_moments import FullMoments
@@ -47,6 +47,18 @@ def test_removed_balls_count_with_their_exact_volume_in_one_batch_and_in_many(go
     distance = surface_distance(result.mesh, mesh)
     assert distance.lost.count == result.collapsed.count
     assert distance.lost.volume == pytest.approx(result.collapsed.volume, rel=1e-9)
+
+
+@pytest.mark.parametrize("close_border", [True, False])
+def test_open_components_and_cavities_of_noise_count_with_the_volume_that_the_full_surface_has(close_border):
+    values = np.random.default_rng(0).normal(size=(20, 20, 20)).astype(np.float32)
+    for axis in range(3):
+        values = (values + np.roll(values, 1, axis)) / 2
+    mesh = marching_cubes(values, 0.45, close_border=close_border)
+    result = finish(simplification_steps(mesh, reduction=0.9, budget=Budget(threads=1, whole_faces=2000)))
+    lost = surface_distance(result.mesh, mesh).lost
+    assert result.collapsed.count == lost.count > 50
+    assert result.collapsed.volume == pytest.approx(lost.volume, rel=1e-9)
 
 
 def test_moments_of_a_cut_component_add_up_to_its_volume_open_and_closed():
