@@ -31,7 +31,8 @@ COLORS = 192  # of a picture, to keep the file small
 VIEW = 560  # pixels of the viewport beside the sidebar
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
-MOST_BYTES = 300_000  # a render is the largest
+STEPS_WITHOUT_PICTURE = (7, 8)  # of the newcomer's way: color and slice are in the picture of the cut
+MOST_BYTES = 400_000  # a render is the largest: its noise does not compress
 LIMIT = 900.0  # seconds of a render, or of 45 pictures of a patient's bone, without a graphics card
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
@@ -163,8 +164,9 @@ def go_the_newcomers_way(root: Path, package: Path, ct: Path, *, shown: bool) ->
 
 
 def keep_step(number: int, picture: Image.Image) -> None:
-    """Keep a picture of the newcomer's way for the page."""
-    write(f"newcomer-{number}", picture)
+    """Keep a picture of the newcomer's way for the page, where it shows that step."""
+    if number not in STEPS_WITHOUT_PICTURE:
+        write(f"newcomer-{number}", picture)
 
 
 def prepare(desk: Desk, package: Path, ct: Path) -> None:
