@@ -28,6 +28,7 @@ SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
 SIZE = (1300, 1400)  # a window so high that every page is seen whole, with its folds open
 COLORS = 192  # of a picture, to keep the file small
+BELOW, FOLDS = 36, 160  # pixels below the last button of a page, and where a note and closed folds follow it
 VIEW = 560  # pixels of the viewport beside the sidebar
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
@@ -196,7 +197,7 @@ def take(desk: Desk, threshold: float) -> None:
     desk.ask("bpy.context.scene.ctmc_view.show_slice = False")
     desk.ask(BEGIN.format(operator="deviation_map"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
-    keep_page(desk, "results", "RESULTS")
+    keep_page(desk, "results", "RESULTS", below=FOLDS)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
     desk.wait(f"{TABLE} is not None and {IDLE}")
@@ -216,11 +217,11 @@ def take_drawing(desk: Desk, click: Sequence[float]) -> None:
     keep_page(desk, "draw", "DRAW", tilt=0.6)
 
 
-def keep_page(desk: Desk, name: str, page: str, *, view: bool = True, tilt: float = 1.15) -> None:
-    """Keep a page from its row of buttons to its last line."""
+def keep_page(desk: Desk, name: str, page: str, *, view: bool = True, tilt: float = 1.15, below: int = BELOW) -> None:
+    """Keep a page from its row of buttons to so many pixels below its last button."""
     desk.show(page)
     heights = [y for button, y in rows_of(desk).items() if button]
-    keep(desk, name, min(heights) - 20, max(heights) + 36, view=view, tilt=tilt)
+    keep(desk, name, min(heights) - 20, max(heights) + below, view=view, tilt=tilt)
 
 
 def rows_of(desk: Desk) -> dict[str, int]:
