@@ -189,7 +189,7 @@ def test_all_none_and_invert(scene, patient):
     ticks = lambda: [item.chosen for item in scene.ctmc.labels]  # noqa: E731
     bpy.ops.ctmc.tick_structures(which="none")
     assert ticks() == [False, False]
-    with pytest.raises(RuntimeError, match=r"no structure is ticked"):
+    with pytest.raises(RuntimeError, match=r"No structure is ticked"):
         bpy.ops.ctmc.reconstruct()
     scene.ctmc.labels[0].chosen = True
     bpy.ops.ctmc.tick_structures(which="invert")
