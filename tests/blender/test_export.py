@@ -290,7 +290,7 @@ def test_a_full_disk_leaves_the_older_file_and_nothing_half_written(obj, tmp_pat
 def test_a_surface_in_edit_mode_is_refused_before_anything_is_written(obj, tmp_path, suffix):
     bpy.context.view_layer.objects.active = obj
     bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(MeshError, match="edit mode; leave it first"):
+    with pytest.raises(MeshError, match="Edit Mode; leave it first"):
         export(obj, tmp_path / f"surface{suffix}")
     bpy.ops.object.mode_set(mode="OBJECT")
     assert not list(tmp_path.iterdir())

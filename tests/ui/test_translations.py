@@ -96,5 +96,5 @@ def test_a_sentence_begins_with_a_capital_unless_it_begins_with_a_name():
     known = next(template for template in templates if template.startswith("no ") or template[:1].islower())
     filled = translations.FIELD.sub("7", known)
     assert translations.translate_sentence(filled)[0].isupper()
-    assert translations.translate_sentence("a {b} c is in edit mode; leave it first").startswith("a {b} c")
+    assert translations.translate_sentence("a {b} c is in Edit Mode; leave it first").startswith("a {b} c")
     assert translations.translate_sentence("nobody has said this") == "nobody has said this"

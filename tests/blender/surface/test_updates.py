@@ -151,7 +151,7 @@ def test_an_object_in_edit_mode_or_of_another_kind_is_refused(scene, torus):
     with bpy.context.temp_override(active_object=obj, object=obj):
         bpy.context.view_layer.objects.active = obj
         bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(MeshError, match="edit mode"):
+    with pytest.raises(MeshError, match="Edit Mode"):
         update_reconstruction(obj, torus())
     bpy.ops.object.mode_set(mode="OBJECT")
     stranger = bpy.data.objects.new("cube", bpy.data.meshes.new("cube"))

@@ -21,7 +21,7 @@ from ...properties.reading import options_of_scene
 from ...properties.structures import called
 from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
-from ...translations import translate, translate_sentence
+from ...translations import translate, translate_phrase
 from ...viewport import deviation
 
 MAP_STAGES = {"Comparing with the full surface": 2, "Measuring": 1}
@@ -115,7 +115,7 @@ def deviation_steps(
         require_editable(obj)
         paint_distances(obj.data, distances, measured.to_full.largest)
         deviation.show()
-        return f"{obj.name}: {', '.join(map(translate_sentence, distance_phrases(measured)))}"
+        return f"{obj.name}: {', '.join(map(translate_phrase, distance_phrases(measured)))}"
 
     return conclude
 
