@@ -7,7 +7,7 @@ import gzip
 import os
 import re
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from .registry import BY_FILE_NAME, BY_SUFFIX, BY_VALUES, FORMATS, HEAD, KNOWN_SUFFIXES, folder_format, marked
@@ -140,3 +140,18 @@ def segmentation_names(path: str | os.PathLike[str]) -> tuple[str, ...]:
     if match is None:
         return ()
     return tuple(f"segmentation-{match[1]}{end}" for end in ((".nii.gz", ".nii") if match[2] else (".nii", ".nii.gz")))
+
+
+MASK_WORDS = ("mask", "segment", "label")
+"""Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
+
+
+def is_named_mask(names: Iterable[str]) -> bool:
+    """Return whether one of these names of folders is that of masks.
+
+    Examples
+    --------
+    >>> is_named_mask(["MASKS_DICOM", "liver"]), is_named_mask(["PATIENT_DICOM"])
+    (True, False)
+    """
+    return any(word in name.casefold() for name in names for word in MASK_WORDS)

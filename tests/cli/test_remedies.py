@@ -293,8 +293,8 @@ ROWS = [
     Row(rendered, f"{COLORED} --limit-mm 0", {"--limit-mm": ["2"]}),
     Row(rendered, f"{COLORED} {DECIMATE}", {"--simplifier": None}),
     Row(rendered, f"{SHEET} {DECIMATE}", {"--simplifier": None}),
-    Row(rendered, f"{SHEET} --columns 3 --width-mm 25", {"--width-mm": ["67"], "--columns": ["1"]}),
-    Row(rendered, f"{SHEET} --height-mm 20", {"--height-mm": ["40"]}),
+    Row(rendered, f"{SHEET} --columns 3 --width-mm 36", {"--width-mm": ["99"], "--columns": ["1"]}),
+    Row(rendered, f"{SHEET} --height-mm 20", {"--height-mm": ["54"]}),
     Row(
         rendered_labels,
         f"figure sheet {FIGURE} --label 1 --smoothing none --alphas 0 1",

@@ -3,27 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from ...core import CtmcError, Step, Steps
+from ..file_formats import is_named_mask
 from ..value_kind import NotAMask, two_values
 from .header import Slice
 from .stored import StoredPixels
-
-MASK_WORDS = ("mask", "segment", "label")
-"""Words in the name of a folder of masks, such as MASKS_DICOM or segmentations."""
-
-
-def is_named_mask(names: Iterable[str]) -> bool:
-    """Return whether one of these names of folders is that of masks.
-
-    Examples
-    --------
-    >>> is_named_mask(["MASKS_DICOM", "liver"]), is_named_mask(["PATIENT_DICOM"])
-    (True, False)
-    """
-    return any(word in name.casefold() for name in names for word in MASK_WORDS)
 
 
 def middle_is_mask_steps(slices: Sequence[Slice]) -> Steps[bool]:

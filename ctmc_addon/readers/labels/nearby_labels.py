@@ -11,8 +11,7 @@ from pathlib import Path
 
 from ..dicom.header import ImageFile, read_header
 from ..dicom.labels.classes import label_class
-from ..dicom.mask_series import is_named_mask
-from ..file_formats import files_below, natural_key, segmentation_sibling
+from ..file_formats import files_below, is_named_mask, natural_key, segmentation_sibling
 from ..optional_imports import quiet
 
 MOST_FILES = 5000  # Only this many files of a folder are examined.

@@ -54,7 +54,7 @@ def test_a_damaged_slice_is_refused_with_the_flag_that_leaves_it_out(ctmc, patie
     words = ("reconstruct", patient / "PATIENT_DICOM", "--threshold", "300", "-o", tmp_path / "a.stl")
     refused = ctmc(*words)
     assert refused.code == 1
-    assert refused.errors[-1].endswith("copy it again, or set --skip-damaged to read the series without it")
+    assert refused.errors[-1].endswith("copy it again, or leave it out with --skip-damaged")
     outcome = ctmc(*words, "--skip-damaged")
     assert outcome.code == 0, outcome.errors
     note = "slice 3 of 6, by file name, is damaged and was left out; the gap was filled by linear interpolation"

@@ -83,7 +83,9 @@ def test_slices_too_short_to_be_known_are_refused(tmp_path, save_stack):
     with pytest.raises(CtmcError) as caught:
         read_volume(tmp_path)
     damage = "named like the slices, but not DICOM"
-    assert str(caught.value).startswith(f"I2 is a truncated or damaged DICOM file ({damage}); copy it again, or set")
+    assert str(caught.value).startswith(
+        f"I2 is a truncated or damaged DICOM file ({damage}); copy it again, or leave it out"
+    )
 
 
 @pytest.mark.parametrize(("photometric", "samples"), [("RGB", 3), ("YBR_FULL_422", 2)])

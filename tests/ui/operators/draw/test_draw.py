@@ -106,7 +106,7 @@ def test_in_a_range_a_click_adds_what_hangs_together_and_alt_takes_it(drawing):
 def test_a_refused_click_leaves_the_scene_as_it_was(drawing):
     with pytest.raises(RuntimeError, match="outside the volume"):
         bpy.ops.ctmc.draw_grow(point_mm=(999, 0, 0))
-    with pytest.raises(RuntimeError, match="click in the structure first"):
+    with pytest.raises(RuntimeError, match="Click in the structure first"):
         bpy.ops.ctmc.draw_grow(point_mm=middle(), surroundings=True)
     assert len(drawing.structures) == 0
 
@@ -239,7 +239,7 @@ def test_a_preview_without_memory_is_tried_once(drawing, monkeypatch):
 
 def test_no_command_is_said_to_make_what_was_drawn(drawing):
     stroke(middle())
-    with pytest.raises(RuntimeError, match="no command makes Structure, because it was drawn; save the"):
+    with pytest.raises(RuntimeError, match="No command makes Structure, because it was drawn; save the"):
         bpy.ops.ctmc.copy_command()
 
 
@@ -258,7 +258,7 @@ def test_slices_and_volumes_are_called_as_the_panel_says(loaded, tmp_path):
 def test_with_nothing_chosen_a_label_without_a_name_is_not_combined(drawing):
     bpy.context.scene.ctmc.add_labels([(1, "", (1.0, 1.0, 1.0))])
     stroke(middle())
-    with pytest.raises(RuntimeError, match="choose another structure"):
+    with pytest.raises(RuntimeError, match="Choose another structure"):
         bpy.ops.ctmc.draw_combine()
 
 

@@ -32,7 +32,7 @@ def test_a_label_that_is_not_in_memory_is_not_combined(drawing, tmp_path, how):
     structures.add_labels(scene, labels, "a file", tmp_path / "gone.nii.gz")
     structures._sources.clear()  # as when the .blend is opened and the file is gone
     drawing.other, drawing.combination = "liver", how
-    with pytest.raises(RuntimeError, match="the labels of liver are not in memory; press Load Again"):
+    with pytest.raises(RuntimeError, match="The labels of liver are not in memory; press Load Again"):
         bpy.ops.ctmc.draw_combine()
     assert (mask() == before).all()
     assert before.any()
@@ -62,7 +62,7 @@ def chosen():
 
 def test_the_eraser_needs_a_structure(drawing):
     before = chosen()
-    with pytest.raises(RuntimeError, match="there is no structure; add one first"):
+    with pytest.raises(RuntimeError, match="There is no structure; add one first"):
         stroke(middle(), erase=True)
     assert chosen() == before
     assert len(drawing.structures) == 0
@@ -74,10 +74,10 @@ def test_a_first_stroke_that_draws_nothing_leaves_no_structure(drawing):
     with pytest.raises(RuntimeError, match="not from 500 to 100; swap them"):
         stroke(middle())
     drawing.low, drawing.high = 30_000.0, 31_000.0
-    with pytest.raises(RuntimeError, match="nothing was drawn: no voxel under the brush is in the CT and in the range"):
+    with pytest.raises(RuntimeError, match="Nothing was drawn: no voxel under the brush is in the CT and in the range"):
         stroke(middle())
     drawing.use_range = False
-    with pytest.raises(RuntimeError, match="nothing was drawn"):
+    with pytest.raises(RuntimeError, match="Nothing was drawn"):
         stroke((900.0, 0.0, 0.0))
     assert chosen() == before
     assert len(drawing.structures) == 0

@@ -16,6 +16,6 @@ def test_points_given_in_millimeters_become_objects(scene):
 
 
 def test_points_that_are_the_same_are_refused(scene):
-    with pytest.raises(RuntimeError, match="two points are the same"):
+    with pytest.raises(RuntimeError, match="Two points are the same"):
         bpy.ops.ctmc.measure_distance(points_mm=(1, 2, 3, 1, 2, 3))
     assert rulers_of(scene) == []
