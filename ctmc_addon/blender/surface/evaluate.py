@@ -31,9 +31,10 @@ def evaluated_object(
     require_object_mode(obj)
     holders = obj.users_scene if scene is None else [scene]
     light = light_modifier(obj)
-    is_light = light is not None and light.show_viewport
+    if light is not None and not light.show_viewport:
+        light = None
     try:
-        if is_light:
+        if light is not None:
             light.show_viewport = False
         layer = next((layer for holder in holders for layer in holder.view_layers if holds(layer, obj)), None)
         if layer is None:
@@ -43,7 +44,7 @@ def evaluated_object(
             raise MeshError(f"{obj.name} is disabled in viewports; switch its monitor icon on first")
         yield evaluated, layer.depsgraph
     finally:
-        light = light_modifier(obj) if is_light else None
+        light = None if light is None else light_modifier(obj)  # The block may have removed it.
         if light is not None:
             light.show_viewport = True
 

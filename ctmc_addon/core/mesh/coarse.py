@@ -102,20 +102,22 @@ def light_faces_steps(
     start = columns.min(axis=1)
     extent = float((columns.max(axis=1) - start).max())
     goal_count = goal / FACES_PER_CUBE
-    side = max(math.sqrt(_area(columns, faces) / goal_count), extent / MOST_SIDE, np.finfo(np.float32).tiny)
+    least = max(extent / MOST_SIDE, float(np.finfo(np.float32).tiny))
+    side, number, count = math.sqrt(_area(columns, faces) / goal_count), np.zeros(0, np.int64), 0
     for attempt in range(TRIES):
         yield Step(0.1 + 0.3 * attempt, "Making the light display")
+        side = max(side, least)
         number, count = _numbered(DIRECTIONS * _cubes(columns, start, side) + direction)
         if abs(count - goal_count) < CLOSE * goal_count:
             break
-        side = max(side * math.sqrt(count / goal_count), extent / MOST_SIDE)
+        side *= math.sqrt(count / goal_count)
     yield Step(0.7, "Making the light display")
     weight = np.bincount(number, minlength=count)
     away = sum((column - (np.bincount(number, column, count) / weight)[number]) ** 2 for column in columns)
     order = np.argsort(number, kind="stable")
     first = np.concatenate([[0], np.cumsum(weight)[:-1]])
-    least = np.minimum.reduceat(away[order], first)
-    nearest = order[away[order] == least[number[order]]][::-1]
+    closest = np.minimum.reduceat(away[order], first)
+    nearest = order[away[order] == closest[number[order]]][::-1]
     middle = np.empty(count, np.int32)
     middle[number[nearest]] = nearest  # The last to be written is the first vertex.
     yield Step(0.9, "Making the light display")
