@@ -58,8 +58,8 @@ def box():
 
 
 LIGHT = """
-    InputNamedAttribute.Attribute > Compare.A_INT
-    AttributeDomainSize.Point Count > Compare.B_INT
+    InputNamedAttribute.Attribute > Compare.A
+    AttributeDomainSize.Point Count > Compare.B
     NodeGroupInput.Geometry > AttributeDomainSize.Geometry
     NodeGroupInput.Geometry > SeparateGeometry.Geometry
     Compare.Result > SeparateGeometry.Selection

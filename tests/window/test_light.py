@@ -34,7 +34,8 @@ class Engine(bpy.types.RenderEngine):
     bl_idname, bl_label = "CTMC_TEST", "Test"
 
     def render(self, depsgraph):
-        counts.extend(len(each.object.data.polygons) for each in depsgraph.object_instances if each.object.type == "MESH")
+        meshes = [each.object for each in depsgraph.object_instances if each.object.type == "MESH"]
+        counts.extend(len(each.data.polygons) for each in meshes)
 
 bpy.utils.register_class(Engine)
 scene = bpy.context.scene
@@ -59,7 +60,8 @@ def test_a_large_surface_is_drawn_light_rendered_in_full_and_cut_like_any_other(
     desk.ask(VIEW)
     desk.show("RESULTS")
     faces, drawn, rendered, modifiers = desk.ask(COUNTS)
-    assert faces == rendered > 5000 > 0.5 * faces > drawn > 500
+    assert faces == rendered > 5000
+    assert 1000 < drawn < 3000
     assert modifiers == ["CTMC Light"]
     desk.look("light-01-light")
     desk.ask("bpy.context.scene.ctmc.display = 'FULL'")

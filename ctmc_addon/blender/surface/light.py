@@ -147,7 +147,7 @@ def light_nodes() -> bpy.types.NodeTree:
         for name in (SHOWN, TARGET)
     )
     vertices = nodes.of("GeometryNodeAttributeDomainSize", "Point Count", {"Geometry": surface})
-    numbers = {"A_INT": shown, "B_INT": vertices}
+    numbers = {"A": shown, "B": vertices}  # By name: Blender 5.2 identifies them in another way than 5.0.
     is_shown = nodes.of("FunctionNodeCompare", "Result", numbers, data_type="INT", operation="EQUAL")
     kept, _ = nodes.separate(surface, is_shown, "FACE")
     sample = {"Geometry": surface, "Value": nodes.of("GeometryNodeInputPosition", "Position"), "Index": target}

@@ -94,9 +94,9 @@ def light_faces_steps(
     if normals is None:
         normals = vertex_normals(vertices, faces)
     axis, most = np.zeros(len(vertices), np.int8), normals[:, 0]
-    for number in (1, 2):
-        is_more = np.abs(normals[:, number]) > np.abs(most)
-        axis[is_more], most = number, np.where(is_more, normals[:, number], most)
+    for other in (1, 2):
+        is_more = np.abs(normals[:, other]) > np.abs(most)
+        axis[is_more], most = other, np.where(is_more, normals[:, other], most)
     direction = 2 * axis + (most < 0)
     columns = np.ascontiguousarray(vertices.T, np.float64)  # (3, V)
     start = columns.min(axis=1)
@@ -113,7 +113,9 @@ def light_faces_steps(
         side *= math.sqrt(count / goal_count)
     yield Step(0.7, "Making the light display")
     weight = np.bincount(number, minlength=count)
-    away = sum((column - (np.bincount(number, column, count) / weight)[number]) ** 2 for column in columns)
+    away = np.zeros(len(vertices))
+    for column in columns:
+        away += (column - (np.bincount(number, column, count) / weight)[number]) ** 2
     order = np.argsort(number, kind="stable")
     first = np.concatenate([[0], np.cumsum(weight)[:-1]])
     closest = np.minimum.reduceat(away[order], first)
