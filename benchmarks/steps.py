@@ -25,11 +25,13 @@ import ctmc_addon
 from ctmc_addon.blender.export import export
 from ctmc_addon.blender.surface.readback import own_mesh
 from ctmc_addon.cli.phantom.files import write_dicom_steps, write_nifti_steps
-from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core import FieldCache, ReconstructionSettings
 from ctmc_addon.core.progress import Steps, finish
+from ctmc_addon.readers import ReadingOptions
 from ctmc_addon.ui.operators.ct import load
 from ctmc_addon.ui.operators.surface import reconstruct, results
 from ctmc_addon.ui.operators.surface.placing import ObjectRequest
+from ctmc_addon.ui.properties.preferences import machine
 from ctmc_addon.ui.state import measurements, surfaces, volumes
 from ctmc_addon.ui.viewport import live, preview
 
@@ -110,8 +112,7 @@ class Panel:
 
     def load(self, path: Path) -> Steps[Any]:
         """Load CT."""
-        reading = {"spacing": None, "flip": "", "series": None}
-        return load.CTMC_OT_load.steps(None, path, reading, self.scene.session_uid, "")
+        return load.CTMC_OT_load.steps(None, path, ReadingOptions(), self.scene.session_uid, "", 1, ())
 
     def reconstruct(self, settings: ReconstructionSettings, target: Any = None) -> Steps[Any]:
         """Run Reconstruct Surface, or Update Surface of an object."""
@@ -152,7 +153,9 @@ class Panel:
         """Run what follows when nothing changes: the cost estimate, then a finer preview."""
         live.live.stop_work()
         uid, settings = self.scene.session_uid, self.scene.ctmc.to_settings()
-        yield from live.cost_steps(uid, [(live.live.fields, settings)])
+        volume = volumes.current(self.scene)
+        preview.prepare(volume)
+        yield from live.cost_steps(uid, [(FieldCache(volume, machine().budget), settings)])
         yield from preview.refine_steps(uid, settings)
 
     def jobs(self) -> Iterator[tuple[str, Callable[[], Steps[Any]]]]:

@@ -14,12 +14,28 @@ def remove_blocks(*blocks: bpy.types.ID) -> None:
         _collection_of(block).remove(block)
 
 
-def remove_with_data(objects: Iterable[bpy.types.Object]) -> None:
-    """Remove objects, and their data where nothing else uses it."""
+def remove_from_scene(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
+    """Remove an object; return whether it is gone.
+
+    One that other scenes show too stays theirs: it leaves the collections that are this scene's alone.
+    """
+    if obj.library is not None:
+        return False
+    if len(obj.users_scene) <= 1:
+        bpy.data.objects.remove(obj)
+        return True
+    shared = {child for other in bpy.data.scenes if other != scene for child in other.collection.children_recursive}
+    for owner in {scene.collection, *scene.collection.children_recursive} - shared:
+        if obj.name in owner.objects:
+            owner.objects.unlink(obj)
+    return False
+
+
+def remove_with_data(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
+    """Remove objects from a scene, and their data where nothing else uses it."""
     for obj in objects:
         data = obj.data
-        bpy.data.objects.remove(obj)
-        if data is not None and not data.users:
+        if remove_from_scene(scene, obj) and data is not None and not data.users:
             bpy.data.batch_remove([data])
 
 

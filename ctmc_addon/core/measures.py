@@ -294,7 +294,7 @@ MEASURES = (
     ),
     Measure(
         "collapsed_components",
-        "Collapsed Components",
+        "Specks Removed",
         of="collapsed_components",
         where=Place.REPORT | Place.BATCH | Place.PANEL,
         summed="sum",
@@ -325,6 +325,7 @@ MEASURES = (
         "mm",
         of="measures.size",
         where=Place.REPORT | _TERMINAL | Place.TABLE | Place.PANEL | _BATCH,
+        shown=partial(sizes_text, digits=3),
         columns={"size_x_mm": 0, "size_y_mm": 1, "size_z_mm": 2},
     ),
     Measure(

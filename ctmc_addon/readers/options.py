@@ -182,7 +182,7 @@ class ReadingOptions(Described):
         False,
         "Leave out truncated or damaged DICOM slices, with a note, instead of refusing the series",
         label="Skip Damaged",
-        note="the gap is then an uneven one",
+        note="a gap is filled by interpolation",
         type=bool,
     )
 

@@ -32,8 +32,21 @@ def translate(text: str) -> str:
 
 
 def translate_sentence(text: str) -> str:
-    """Return a sentence of an error or a note in the language of Blender's interface, with its names and numbers."""
-    return _by_template(text, bpy.app.translations.locale)
+    """Return a sentence of an error or a note in the language of Blender's interface, with its names and numbers.
+
+    It begins with a capital unless it begins with a name, such as a file's.
+    """
+    translated = _by_template(text, bpy.app.translations.locale)
+    return translated[:1].upper() + translated[1:] if _begins_with_a_word(text) else translated
+
+
+@lru_cache(256)
+def _begins_with_a_word(text: str) -> bool:
+    """Return whether a sentence begins with words of ours, and not with a field or with words that are not known."""
+    if text in table("de_DE.toml"):
+        return True
+    template = next((template for pattern, template in templates() if pattern.fullmatch(text)), "{")
+    return not template.startswith("{")
 
 
 @lru_cache(256)
@@ -64,6 +77,7 @@ def templates() -> tuple[tuple[re.Pattern[str], str], ...]:
     return tuple((re.compile("".join(map(_part, FIELD.split(text))), re.DOTALL), text) for text in ordered)
 
 
+@cache
 def table(name: str) -> dict[str, str]:
     """Return the table of one language."""
     return tomllib.loads((TABLES / name).read_text(encoding="utf-8"))

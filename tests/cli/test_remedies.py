@@ -15,6 +15,8 @@ import pytest
 import zarr_stores
 from volumes import AFFINE
 
+pytestmark = pytest.mark.once
+
 VALUES = np.random.default_rng(0).integers(0, 500, (8, 7, 6)).astype(np.int16)
 BALL = np.where(sum((axis - 6) ** 2 for axis in np.indices((13, 13, 13))) <= 16, 200, 0).astype(np.int16)
 VERBS = r"\b(?:set|give|choose|lower|use|leave)\b"

@@ -51,7 +51,7 @@ def test_every_time_becomes_a_file_and_an_entry_of_the_report(ctmc, beating, tmp
         alone.save(tmp_path / "alone.stl")
         assert (out / f"{surface['name']}.stl").read_bytes() == (tmp_path / "alone.stl").read_bytes()
     rows = [line.split() for line in done.out.splitlines()]
-    assert ["time", "name", "triangles", "volume", "area", "components", "size"] in rows
+    assert ["time", "name", "triangles", "volume", "area", "components", "size", "cavities"] in rows
     table = [row[:4] for row in rows if row[1:2] == ["heart"] and row[0].isdigit()]
     assert table == [[str(time), "heart", "time", str(time)] for time in (1, 2, 3)]
 

@@ -24,6 +24,7 @@ from ctmc_addon.ui.properties import (
     preferences,
     settings as properties,
     structures,
+    studio as studio_properties,
     view as view_properties,
 )
 
@@ -41,6 +42,7 @@ GROUPS = (
     drawing_properties.CTMCDrawing,
     drawing_properties.CTMCDrawnStructure,
     figure_properties.CTMCFigure,
+    studio_properties.CTMCStudio,
     preferences.CTMCPreferences,
 )
 
@@ -55,7 +57,8 @@ def our_types() -> Iterator[type]:
 
 
 def our_properties() -> Iterator[bpy.types.Property]:
-    """The properties of those classes and of our operators."""
+    """The properties of those classes, of our operators and of the window manager."""
+    yield bpy.types.WindowManager.bl_rna.properties["ctmc_page"]
     for kind in our_types():
         blenders = set(kind.bl_rna.base.properties.keys()) | {"name", "rna_type"}
         yield from (prop for name, prop in kind.bl_rna.properties.items() if name not in blenders)

@@ -86,5 +86,15 @@ def test_a_sentence_is_translated_by_its_template_with_its_names_and_numbers(mon
     said = in_german(monkeypatch, str(refused.value))
     assert said.startswith("Der Schwellwert 99 liegt über dem Höchstwert 26 von diesem Volumen (Bereich 0 bis 26); ")
     assert said.endswith("bitte einen in diesem Bereich wählen")
-    assert in_german(monkeypatch, "a {b} c is in edit mode; leave it first").startswith("a {b} c ist im")
+    assert in_german(monkeypatch, "a {b} c is in Edit Mode; leave it first").startswith("a {b} c ist im")
     assert in_german(monkeypatch, "Nobody has said this: 4 of 5 mm") == "Nobody has said this: 4 of 5 mm"
+
+
+def test_a_sentence_begins_with_a_capital_unless_it_begins_with_a_name():
+    translations._by_template.cache_clear()
+    templates = [template for _, template in translations.templates()]
+    known = next(template for template in templates if template.startswith("no ") or template[:1].islower())
+    filled = translations.FIELD.sub("7", known)
+    assert translations.translate_sentence(filled)[0].isupper()
+    assert translations.translate_sentence("a {b} c is in edit mode; leave it first").startswith("a {b} c")
+    assert translations.translate_sentence("nobody has said this") == "nobody has said this"

@@ -18,8 +18,7 @@ from window.scenes import IDLE, LOADED, QUIET, choose_file
 
 SIZE = (1180, 900)
 ROW = (12, 22, 238)  # pixels from the sidebar's corner to the row of pages, and its width
-BONE = 5  # lines from Otsu, which stands under the mouse, to Bone
-LINE = 20  # pixels of a line in an open list
+BONE = 172  # pixels from the upper part of the combo to Bone in its list
 YELLOW = "[0.8, 0.6, 0.1, 1.0]"
 # File browser and render in the same window, as only that can be photographed, and a picture that a processor renders.
 BEGIN = """
@@ -129,8 +128,8 @@ def go(
             person.turn_to("SURFACE")
         x, y = person.see("ctmc.threshold_from", 0.5)
         person.click()
-        person.click(x, y + BONE * LINE)
-        desk.wait("bpy.context.scene.ctmc.threshold_from == 'bone'")
+        person.click(x, y + BONE)
+        assert desk.ask("answer = bpy.context.scene.ctmc.threshold_from") == "bone"
         desk.wait(QUIET)
     with person.step("Reconstruct Surface"):
         person.press("bpy.ops.ctmc.reconstruct()")
@@ -163,7 +162,7 @@ def go_on(person: Newcomer) -> None:
         person.press("ctmc_view.plane", 0.5)
         person.press("bpy.ops.ctmc.add_slice()", 0.3)
     with person.step("Results, Cut, Cut at Slice"):
-        desk.ask(f"bpy.context.view_layer.objects.active = {FIRST_SURFACE}")
+        desk.ask(f"o = {FIRST_SURFACE}; o.select_set(True); bpy.context.view_layer.objects.active = o")
         person.turn_to("RESULTS")
         person.press("bpy.ops.ctmc.cut_at_slice()")
         desk.wait("any(m.name.startswith('CTMC Cut') for o in bpy.data.objects for m in o.modifiers)")

@@ -26,22 +26,21 @@ OUT = ROOT / "out" / "sidebar"
 SHOWN = ROOT / "docs" / "pictures" / "sidebar"
 SUITE = "sid"
 SCAN = 10  # pixels between two looks at what is under the mouse
-SIZE = (1300, 2000)  # a window so high that the sidebar is seen whole in two looks
+SIZE = (1300, 1400)  # a window so high that every page is seen whole, with its folds open
 COLORS = 192  # of a picture, to keep the file small
+BELOW, FOLDS = 36, 160  # pixels below the last button of a page, and where a note and closed folds follow it
 VIEW = 560  # pixels of the viewport beside the sidebar
-HEADING = 40  # pixels from the top of a heading to the row below it
-HEADER = 18  # pixels from the middle of a closed heading to the one below it
 DISTANCE = 9.0  # of the eye
 TUMOR = (40.5, 14.8, 2.8)  # of the phantom, mm
-MOST_BYTES = 300_000  # a render is the largest
+STEPS_WITHOUT_PICTURE = (7, 8)  # of the newcomer's way: color and slice are in the picture of the cut
+MOST_BYTES = 400_000  # a render is the largest: its noise does not compress
 LIMIT = 900.0  # seconds of a render, or of 45 pictures of a patient's bone, without a graphics card
 IDLE = "ours('ui.jobs').running() is None"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
-for name in ("CTMC_PT_slice", "CTMC_PT_rotation", "CTMC_PT_figure"):
-    open_panel(name)
+open_fold("rotation", "figure")
 space = viewport().space
 space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
 space.overlay.show_axis_x = space.overlay.show_axis_y = space.show_gizmo = space.show_region_toolbar = False
@@ -166,8 +165,9 @@ def go_the_newcomers_way(root: Path, package: Path, ct: Path, *, shown: bool) ->
 
 
 def keep_step(number: int, picture: Image.Image) -> None:
-    """Keep a picture of the newcomer's way for the page."""
-    write(f"newcomer-{number}", picture)
+    """Keep a picture of the newcomer's way for the page, where it shows that step."""
+    if number not in STEPS_WITHOUT_PICTURE:
+        write(f"newcomer-{number}", picture)
 
 
 def prepare(desk: Desk, package: Path, ct: Path) -> None:
@@ -181,54 +181,52 @@ def prepare(desk: Desk, package: Path, ct: Path) -> None:
 
 
 def take(desk: Desk, threshold: float) -> None:
-    """A picture for every step of the page."""
+    """A picture for every page of the tab."""
     desk.ask(f"s = bpy.context.scene.ctmc; s.threshold = {threshold}; s.stride = (2, 2, 1)")
     desk.wait(COUNTED)
-    rows = rows_of(desk, up=True)
-    load, copy = rows["bpy.ops.ctmc.load_labels()"], rows["bpy.ops.ctmc.copy_command()"]
-    keep(desk, "load", load - 75, rows["ctmc.surface_from"] - HEADING, view=False)
-    keep(desk, "surface", rows["ctmc.surface_from"] - HEADING, rows["ctmc.alpha"] - HEADING - 52)
+    keep_page(desk, "load", "CT", view=False)
     desk.ask("bpy.context.scene.ctmc.preview = True")
     desk.wait(f"{QUIET} and {COUNTED}")
-    keep(desk, "preview", rows["ctmc.alpha"] - HEADING - 52, copy + 28)
+    keep_page(desk, "surface", "SURFACE")
     desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.goal = 'reduction'; s.ratio = 0.1")
     desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
     desk.wait(f"{PROGRESS} > 0.6")
-    keep(desk, "reconstruct", rows["ctmc.goal"] - HEADING, copy + 28, view=False)
+    keep_page(desk, "reconstruct", "SURFACE", view=False)
     desk.ask("del ours('ui.jobs').running().advance")
     desk.wait(IDLE)
     desk.ask("bpy.context.scene.ctmc_view.show_slice = False")
     desk.ask(BEGIN.format(operator="deviation_map"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
-    rows = rows_of(desk, up=False)
-    keep(desk, "results", rows["ctmc.opacity"] - 75, rows["bpy.ops.ctmc.adopt_settings()"] + 14)
+    keep_page(desk, "results", "RESULTS", below=FOLDS)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
     desk.ask(BEGIN.format(operator="rotation_test"))
     desk.wait(f"{TABLE} is not None and {IDLE}")
-    rows = rows_of(desk, up=False)
+    desk.show("RENDER")
+    rows = rows_of(desk)
     top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
     desk.ask("bpy.ops.ctmc.deviation_view()")
-    keep(desk, "figure", rows["ctmc_figure.kind"] - 45, rows["bpy.ops.ctmc.figure()"] + 28)
+    keep(desk, "figure", rows["bpy.ops.ctmc.render()"] - 120, rows["bpy.ops.ctmc.figure()"] + 28)
 
 
 def take_drawing(desk: Desk, click: Sequence[float]) -> None:
-    """The panel Draw, with a structure that grew from a click, in mm."""
+    """The page Draw, with a structure that grew from a click, in mm."""
     desk.ask(ALONE.format(height=click[2]))
-    rows = rows_of(desk, up=True)
-    left, *_ = box(desk)
-    desk.click(left + 40, rows["ctmc.alpha"] - HEADING - 52 - HEADER)  # its heading, the one above Voxels and Alpha
     desk.ask(f"bpy.ops.ctmc.draw_tool(tool='ctmc.grow'); bpy.ops.ctmc.draw_grow(point_mm={tuple(click)})")
     desk.wait(f"{IDLE} and {QUIET}")
-    rows = rows_of(desk, up=True)
-    top, bottom = rows["bpy.ops.ctmc.quad_view()"] - 90, rows["bpy.ops.ctmc.draw_between()"] + 28
-    keep(desk, "draw", top, bottom, tilt=0.6)
+    keep_page(desk, "draw", "DRAW", tilt=0.6)
 
 
-def rows_of(desk: Desk, *, up: bool) -> dict[str, int]:
-    """Scroll the sidebar to one end, and where on the screen the fields and buttons then in sight are."""
+def keep_page(desk: Desk, name: str, page: str, *, view: bool = True, tilt: float = 1.15, below: int = BELOW) -> None:
+    """Keep a page from its row of buttons to so many pixels below its last button."""
+    desk.show(page)
+    heights = [y for button, y in rows_of(desk).items() if button]
+    keep(desk, name, min(heights) - 20, max(heights) + below, view=view, tilt=tilt)
+
+
+def rows_of(desk: Desk) -> dict[str, int]:
+    """Where on the screen the fields and buttons of the page are."""
     left, top, width, height = box(desk)
-    desk.turn_wheel(left + 12, top + height // 2, up=up, clicks=100)
     x = left + round(0.65 * width)
     found: dict[str, int] = {}
     for y in range(top + SCAN, top + height, SCAN):

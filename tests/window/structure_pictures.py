@@ -13,11 +13,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from PIL import Image
-from window.desk import Desk
+from window.desk import PAGES, Desk
 from window.scenes import IDLE, QUIET, begin, load
 
 Place = tuple[float, float, float]
 SIZE = (1100, 1200)
+ROW = (12, 38, 24)  # pixels from the sidebar's corner to the row of pages, and what is beside it
 SIDES = {"A": 0.41, "P": 0.49, "L": 0.57, "R": 0.66, "S": 0.74, "I": 0.82}  # where the buttons of View CT stand
 PICTURE = (560, 480)
 RECONSTRUCTED = "any(ours('blender.surface').read_provenance(obj) for obj in bpy.data.objects)"
@@ -149,6 +150,7 @@ view = viewport()
 with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
     bpy.ops.ctmc.view(side={side!r})
 """
+SHOWN = "answer = bpy.context.window_manager.ctmc_page"
 PROCESSOR = "import time; answer = time.process_time()"
 VOLUME = """
 scene, drawings, masks = bpy.context.scene, ours("ui.state.drawings"), ours("ui.state.masks")
@@ -186,10 +188,16 @@ class Person:
         return time.monotonic() - self.start - self.sought
 
     def see(self, button: str, at: float) -> None:
-        """Look for a button; the mouse is on it then."""
-        start = time.monotonic()
-        self.desk.find(button, at)
+        """Look for a button, click on its page in the row if that was not shown; the mouse is on the button then."""
+        start, shown = time.monotonic(), self.desk.ask(SHOWN)
+        place = self.desk.find(button, at)
+        page = self.desk.ask(SHOWN)
         self.sought += time.monotonic() - start
+        if page != shown:
+            left, top, width, _ = self.desk.sidebar()
+            share = (PAGES.index(page) + 0.5) / len(PAGES)
+            self.desk.click(left + ROW[0] + round(share * (width - ROW[1])), top + ROW[2])
+            self.desk.move(*place)
 
     def press(self, button: str, at: float) -> None:
         """Press a button of the sidebar, and wait for what it begins."""
@@ -249,7 +257,7 @@ def make_structure(desk: Desk, ct: str, name: str, keep: Callable[[str, Image.Im
     begin(desk)
     load(desk, ct)
     desk.ask(BEGIN.format(plane=recipe.plane, at=first.at, side=recipe.side))
-    open_draw(desk)
+    desk.show("DRAW")
     desk.wait(QUIET)
     person, busy = Person(desk), desk.ask(PROCESSOR)
     person.take("grow", 0.3)
@@ -266,11 +274,3 @@ def make_structure(desk: Desk, ct: str, name: str, keep: Callable[[str, Image.Im
     middle = desk.ask("v = viewport(); answer = v.window.height - v.region.y - v.region.height // 2")
     left, top = (picture.width - PICTURE[0]) // 2, middle - PICTURE[1] // 2
     keep(f"draw-{name}", picture.crop((left, top, left + PICTURE[0], top + PICTURE[1])))
-
-
-def open_draw(desk: Desk) -> None:
-    """Open the panel Draw, whose heading is the one above Voxels and Alpha."""
-    left, *_ = desk.sidebar()
-    _, alpha = desk.find("ctmc.alpha")
-    desk.click(left + 40, alpha - 110)
-    desk.places.clear()

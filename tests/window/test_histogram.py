@@ -10,6 +10,7 @@ pytestmark = pytest.mark.window
 
 CT = "volume-0.nii.gz"
 BUTTON = "bpy.ops.ctmc.histogram()"
+ICON = 0.85  # of the sidebar's width, where the button is
 LIMITS = "s = bpy.context.scene.ctmc; answer = [s.threshold, s.upper if s.use_upper else None]"
 IS_OPEN = "ours('ui.viewport.histogram').current() is not None"
 # Pixels of values on the screen, from the window's top left: x of each, and y of the bars' middle.
@@ -33,7 +34,7 @@ def loaded(desk):
     begin(desk)
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("bpy.context.scene.ctmc.threshold = 200; bpy.ops.ed.undo_push(message='Before')")
-    desk.press(BUTTON, "histogram")
+    desk.press(BUTTON, "histogram", ICON)
     assert desk.ask(f"answer = {IS_OPEN}")
 
 
@@ -109,15 +110,15 @@ def test_escape_closes_it_and_the_button_too(desk):
     desk.move(place[0], place[1] - 300)
     desk.key("Escape")
     assert not desk.ask(f"answer = {IS_OPEN}")
-    desk.press(BUTTON, "histogram")
+    desk.press(BUTTON, "histogram", ICON)
     assert desk.ask(f"answer = {IS_OPEN}")
-    desk.press(BUTTON, "histogram")
+    desk.press(BUTTON, "histogram", ICON)
     assert not desk.ask(f"answer = {IS_OPEN}")
     desk.look("histogram-06-closed")
 
 
 def test_disabling_the_extension_leaves_nothing(desk):
-    desk.press(BUTTON, "histogram")
+    desk.press(BUTTON, "histogram", ICON)
     desk.ask("""
 import addon_utils
 addon_utils.disable("bl_ext.user_default.ctmc")

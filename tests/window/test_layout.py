@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The sidebar by mouse and keys: headings, one progress bar, file dialogs, numbers, and German."""
+"""The sidebar by mouse and keys: folds, one progress bar, file dialogs, numbers, and German."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ CT = "volume-0.nii.gz"
 MAKE = "bpy.ops.ctmc.reconstruct()"
 CANCEL = "bpy.ops.ctmc.cancel()"
 COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
-HEADING = 31  # pixels at Blender's usual size, from the middle of a heading to that of the row below it
+HEADING = 19  # pixels at Blender's usual size, from the middle of a fold's heading to the top of its first row
 BROWSED = (
     "next(a for a in bpy.context.window_manager.windows[0].screen.areas if a.type == 'FILE_BROWSER').spaces.active"
 )
@@ -42,7 +42,7 @@ jobs.start = start_noted
 @pytest.fixture(scope="module", autouse=True)
 def loaded(desk):
     """The phantom, its bone chosen."""
-    begin(desk, "rotation")
+    begin(desk, "figure", "rotation")
     load(desk, f"{desk.inside}/{CT}")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1); s.preview = False")
     desk.wait(f"{QUIET} and {COUNTED}")
@@ -55,14 +55,17 @@ def rows(desk, at):
     return desk.ask(f"answer = rows({left + round(at * width)}, {[*range(top + 10, top + height, 14)]})")
 
 
-def test_a_click_on_a_heading_closes_its_block_alone(desk):
-    x, y = desk.find("ctmc.surface_from", 0.4)
+def test_a_click_on_a_heading_closes_its_fold_alone(desk):
+    other = desk.find("ctmc_figure.kind")
+    x, y = desk.find("ctmc.rotation_kind")
+    while desk.under(x, y - 1) == "ctmc.rotation_kind":
+        y -= 1
     scale = desk.ask("answer = bpy.context.preferences.system.ui_scale")
     for expected in (False, True):
         desk.click(x, y - round(HEADING * scale))
-        desk.ask("redraw()")
-        assert (desk.under(x, y) == "ctmc.surface_from") is expected
-    assert desk.find(MAKE)
+        desk.look(f"layout-00-fold-{expected}")
+        assert (desk.under(x, y) == "ctmc.rotation_kind") is expected
+        assert desk.under(*other) == "ctmc_figure.kind"
 
 
 def test_a_ratio_is_typed_as_decimate_has_it(desk):
@@ -82,7 +85,7 @@ def test_the_window_may_answer_between_the_parts_of_adding_a_surface(desk):
     desk.press(MAKE, "reconstruct")
     desk.wait(f"{IDLE} and len(bpy.data.meshes) == 1")
     desk.ask("ours('ui.jobs').start = bpy.app.driver_namespace.pop('start')")
-    assert desk.ask("answer = bpy.app.driver_namespace.pop('seen')").count("Adding the surface") >= 4
+    assert desk.ask("answer = bpy.app.driver_namespace.pop('seen')").count("Adding the surface") >= 3
 
 
 def test_progress_is_shown_once_where_its_button_was(desk):

@@ -9,6 +9,7 @@ from window.scenes import IDLE, QUIET, begin, choose_file, load
 pytestmark = pytest.mark.window
 
 MAKE = "bpy.ops.ctmc.reconstruct()"
+REGION = 0.18  # of the sidebar's width, where the tick in its heading is
 SHADING = "answer = [viewport().space.shading.type, viewport().space.shading.color_type]"
 RED_HERE = """
 import importlib
@@ -52,11 +53,11 @@ def test_the_preview_is_not_drawn_over_the_surface_it_would_make(desk, ct):
 
 
 def test_ticking_the_region_begins_with_the_whole_volume_and_what_was_set_stays(desk, ct):
-    desk.press("ctmc.use_region", "fit_region", 0.155)
+    desk.press("ctmc.use_region", "fit_region", REGION)
     desk.look("panel-03-region")
     assert desk.ask("answer = list(bpy.context.scene.ctmc.region)") == [0, 0, 0, 511, 511, 28]
     desk.ask("s = bpy.context.scene.ctmc; s.region = (100, 100, 2, 400, 400, 20); s.use_region = False")
-    desk.press("ctmc.use_region", "fit_region", 0.155)
+    desk.press("ctmc.use_region", "fit_region", REGION)
     assert desk.ask("answer = list(bpy.context.scene.ctmc.region)") == [100, 100, 2, 400, 400, 20]
     desk.ask("bpy.context.scene.ctmc.use_region = False")
 

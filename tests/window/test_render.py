@@ -37,7 +37,7 @@ SELECTED = "answer = [obj.name for obj in bpy.context.selected_objects]"
 @pytest.fixture(scope="module", autouse=True)
 def ball(desk):
     """A surface of a ball in a viewport without a slice, and small pictures."""
-    begin(desk, "CTMC_PT_figure")
+    begin(desk)
     desk.ask(BALL.format(folder=desk.inside))
     load(desk, f"{desk.inside}/ball.npy", spacing=(1.0, 1.0, 1.0))
     desk.ask("s = bpy.context.scene.ctmc; s.use_threshold = True; s.threshold = 0; s.preview = False")

@@ -129,7 +129,7 @@ def test_what_was_wrong_with_a_load_stands_below_its_button(desk, balls, languag
     (desk.folder / "broken.nii").write_bytes(b"neither header nor values" * 40)
     message = "ours('ui.state.session').of(bpy.context.scene).load_message"
     desk.ask("ours('ui.state.session').of(bpy.context.scene).load_message = ''; redraw()")
-    _, below = desk.find("ctmc.surface_from", 0.4)
+    _, below = desk.find("ctmc.volume_name")
     x, y = desk.find(LOAD, 0.3)
     before = desk.look(f"results-04-{language}-before")
     desk.click()
@@ -140,7 +140,7 @@ def test_what_was_wrong_with_a_load_stands_below_its_button(desk, balls, languag
     after = desk.look(f"results-05-{language}-refused")
     assert words in said
     assert desk.find(LOAD, 0.3) == (x, y)
-    lines = (desk.find("ctmc.surface_from", 0.4)[1] - below) / 20
+    lines = (desk.find("ctmc.volume_name")[1] - below) / 20
     assert 1 < lines < 8
     box = (x - 100, y + 16, x + 100, y + 60)
     assert before.crop(box).tobytes() != after.crop(box).tobytes()

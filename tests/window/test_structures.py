@@ -33,12 +33,15 @@ def test_from_files_to_all_structures_in_four_clicks(desk):
     desk.wait(f"{IDLE} and {LOADED}")
     desk.wait(QUIET)
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1); s.preview = False")
+    assert desk.ask(OPENED) == "CT"
     desk.press(LABELS.format(f"{desk.inside}/segmentation-0.nii.gz"), "load_labels")
     desk.wait(f"{IDLE} and len(bpy.context.scene.ctmc.labels) == 2")
+    assert desk.ask(OPENED) == "SURFACE"
     desk.look("structures-02-labels")
     desk.press("bpy.ops.ctmc.add_threshold()", "add_threshold", 0.08)
     assert desk.ask(LISTED) == [["label", True], ["label", True], ["threshold", True]]
     desk.press(MAKE, "reconstruct")
+    assert desk.ask(OPENED) == "SURFACE"
     desk.wait(f"{IDLE} and len(bpy.data.meshes) == 3")
     desk.wait(QUIET)
     desk.look("structures-03-made")

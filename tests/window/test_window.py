@@ -13,7 +13,7 @@ from window.desk import Desk
 pytestmark = pytest.mark.window
 
 OLDEST = (4, 2)
-POSITION, THRESHOLD = "ctmc_view.position", "ctmc.threshold"
+POSITION, THRESHOLD = "ctmc_view.position", "ctmc.threshold_value"
 RECONSTRUCT, ROTATE = "bpy.ops.ctmc.reconstruct()", "bpy.ops.ctmc.rotation_test()"
 # All that a run may touch.
 STATE = """

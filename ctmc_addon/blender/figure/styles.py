@@ -53,7 +53,7 @@ def require_engine(engine: str, distances: bool = False) -> None:
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
             raise OutputError(
-                "a figure needs Blender's Cycles; enable 'Cycles Render Engine' in the add-on preferences"
+                "Blender's Cycles is switched off; enable 'Cycles Render Engine' in the add-on preferences"
             )
     elif not can_draw():
         raise OutputError(f"{engine} needs EGL, which this machine lacks; install libegl1, or choose cycles")

@@ -13,6 +13,8 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
+from ..datablocks import remove_from_scene
+
 PROPERTY = "ctmc_ct"
 """The empty's custom property: fingerprint and path of its CT."""
 FOLDER = "ctmc_folder"
@@ -58,10 +60,18 @@ def remove_box(scene: bpy.types.Scene, fingerprint: str) -> None:
     if box is None:
         return
     owners = list(box.users_collection)
-    bpy.data.objects.remove(box)
+    if not remove_from_scene(scene, box):
+        return
     for owner in owners:
         if FOLDER in owner and not owner.all_objects:
             bpy.data.collections.remove(owner)
+
+
+def give_box(scene: bpy.types.Scene, fingerprint: str, other: str) -> None:
+    """Make the box of a CT that of another reading of the same path."""
+    box = box_of(scene, fingerprint)
+    if box is not None and box.library is None:
+        box[PROPERTY]["fingerprint"] = other
 
 
 def objects_beside(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Object]:

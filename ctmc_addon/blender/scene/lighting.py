@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..figure.spec import AZIMUTH, ELEVATION
-from .background import NAME, show_background
+from .background import NAME, is_studio_world, show_background
 from .ct_box import boxes_of_scene
 from .new_file import is_first_camera, is_first_light
 from .studio import corners_of, frame, matrix_of_axes, view_axes
@@ -26,6 +26,7 @@ from .studio import corners_of, frame, matrix_of_axes, view_axes
 CAMERA = "CTMC Studio Camera"
 STATE = "ctmc_state"
 """The collection's property: numbers of camera and lights as they were set up."""
+LINE = 0.08  # Length of the lines that the viewport draws from lights and camera, as a share of their distance.
 CLEARANCE = 1.1  # Distance of a light, as a multiple of that of the furthest corner towards it.
 
 
@@ -89,6 +90,7 @@ def set_up_studio(
     folder = bpy.data.collections.new(NAME)
     scene.collection.children.link(folder)
     camera = bpy.data.cameras.new(CAMERA)
+    camera.display_size = LINE  # The frame that the viewport draws stays off the patient, too.
     eye = bpy.data.objects.new(camera.name, camera)
     folder.objects.link(eye)
     size = (scene.render.resolution_x, scene.render.resolution_y)
@@ -97,9 +99,11 @@ def set_up_studio(
     lights = [_add_lamp(folder, name, lamp, points, around, azimuth, elevation) for name, lamp in LAMPS.items()]
     for obj in filter(is_first_light, scene.objects):
         obj.hide_render = True
+    is_first = not is_studio_world(scene.world)
     show_background(scene, background)
-    scene.view_settings.view_transform = "Standard"  # colors of anatomy as they are in lists and files
-    scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
+    if is_first:  # Later changes of a user stay.
+        scene.view_settings.view_transform = "Standard"  # Shows colors of anatomy as they are in lists and files.
+        scene.view_settings.look, scene.view_settings.exposure, scene.view_settings.gamma = "None", 0.0, 1.0
     folder[STATE] = _state_of(folder)
     return (folder, eye, *lights, camera, *(light.data for light in lights), scene.world)
 
@@ -163,6 +167,7 @@ def _add_lamp(
     radius = max(radius, clear / lamp.away)
     away, side = lamp.away * radius, lamp.size * radius
     light.shape, light.size, light.color = "SQUARE", side, lamp.tint
+    light.cutoff_distance = LINE * away  # Unused but for the line that the viewport draws, which stays off the patient.
     # A square of this power lights what faces it at a distance with about power / (pi * distance^2): white is pi of it.
     light.energy = lamp.share * math.pi * away**2 * math.pi
     obj = bpy.data.objects.new(name, light)

@@ -52,7 +52,7 @@ def evaluated_object(
 def require_object_mode(obj: bpy.types.Object) -> None:
     """Raise `MeshError` for an object in edit mode, whose mesh has no attributes until that ends."""
     if obj.data.is_editmode:
-        raise MeshError(f"{obj.name} is in edit mode; leave it first")
+        raise MeshError(f"{obj.name} is in Edit Mode; leave it first")
 
 
 def holds(layer: bpy.types.ViewLayer, obj: bpy.types.Object) -> bool:

@@ -35,10 +35,10 @@ TRIANGLES = figures("triangles", "faces", 0)
 VOLUME_ML = figures("volume, ml", "volume_mm3", 3, 1000)
 MEAN_MM, MAX_MM = figures("mean, mm", "mean_mm", 4), figures("max, mm", "max_mm", 3)
 WAYS = (
-    figures("to full: 95 %, mm", "to_full_p95_mm", 3),
-    figures("max, mm", "to_full_max_mm", 3),
-    figures("from full: 95 %, mm", "from_full_p95_mm", 3),
-    figures("max, mm", "from_full_max_mm", 3),
+    figures("to full surface: 95 %, mm", "to_full_p95_mm", 3),
+    figures("to full surface: max, mm", "to_full_max_mm", 3),
+    figures("from full surface: 95 %, mm", "from_full_p95_mm", 3),
+    figures("from full surface: max, mm", "from_full_max_mm", 3),
     figures("specks removed", "collapsed_components", 0),
 )
 """Both ways of a distance, and the components that are left out of it."""

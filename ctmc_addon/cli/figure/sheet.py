@@ -59,7 +59,8 @@ def run(args: argparse.Namespace) -> None:
             *(distances.deviation, distances.limit_mm, Budget(args.threads), True),
         )
         size, cells = progress.finish(stages.run("Rendering", quiet_steps(sheet)))
-    rows = [("cell", "volume", "triangles", "seconds", "mean", "largest", "to full", "from full", "specks removed")]
+    heads = ("cell", "volume", "triangles", "seconds", "mean", "largest", "to full surface", "from full surface")
+    rows = [(*heads, "specks removed")]
     rows += [
         (
             f"({cell.letter}) {cell.title}",

@@ -317,6 +317,39 @@ def component_volumes_steps(
     return np.bincount(component, values, count) / 6.0
 
 
+def component_moments_steps(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], component: NDArray[np.int32]
+) -> Steps[NDArray[np.float64]]:
+    """Sums over the faces of every component, (components, 8), from the component of every face, (F,).
+
+    Sums of the parts of a component add up to those of the whole, so `volumes_of_moments` gives its volume wherever it
+    is cut: six times the volume about the origin, twice the area vector, the sum of all corners, their number.
+    """
+    count = int(component.max()) + 1 if len(component) else 0
+    columns, corners = [vertices[:, axis].astype(np.float64) for axis in range(3)], faces.T
+    rows = np.empty((7, len(faces)))
+    for start in range(0, len(faces), BLOCK):
+        block = slice(start, start + BLOCK)
+        a, b, c = ([np.take(along, corner[block]) for along in columns] for corner in corners)
+        for row, ends in zip(rows[4:], zip(a, b, c, strict=True), strict=True):
+            row[block] = ends[0] + ends[1] + ends[2]
+        first, second = ([to - of for to, of in zip(ends, a, strict=True)] for ends in (b, c))
+        for axis in range(3):
+            y, z = axis - 2, axis - 1
+            rows[1 + axis, block] = first[y] * second[z] - first[z] * second[y]
+        rows[0, block] = a[0] * rows[1, block] + a[1] * rows[2, block] + a[2] * rows[3, block]
+        yield PAUSE
+    sums = [np.bincount(component, row, count) for row in rows]
+    return np.stack([*sums, 3.0 * np.bincount(component, minlength=count)], axis=1)
+
+
+def volumes_of_moments(moments: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Signed volumes about the middle of each component, (n,), from moments (n, 8)."""
+    middles = moments[:, 4:7] / np.maximum(moments[:, 7:], 1.0)
+    x, y, z = (middles * moments[:, 1:4]).T
+    return (moments[:, 0] - (x + y + z)) / 6.0
+
+
 def triple_products(columns: Sequence[Sequence[NDArray[np.float64]]]) -> NDArray[np.float64]:
     """Six times the signed volume between every face and the origin, (F,), from x, y and z of its corners."""
     (ax, bx, cx), (ay, by, cy), (az, bz, cz) = columns

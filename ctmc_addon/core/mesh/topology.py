@@ -261,6 +261,14 @@ def component_numbers_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     return number[roots]
 
 
+def components_of_vertices(faces: Ints, component: Ints, vertex_count: int) -> Ints:
+    """Component of every vertex, (V,) int32, from that of every face, (F,); -1 for a vertex without faces."""
+    of_vertex = np.full(vertex_count, -1, np.int32)
+    for corner in faces.T:
+        of_vertex[corner] = component
+    return of_vertex
+
+
 def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
     """Lowest vertex of the component that every vertex is in, (V,) int32; a vertex without faces is its own.
 

@@ -119,12 +119,12 @@ class Calibration:
         yield PAUSE
         grid, threshold = make_grid(ball), -((BALL_SAMPLES / 2.5) ** 2)
         yield from count_steps(grid, threshold, Budget(threads=1))  # the first run of new code is slower
-        least = math.inf
-        for _ in range(3):  # Another program may delay one of them.
+        least_counting = least = math.inf
+        for _ in range(3):  # Another program may delay any of them.
             counts, counting = yield from timed_steps(count_steps(grid, threshold))
             surface, seconds = yield from timed_steps(extract_steps(grid, threshold))
-            least = min(least, max(1e-4, seconds - counting))
-        self.unit = least / (counts.vertices + counts.faces)
+            least_counting, least = min(least_counting, counting), min(least, seconds)
+        self.unit = max(1e-4, least - least_counting) / (counts.vertices + counts.faces)
         _, seconds = yield from timed_steps(simplify_steps(surface.at(1.0), reduction=0.5))
         self.collapse = seconds / (0.5 * counts.faces)
         self.measured = True

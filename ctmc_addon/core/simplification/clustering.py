@@ -20,12 +20,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from ..arrays import Flags, Floats, Indices
+from ..arrays import Doubles, Flags, Floats, Indices, Ints
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.measures import component_volumes_steps
-from ..mesh.topology import component_numbers_steps
+from ..mesh.topology import component_numbers_steps, components_of_vertices
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from ..progress import PAUSE, Steps
@@ -91,13 +90,33 @@ class Clusters:
         return np.sort(number[order[np.cumsum(going[order]) <= most]])
 
 
-def clustered_steps(batch: Batch, target: int, policy: Policy = POLICY) -> Steps[tuple[Batch, NDArray[np.float64]]]:
+@dataclass(frozen=True, eq=False)
+class Unclustered:
+    """Components before clusters were made, which shrink small ones.
+
+    component : (V,) int32
+        The component of each vertex left.
+    volumes : (components,) float64
+        Volume that each enclosed; 0 where there is only one, which never goes.
+    """
+
+    component: Ints
+    volumes: Doubles
+
+
+def clustered_steps(
+    batch: Batch, target: int, policy: Policy = POLICY, component: Ints | None = None
+) -> Steps[tuple[Batch, Unclustered]]:
     """The batch with no fewer than `target` triangles, and not many more where it is smooth; its border stays.
 
-    Returns also the volume that the component of each vertex left enclosed before: clusters shrink small ones.
+    `component` is the component of every face, if it is known.
     """
     mesh = batch.mesh
-    volumes = yield from _volumes_steps(mesh)
+    if component is None:
+        component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
+    volumes = np.zeros(1)
+    if component.any():
+        volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
     extent = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).max())
     scale = np.float32(2.0 ** -np.frexp(extent)[1])
     faces = np.array(mesh.faces.T, np.int64, order="C")
@@ -119,27 +138,16 @@ def clustered_steps(batch: Batch, target: int, policy: Policy = POLICY) -> Steps
     placed[:, shape.original] = shape.positions
     merged = Merged(positions, faces, joins, placed, np.bincount(joins, minlength=len(joins)) > 1)
     yield from merged.uncross_steps()
-    used, left = merged.used()
+    used, faces = merged.used()
     normals = None
     if mesh.normals is not None:
         normals = np.stack([np.bincount(merged.joins, row, len(joins))[used] for row in mesh.normals.T])
         length = np.sqrt(dot(normals, normals))
         normals = np.ascontiguousarray((normals / np.where(length > 0, length, 1.0)).T.astype(np.float32))
     vertices = np.ascontiguousarray((np.compress(used, merged.placed, axis=1) / scale).T)
-    triangles = np.ascontiguousarray(left.T.astype(np.int32))
-    return Batch(TriangleMesh(vertices, triangles, normals), batch.numbers[used]), volumes[used]
-
-
-def _volumes_steps(mesh: TriangleMesh) -> Steps[NDArray[np.float64]]:
-    """Volume that the component of each vertex encloses, (V,); 0 where there is only one, which never goes."""
-    component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
-    of_vertex = np.zeros(len(mesh.vertices))
-    if not component.any():
-        return of_vertex
-    volumes = yield from component_volumes_steps(mesh.vertices, mesh.faces, component)
-    for corner in mesh.faces.T:
-        of_vertex[corner] = volumes[component]
-    return of_vertex
+    triangles = np.ascontiguousarray(faces.T.astype(np.int32))
+    left = Batch(TriangleMesh(vertices, triangles, normals), batch.numbers[used])
+    return left, Unclustered(components_of_vertices(mesh.faces, component, len(mesh.vertices))[used], volumes)
 
 
 def _quadrics_steps(positions: Floats, faces: Indices) -> Steps[EdgeQuadric]:

@@ -20,6 +20,7 @@ from .bounds.uncrossing import uncross_steps
 from .clustering import clustered_steps
 from .engine.component_removal import CollapsedComponents, Staying
 from .engine.edge_collapse import CollapsingMesh
+from .engine.handles import handles_text
 from .policy import POLICY, Policy
 
 STAGES = {"Simplifying": 1}
@@ -148,9 +149,9 @@ class Simplification:
                 "surface or losing a component that is to stay"
             )
         if self.collapsed.count:
-            message += f"; specks removed: {self.collapsed.count}"
+            message += f"; {self.collapsed.sentence()}"
         if self.handles_cut:
-            message += f"; small handles removed: {self.handles_cut}"
+            message += f"; {handles_text(self.handles_cut)}"
         if self.self_intersections:
             message += f"; pairs of triangles that cross each other: {self.self_intersections}"
         return message
@@ -175,13 +176,14 @@ def whole_steps(mesh: TriangleMesh, goal: Goal, budget: Budget) -> Steps[Simplif
         f"simplifying {len(mesh.faces)} triangles",
         "use a larger stride or a region",
     )
-    volumes, policy = None, goal.policy
+    before, policy = None, goal.policy
     if max_error is None and len(mesh.faces) > policy.clustered * target:
         batch = Batch(mesh, np.arange(len(mesh.vertices)))
-        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * target), policy)
+        batch, before = yield from clustered_steps(batch, round(policy.left_by_clusters * target), policy)
         mesh = batch.mesh
     collapsing = CollapsingMesh(mesh, max_error, policy)
-    if volumes is not None:
+    if before is not None:
+        volumes = before.volumes[before.component]
         collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
     collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
     stages = Stages(STAGES if max_error is None else BOUNDED_STAGES)

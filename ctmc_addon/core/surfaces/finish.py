@@ -20,6 +20,7 @@ from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
+from ..simplification.engine.handles import handles_text
 from ..sinks import HOLD, Sink, Taken
 from ..volume.volume import Volume
 from .request import MadeSurface, Scope
@@ -79,17 +80,6 @@ def remade_steps(full: Reconstruction, settings: ReconstructionSettings, budget:
     if limits_of(settings).ask_more_than(limits_of(full.settings)):
         full = yield from without_small_steps(full, settings.min_part_mm3, settings.keep_parts)
     return MadeSurface((yield from simplified_steps(full, settings, budget)), full)
-
-
-def handles_sentence(count: int) -> str:
-    """Return how many small handles simplification cut and capped.
-
-    Examples
-    --------
-    >>> handles_sentence(897), handles_sentence(1)
-    ('897 small handles removed', '1 small handle removed')
-    """
-    return "1 small handle removed" if count == 1 else f"{count:,} small handles removed"
 
 
 def goal_of(settings: ReconstructionSettings) -> dict[str, Any]:
@@ -250,7 +240,7 @@ class Finish:
         if collapsed.count:
             notes.append(collapsed.sentence())
         if simplification.handles_cut:
-            notes.append(handles_sentence(simplification.handles_cut))
+            notes.append(handles_text(simplification.handles_cut))
         target = self.settings.target_faces or round(before * (1 - (self.settings.reduction or 0)))
         if self.settings.max_error_mm is None and after > target:
             notes.append(

@@ -105,7 +105,7 @@ class DicomSource(VolumeSource):
         notes += left_out
         damaged = _damaged(self.content, uid)
         if damaged and not request.skip_damaged:
-            remedy = "or set skip_damaged to read the series without it"
+            remedy = "or leave it out with skip_damaged"
             raise DamagedSliceError(f"{truncated(damaged[0])}, {remedy}")
         slices = times_of(slices)[request.time - 1]
         color = sum(image.series == uid for image in self.content.color)

@@ -4,14 +4,21 @@
 from __future__ import annotations
 
 import os
+import re
+from collections.abc import Iterable
+from itertools import islice
 from pathlib import Path
 
+from ..dicom.header import ImageFile, read_header
 from ..dicom.labels.classes import label_class
 from ..dicom.mask_series import is_named_mask
 from ..file_formats import files_below, natural_key, segmentation_sibling
+from ..optional_imports import quiet
 
 MOST_FILES = 5000  # Only this many files of a folder are examined.
 FEW_FILES = 10  # A folder beside the CT with more files is that of another CT, or of masks.
+FEW_FOLDERS = 10  # More folders beside that of the CT are those of other patients.
+HEAD = 1 << 20  # Bytes of a label file in which it names its CT.
 
 
 def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
@@ -33,7 +40,9 @@ def labels_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
         inner = [entry for around in folders for entry in around.iterdir() if entry.is_dir() and entry != ct]
         beside = [entry for entry in inner if ct.is_dir() and entry.parent == ct.parent]
         labels = [file for file in below if file != ct and label_class(file)]
-        labels += [file for entry in beside for file in _label_files(entry)]
+        if len(beside) <= FEW_FOLDERS:
+            nearby = [file for entry in beside for file in _label_files(entry)]
+            labels += _labels_of(below, nearby) if nearby else []
     except OSError:
         return ()
     holders = {around for file in labels for around in file.parents}
@@ -45,3 +54,20 @@ def _label_files(folder: Path) -> list[Path]:
     """Return the files of a folder if they are few and all of them labels, such as `mask` beside `image`."""
     files = [file for _, file in zip(range(FEW_FILES + 1), files_below(folder), strict=False)]
     return files if len(files) <= FEW_FILES and all(map(label_class, files)) else []
+
+
+def _labels_of(slices: Iterable[Path], labels: list[Path]) -> list[Path]:
+    """Return the labels that name the CT of these slices: by its series or its frame of reference."""
+    with quiet():
+        headers = [read_header(file) for file in islice(slices, FEW_FILES)]
+    images = [header for header in headers if isinstance(header, ImageFile)]
+    names = {name for image in images for name in (image.series, image.frame_of_reference) if name}
+    if not names:
+        return []
+    named = re.compile(rb"(?<![0-9.])(?:%s)(?![0-9.])" % b"|".join(re.escape(name.encode()) for name in names))
+    found = []
+    for label in labels:
+        with label.open("rb") as file:
+            if named.search(file.read(HEAD)):
+                found.append(label)
+    return found

@@ -177,7 +177,7 @@ def has_surfaces(operator: Any, context: bpy.types.Context) -> bool:
         operator.poll_message_set("Choose a reconstructed surface first")
         return False
     if any(obj.mode == "EDIT" for obj in objects):
-        operator.poll_message_set("Leave edit mode first")
+        operator.poll_message_set("Leave Edit Mode first")
         return False
     return True
 

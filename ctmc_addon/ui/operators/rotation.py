@@ -37,7 +37,7 @@ def _is_mesh(operator: Any, context: bpy.types.Context) -> bool:
         operator.poll_message_set("Choose a surface first")
         return False
     if obj.mode != "OBJECT":
-        operator.poll_message_set("Leave edit mode first")
+        operator.poll_message_set("Switch to Object Mode first")
         return False
     return True
 

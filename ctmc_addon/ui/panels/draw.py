@@ -29,6 +29,7 @@ class CTMC_PT_draw(PagePanel, bpy.types.Panel):
         if volume is None or volume.kind == ValueKind.LABEL:
             text = "Load a CT first" if volume is None else "Load the CT of these labels first"
             layout.label(text=translate(text), icon="INFO", translate=False)
+            draw_status(self.layout, context)
             return
         draw_tools(layout, context)
         draw_structures(layout, context.scene.ctmc)

@@ -76,11 +76,12 @@ def _kept_text(context: bpy.types.Context, settings: Any) -> str:
     """Return the effect of the goal, in words."""
     cost = session.of(context.scene).cost
     faces = 0 if cost is None or cost.error else cost.faces
+    kept = None
     if settings.goal == "reduction":
-        return translate("Keep {percent} % of triangles").format(percent=f"{100 * (1 - settings.reduction):.4g}")
-    if settings.goal == "target_faces" and faces:
-        return translate("of {faces}").format(faces=count(faces))
-    return ""
+        kept = 1 - settings.reduction
+    elif settings.goal == "target_faces" and faces:
+        kept = min(1.0, settings.target_faces / faces)
+    return "" if kept is None else translate("Keep {percent} % of triangles").format(percent=f"{100 * kept:.4g}")
 
 
 def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -110,7 +111,8 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
 def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw errors, refusals and settings without effect, if any."""
     scene_session = session.of(context.scene)
-    draw_status(layout, context)
+    job = jobs.running()
+    draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
         settings.all_settings()
     except SettingsError as error:

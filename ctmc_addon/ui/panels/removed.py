@@ -21,7 +21,7 @@ def draw_removed(layout: Any, context: bpy.types.Context, settings: Any) -> None
             _draw_line(column, text, "ctmc.stop_removing").setting = name
     loaded = volumes.loaded(context.scene)
     if loaded is not None and loaded.reading.remove_table:
-        _draw_line(column, translate("Without the patient table"), "ctmc.remove_table")
+        _draw_line(column, translate("Leaves out the patient table"), "ctmc.remove_table")
 
 
 def _draw_line(layout: Any, text: str, operator: str) -> Any:

@@ -7,6 +7,8 @@ from typing import Any
 
 import bpy
 
+from ...blender.scene.background import is_studio_world
+from ...blender.scene.lighting import has_placed_camera
 from .. import jobs
 from ..operators.scene.studio import render_text
 from .layout import draw_text
@@ -19,7 +21,9 @@ def draw_render(layout: Any, context: bpy.types.Context) -> None:
     column.enabled = not jobs.locked()
     column.operator_menu_enum("ctmc.figure_view", "side", icon="CAMERA_DATA")
     column.prop(scene.ctmc_figure, "engine")
-    column.prop(scene.ctmc_studio, "background")
+    background = column.row()  # Does nothing to a world of the user's.
+    background.enabled = is_studio_world(scene.world) or not has_placed_camera(scene)
+    background.prop(scene.ctmc_studio, "background")
     button = column.row()
     button.scale_y = 1.5
     button.operator("ctmc.render", icon="RENDER_STILL")

@@ -24,6 +24,7 @@ class CTMC_PT_render(PagePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout = begin(self.layout)
         if lacks_ct(layout, context):
+            draw_status(self.layout, context)
             return
         draw_render(layout, context)
         body = fold(self.layout, "figure", text="Figure for Print")

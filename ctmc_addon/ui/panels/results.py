@@ -26,6 +26,8 @@ from .layout import PagePanel, begin, block, draw_shape_change, draw_status, dra
 from .scene.rulers import draw_rulers
 from .table import TABLE, draw_measurements, measure_text
 
+NAMES = 0.47  # Share of the width for names.
+
 
 class CTMC_PT_results(PagePanel, bpy.types.Panel):
     """Page for facts of the active surface, and for operators on it."""
@@ -38,6 +40,7 @@ class CTMC_PT_results(PagePanel, bpy.types.Panel):
         layout, obj = begin(self.layout), surfaces.surface_of_results(context)
         if obj is None:
             layout.label(text=translate("No surface is selected"), icon="INFO", translate=False)
+            draw_status(self.layout, context)
             return
         _draw_surface(layout, context, obj)
         for name, text, draw in FOLDS:
@@ -66,10 +69,11 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
-    draw_table(layout, facts_of(provenance, measurement, unit, name), 0.45)
+    facts = facts_of(provenance, measurement, unit, name)
+    draw_table(layout, [fact for fact in facts if fact[1] != UNKNOWN], NAMES)
     if provenance is not None and obj.data.is_editmode:
-        draw_text(layout, context, translate("Leave edit mode first"), "INFO")
-    _draw_mending(layout, measurement)
+        draw_text(layout, context, translate("Leave Edit Mode first"), "INFO")
+    _draw_mending(layout, context, measurement)
     column = layout.column(align=True)
     column.label(text=translate("Pick Component"), translate=False)
     row = column.row(align=True)
@@ -99,7 +103,7 @@ def _draw_display(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
         draw_text(layout, context, text.format(shown=count(shown), faces=count(len(obj.data.polygons))), "INFO")
 
 
-def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
+def _draw_mending(layout: Any, context: bpy.types.Context, measurement: Measurement | None) -> None:
     """Draw whether the surface is closed, its number of components, and buttons to fix both."""
     measures = None if measurement is None else measurement.measures
     for text, buttons in (
@@ -107,7 +111,7 @@ def _draw_mending(layout: Any, measurement: Measurement | None) -> None:
         (components_text(measures), (("ctmc.keep_largest", "Keep Largest"), ("ctmc.remove_small", "Remove Small"))),
     ):
         column = layout.column(align=True)
-        column.label(text=text, translate=False)
+        draw_text(column, context, text)
         row = column.row(align=True)
         for name, label in buttons:
             row.operator(name, text=label)

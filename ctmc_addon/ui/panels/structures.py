@@ -44,7 +44,7 @@ def _draw_none(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         layout.prop(settings, "label")
         return
     layout.operator("ctmc.add_threshold", icon="ADD")
-    draw_text(layout, context, translate("Load labels, or add a threshold"), "INFO")
+    draw_text(layout, context, translate("Load labels on the page CT, or add a threshold"), "INFO")
 
 
 def _draw_marked(layout: Any, context: bpy.types.Context, settings: Any) -> None:

@@ -14,7 +14,7 @@ from ..state import volumes
 from ..translations import translate
 from ..viewport import histogram
 from .ct.region import draw_region
-from .layout import PagePanel, begin, block, draw_name, fold, lacks_ct
+from .layout import PagePanel, begin, block, draw_name, draw_status, fold, lacks_ct
 from .reconstruct import draw_cost, draw_reconstruct, draw_simplify, draw_voxels
 from .settings import draw_advanced, draw_components
 from .structures import draw_structures
@@ -32,6 +32,7 @@ class CTMC_PT_surface(PagePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         layout, settings = begin(self.layout), context.scene.ctmc
         if lacks_ct(layout, context):
+            draw_status(self.layout, context)
             return
         row = layout.row(align=True)
         row.use_property_split = False
@@ -79,7 +80,8 @@ def _draw_threshold(layout: Any, context: bpy.types.Context, settings: Any) -> N
 
 def _draw_smoothing(layout: Any, settings: Any) -> None:
     """Draw the smoothing method with its number."""
-    row = draw_name(layout, translate(SETTINGS["smoothing"].label))
+    about = SETTINGS["smoothing"]
+    row = draw_name(layout, translate(about.label))
     row.prop(settings, "smoothing", text="")
     width_mm = settings.smoothing_mm if settings.use_smoothing_mm else None
     own = SMOOTHINGS[done_smoothing(settings.smoothing, width_mm, settings.use_label)].settings

@@ -28,12 +28,12 @@ class CTMCStudio(PropertyGroup):
 
     background: choice(
         "Background",
-        "Background of renders. It changes at once where camera and lights are set up",
+        "Background of renders. It changes at once if camera and lights are set up",
         items=[
             ("GRADIENT", "Dark Gradient", "Dark gray, lighter in the middle"),
             ("DARK", "Dark", "Nearly black"),
             ("WHITE", "White", "White, for documents"),
-            ("TRANSPARENT", "Transparent", "None, to lay the picture over others"),
+            ("TRANSPARENT", "Transparent", "No background, to lay the picture over another"),
         ],
         update=_show,
     )

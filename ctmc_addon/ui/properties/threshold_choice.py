@@ -12,7 +12,7 @@ from ...core.volume import TISSUES
 from .kinds import choice, decimal
 
 OTSU = ("otsu", "Otsu", "The threshold that best separates the values of the volume, or region, into two classes")
-CUSTOM = ("custom", "Custom", "The number below")
+CUSTOM = ("custom", "Custom", "Use the number below")
 TISSUE_ITEMS = [(key, tissue.name, f"{tissue.text} [HU]") for key, tissue in TISSUES.items()]
 KEYS = ["otsu", *TISSUES, "custom"]
 
@@ -51,11 +51,11 @@ def _set_choice(properties: Any, number: int) -> None:
     if key in TISSUES:
         take_tissue(properties, key)
         return
-    value, tissue = used_threshold(properties), tissue_of(properties)
+    value = used_threshold(properties)
     if key == "custom":
         properties.threshold = properties.threshold if value is None else value
         return
-    if tissue and TISSUES[tissue].upper is not None:
+    if properties.upper in {tissue.upper for tissue in TISSUES.values()}:
         properties.use_upper = False
     properties.use_threshold = False
 
@@ -74,6 +74,9 @@ def _get_value(properties: Any) -> float:
 
 
 def _set_value(properties: Any, value: float) -> None:
+    """Set the threshold; an upper limit below it is switched off."""
+    if properties.use_upper and value > properties.upper:
+        properties.use_upper = False
     properties.threshold = value
 
 

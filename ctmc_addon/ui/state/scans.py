@@ -11,7 +11,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.scene.ct_box import box_of, boxes_in, fingerprint_of_box, paths_of_boxes, remove_box
+from ...blender.scene.ct_box import box_of, boxes_in, fingerprint_of_box, give_box, paths_of_boxes, remove_box
 from ...blender.surface import read_provenance
 from .. import jobs
 from ..properties.scans import clear as clear_state, take_over
@@ -20,6 +20,7 @@ from . import change_events, volumes
 
 _seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
 _had_box: set[tuple[int, str]] = set()  # CTs whose box was seen in a scene: session_uid and fingerprint.
+_checked: dict[int, tuple[Any, ...]] = {}  # Number of objects and CTs when boxes were looked for, by session_uid.
 
 
 def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
@@ -64,11 +65,23 @@ def listed(scene: bpy.types.Scene) -> list[Any]:
     return sorted(cts, key=lambda ct: (name_of(scene, ct).casefold(), ct.volume_fingerprint))
 
 
+def other_readings(scene: bpy.types.Scene, fingerprint: str) -> list[str]:
+    """Return the fingerprints of the other CTs that share a CT's box: series, times and spacings of the same path."""
+    ct = state_of(scene, fingerprint)
+    path = "" if ct is None else ct.volume_path
+    same = [other.volume_fingerprint for other in all_of(scene) if path and other.volume_path == path]
+    return [other for other in same if other and other != fingerprint]
+
+
 def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
-    """Remove a CT from a scene, with its box; the panel shows the next one, if any. Its values stay in memory."""
+    """Remove a CT from a scene; the panel shows the next one, if any. Its values stay in memory.
+
+    Its box goes too, unless it is that of another reading of the same path.
+    """
     ct = state_of(scene, fingerprint)
     if ct is None:
         return
+    others = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
     if ct == scene.ctmc:
         following = next(iter(scene.ctmc_scans), None)
         with filling():
@@ -80,19 +93,26 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
         change_events.notify(ct, "volume")
     else:
         forget(scene, fingerprint)
-    remove_box(scene, fingerprint)
+    if others:
+        give_box(scene, fingerprint, others[0])
+    else:
+        remove_box(scene, fingerprint)
     _had_box.discard((scene.session_uid, fingerprint))
 
 
 def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
     """Remove CTs whose box was deleted; their values stay in memory, because undo brings the box back.
 
-    Two readings of a path share a box.
+    Two readings of a path share a box. Objects are looked through only when their number or the CTs have changed,
+    because this runs at each frame of playback.
     """
     cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
     if not cts or jobs.running() is not None:
         return
-    uid, boxes = scene.session_uid, paths_of_boxes(scene)
+    uid, present = scene.session_uid, (len(scene.objects), *(ct.volume_fingerprint for ct in cts))
+    if _checked.get(uid) == present:
+        return
+    _checked[uid], boxes = present, paths_of_boxes(scene)
     gone = []
     for ct in cts:
         fingerprint = ct.volume_fingerprint
@@ -185,6 +205,7 @@ def clear(*_: Any) -> None:
     """Forget the active objects and the boxes, because another file is loaded."""
     _seen.clear()
     _had_box.clear()
+    _checked.clear()
 
 
 HANDLERS = (("depsgraph_update_post", follow), ("depsgraph_update_post", drop_deleted), ("load_pre", clear))

@@ -203,6 +203,12 @@ def used_threshold(scene: bpy.types.Scene) -> float | None:
         return None
 
 
+def used_limits(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
+    """Return threshold and upper limit of a reconstruction; a structure has no upper limit of the panel's."""
+    settings = scene.ctmc
+    return used_threshold(scene), settings.upper if settings.use_upper and not settings.use_label else None
+
+
 def is_coarse(scene: bpy.types.Scene) -> bool:
     """Return whether the CT does not fit in memory and a coarse copy is shown."""
     ct = loaded(scene)

@@ -77,12 +77,6 @@ def hide() -> None:
     session.redraw_viewports()
 
 
-def limits_of(scene: bpy.types.Scene) -> tuple[float | None, float | None]:
-    """Return threshold and upper limit of a reconstruction."""
-    settings = scene.ctmc
-    return volumes.used_threshold(scene), settings.upper if settings.use_upper else None
-
-
 def limits_stored(scene: bpy.types.Scene) -> tuple[Any, ...]:
     """Return the stored limits, for `restore_limits`."""
     settings = scene.ctmc
@@ -100,7 +94,7 @@ def strip_of(area: bpy.types.Area, scene: bpy.types.Scene) -> Strip | None:
     ct, shown = volumes.loaded(scene), current()
     if ct is None or shown is None or ct.volume.kind == ValueKind.LABEL:
         return None
-    low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *limits_of(scene))
+    low, high = shown.range or shown_range(ct.statistics, ct.volume.kind, *volumes.used_limits(scene))
     strip = strip_in(area, low, high, bpy.context.preferences.system.ui_scale)
     names = placed_names(strip, _bands_of(ct.volume, strip), lambda text: width_of(text, strip.scale))
     return replace(strip, names=max((name.row for name in names), default=0))
@@ -123,7 +117,7 @@ def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
     x : float
         Pixel in the viewport.
     """
-    threshold, upper = limits_of(scene)
+    threshold, upper = volumes.used_limits(scene)
     value = strip.value_at(x)
     current_value = value if threshold is None else threshold
     return grabbed_limit(Limits(current_value, upper), value, strip.high, strip.reach)
@@ -131,7 +125,7 @@ def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
 
 def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
     """Return the pixel of a line; a limit that is not set is at the end."""
-    value = limits_of(scene)[is_upper]
+    value = volumes.used_limits(scene)[is_upper]
     return strip.axis[1] if value is None else strip.x_of(value)
 
 
@@ -148,7 +142,7 @@ def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None
         Pixel in the viewport.
     """
     settings = scene.ctmc
-    threshold, upper = limits_of(scene)
+    threshold, upper = volumes.used_limits(scene)
     value = strip.value_at(x)
     if strip.low < value < strip.high:
         value = rounded_to(value, strip.pixel)
@@ -180,7 +174,7 @@ def shown_of(strip: Strip, scene: bpy.types.Scene) -> Shown:
         (bars.heights, bars.start, bars.width),
         [(tick, f"{tick:.6g}") for tick in ticks],
         bands,
-        limits_of(scene),
+        volumes.used_limits(scene),
         None if held is None else int(held),
         _title_of(scene, is_hu),
         translate("Drag a line. Upper limit at the right end: none. Esc closes"),
@@ -194,7 +188,7 @@ def with_unit(value: float, is_hu: bool) -> str:
 
 
 def _title_of(scene: bpy.types.Scene, is_hu: bool) -> str:
-    threshold, upper = limits_of(scene)
+    threshold, upper = volumes.used_limits(scene)
     words = {"Threshold": threshold, "Upper Limit": upper}
     phrases = [f"{translate(word)} {with_unit(value, is_hu)}" for word, value in words.items() if value is not None]
     return "    ".join(phrases)

@@ -64,8 +64,11 @@ def mark(properties: Any, name: str) -> None:
     """Note that a setting has changed; this is cheap, because it runs within the slider's own event."""
     if name == "window":
         return
-    if name == change_events.RELEASED:
+    if name == change_events.RELEASED:  # Every scene is told; the preview is of the present one.
         clear()
+        if bpy.context.scene is not None:
+            start(bpy.context.scene, stale=True)
+        return
     scene = properties.id_data
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)

@@ -91,8 +91,8 @@ def _slice_picture(scene: bpy.types.Scene, volume: Volume) -> OverlayPicture:
     by_hand = drawn.labels_of(scene)  # `drawn` lays those over the slice
     labels = tuple(label for label in labels if label not in by_hand)
     draws = bool(tool_of(bpy.context))  # Drawings show best on gray.
-    above = None if settings.use_label or draws else volumes.used_threshold(scene)
-    upper = settings.upper if settings.use_upper and above is not None else None
+    above, upper = (None, None) if settings.use_label or draws else volumes.used_limits(scene)
+    upper = None if above is None else upper
     window, level = window_and_level(view)
     scale = machine().scale
     of_labels = _shown_labels(scene, volume) if settings.use_label else None

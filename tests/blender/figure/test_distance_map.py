@@ -54,7 +54,7 @@ def test_a_sheet_says_what_each_cell_is_and_how_far_off(scene, volume, tmp_path)
     mean = length_text(cells[1].distance.mean, 3).replace(" ", "\N{NO-BREAK SPACE}")
     assert cells[1].lines[2] == f"error {mean} on average"
     one_way = one_way_text(cells[1].distance.from_full).replace(" ", "\N{NO-BREAK SPACE}")
-    assert cells[1].lines[4] == f"from full at most {one_way}"
+    assert cells[1].lines[4] == f"from the full surface at most {one_way}"
     assert len(bpy.data.scenes) == 1
     assert not bpy.data.objects
 

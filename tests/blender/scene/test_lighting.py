@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -14,6 +16,7 @@ from mathutils import Vector
 from ctmc_addon.blender.scene.background import NAME
 from ctmc_addon.blender.scene.ct_box import show_box
 from ctmc_addon.blender.scene.lighting import LAMPS, has_placed_camera, set_up_studio, sphere_of
+from ctmc_addon.blender.scene.new_file import _is_plain, is_first_camera, is_first_light
 from ctmc_addon.blender.scene.studio import corners_of
 from ctmc_addon.blender.surface import add_reconstruction
 
@@ -114,3 +117,24 @@ def test_the_camera_and_the_light_of_a_new_file_are_not_a_persons(torus):
     own.location.x += 1.0
     scene.camera = own
     assert has_placed_camera(scene)
+
+
+@pytest.mark.parametrize("change", ["turned", "tracking", "parented"])
+@pytest.mark.parametrize("name", ["Camera", "Light"])
+def test_the_camera_or_light_of_a_new_file_is_a_persons_once_changed(name, change):
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    obj, is_first = bpy.data.objects[name], {"Camera": is_first_camera, "Light": is_first_light}[name]
+    assert is_first(obj)
+    if change == "turned":
+        obj.rotation_euler.z += 0.1
+    elif change == "tracking":
+        obj.constraints.new("TRACK_TO").target = bpy.data.objects["Cube"]
+    else:
+        obj.parent = bpy.data.objects["Cube"]
+    assert not is_first(obj)
+
+
+def test_a_material_without_nodes_is_not_that_of_a_new_file():
+    bpy.ops.wm.read_homefile(use_factory_startup=True)
+    assert _is_plain(bpy.data.meshes["Cube"])
+    assert not _is_plain(SimpleNamespace(materials=[SimpleNamespace(node_tree=None)]))

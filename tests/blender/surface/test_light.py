@@ -239,7 +239,7 @@ def test_in_edit_mode_a_surface_is_refused_and_shown_in_full(surface):
     bpy.context.view_layer.objects.active = surface
     bpy.ops.object.mode_set(mode="EDIT")
     assert not surface.modifiers[0].show_in_editmode
-    with pytest.raises(MeshError, match="is in edit mode"):
+    with pytest.raises(MeshError, match="is in Edit Mode"):
         as_shown(surface)
     bpy.ops.object.mode_set(mode="OBJECT")
     assert len(viewport_mesh(surface).polygons) == shown_faces(surface)

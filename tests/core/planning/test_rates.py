@@ -36,6 +36,23 @@ def test_the_machine_is_measured_in_steps_so_that_a_window_answers_meanwhile():
     assert list(calibration.measure_steps()) == []
 
 
+def test_another_program_that_delays_a_count_or_an_extraction_changes_no_speed(monkeypatch):
+    def unit(*seconds):
+        """Seconds of a unit of work, where counting and extracting thrice, then simplifying take these seconds."""
+        left = iter(seconds)
+
+        def timed_steps(steps):
+            return (yield from steps), next(left)
+
+        monkeypatch.setattr(rates, "timed_steps", timed_steps)
+        calibration = Calibration()
+        list(calibration.measure_steps())
+        return calibration.unit
+
+    delayed = unit(0.5, 0.03, 0.01, 0.5, 0.01, 0.03, 0.2)
+    assert delayed == unit(0.01, 0.03, 0.01, 0.03, 0.01, 0.03, 0.2)
+
+
 @pytest.mark.parametrize(
     ("estimates", "stages"),
     [

@@ -84,16 +84,38 @@ def test_the_masks_below_the_opened_folder_are_its_labels(tmp_path, save_patient
     assert dict(labels.label_names) == {1: "artery", 2: "liver", 3: "portalvein"}
 
 
+def save_structures(path, referenced):
+    """Write the beginning of a structure set that names a frame of reference."""
+    path.parent.mkdir(parents=True)
+    head = bytes(128) + b"DICM" + b"\x02\x00\x02\x00UI\x1d\x001.2.840.10008.5.1.4.1.1.481.3\x00"
+    path.write_bytes(head + b"\x20\x00\x52\x00UI" + len(referenced).to_bytes(2, "little") + referenced)
+
+
 @pytest.mark.parametrize("opened", ["image", "image/3.dcm"])
 def test_labels_in_a_folder_beside_that_of_the_slices_are_found(tmp_path, save_stack, opened):
     patient = tmp_path / "patient7" / "dicom"
     save_stack(patient / "image", range(4))
-    (patient / "rs").mkdir()
-    head = bytes(128) + b"DICM" + b"\x02\x00\x02\x00UI\x1d\x001.2.840.10008.5.1.4.1.1.481.3"
-    (patient / "rs" / "RS.dcm").write_bytes(head)
+    save_structures(patient / "rs" / "RS.dcm", b"1.2.3.4.5")
     assert labels_beside(volume_place(patient / opened)) == (patient / "rs" / "RS.dcm",)
     (patient / "rs" / "notes.txt").write_text("a folder of other things")
     assert labels_beside(volume_place(patient / opened)) == ()
+
+
+def test_the_structures_of_another_patient_beside_the_ct_are_not_its_labels(tmp_path, save_stack):
+    for patient, frame in (("A", "1.7.1"), ("B", "1.7.11")):
+        save_stack(tmp_path / f"ct_{patient}", range(4), SeriesInstanceUID=f"1.5.{frame}", FrameOfReferenceUID=frame)
+        save_structures(tmp_path / f"rt_{patient}" / "RS.dcm", frame.encode())
+    assert labels_beside(tmp_path / "ct_A") == (tmp_path / "rt_A" / "RS.dcm",)
+    assert labels_beside(tmp_path / "ct_B") == (tmp_path / "rt_B" / "RS.dcm",)
+
+
+@pytest.mark.parametrize(("folders", "found"), [(10, 1), (11, 0)])
+def test_many_folders_beside_that_of_the_slices_are_not_searched(tmp_path, save_stack, folders, found):
+    save_stack(tmp_path / "ct", range(4))
+    save_structures(tmp_path / "rt" / "RS.dcm", b"1.2.3.4.5")
+    for number in range(folders - 1):
+        (tmp_path / f"patient{number}").mkdir()
+    assert len(labels_beside(tmp_path / "ct")) == found
 
 
 @pytest.mark.parametrize(

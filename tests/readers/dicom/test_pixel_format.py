@@ -224,7 +224,7 @@ def test_a_number_that_no_pixels_have_is_said_with_its_limit(
         warnings.simplefilter("ignore")
         dataset.save_as(tmp_path / "1.dcm")
     for path in (tmp_path, tmp_path / "1.dcm"):
-        other_slices = ", or set skip_damaged to read the series without it" * (path == tmp_path and kind != "frames")
+        other_slices = ", or leave it out with skip_damaged" * (path == tmp_path and kind != "frames")
         expected = f"1.dcm is a truncated or damaged DICOM file ({sentence}); export it again{other_slices}"
         assert refused(path) == expected
 

@@ -155,8 +155,7 @@ def test_a_file_named_like_the_slices_that_is_none_is_not_passed_over(tmp_path, 
         read_volume(tmp_path / "ct")
     damage = "named like the slices, but not DICOM" if content else "0 bytes"
     assert str(refused.value) == (
-        f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again, or set skip_damaged to read the "
-        "series without it"
+        f"{path.name} is a truncated or damaged DICOM file ({damage}); copy it again, or leave it out with skip_damaged"
     )
     with pytest.raises(CtmcError, match="is a truncated or damaged DICOM file"):
         read_volume(path.with_name(name.format(9)))
@@ -418,7 +417,7 @@ def test_a_series_is_read_without_its_damaged_slices_if_asked(tmp_path, save_sta
     hu = save_stack(tmp_path, range(0, 60, 2))
     file = tmp_path / "16.dcm"
     file.write_bytes(file.read_bytes()[:-30])
-    with pytest.raises(DamagedSliceError, match=r"16\.dcm .*, or set skip_damaged to read the series without it$"):
+    with pytest.raises(DamagedSliceError, match=r"16\.dcm .*, or leave it out with skip_damaged$"):
         read_volume(tmp_path)
     volume = read_volume(tmp_path, skip_damaged=True)
     assert volume.size == (7, 5, 30)

@@ -320,7 +320,7 @@ def test_disabled_buttons_say_why(loaded):
     said.clear()
     assert not polled("figure")
     bpy.ops.object.mode_set(mode="OBJECT")
-    assert said == ["Leave edit mode first"]
+    assert said == ["Leave Edit Mode first"]
 
 
 def test_a_fresh_panel_and_the_command_line_start_from_the_same_figure(scene):

@@ -88,6 +88,25 @@ def test_render_follows_the_view_of_the_panel_until_a_person_moves_the_camera(ma
     assert made.camera.matrix_world.col[2].to_tuple(3)[:3] == pytest.approx((-1.0, 0.0, 0.0), abs=1e-3)
 
 
+def test_render_keeps_samples_and_exposure_that_a_person_sets_after_set_up(made):
+    bpy.ops.ctmc.setup_studio()
+    made.cycles.samples, made.view_settings.exposure = 3, 1.0
+    bpy.ops.ctmc.render()
+    assert (made.cycles.samples, made.view_settings.exposure) == (3, 1.0)
+
+
+def test_render_is_cancelled_where_set_up_refuses(made, monkeypatch):
+    from ctmc_addon.core import OutputError
+    from ctmc_addon.ui.operators.scene import studio
+
+    def refuse(*_):
+        raise OutputError("Blender's Cycles is switched off; enable it")
+
+    monkeypatch.setattr(studio, "set_render_engine", refuse)
+    assert bpy.ops.ctmc.render() == {"CANCELLED"}
+    assert made.camera is None or made.camera.name != "CTMC Studio Camera"
+
+
 def test_results_set_the_opacity_of_the_active_surface(loaded):
     bpy.ops.ctmc.reconstruct()
     surface = bpy.context.view_layer.objects.active

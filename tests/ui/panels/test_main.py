@@ -57,6 +57,16 @@ def test_the_goal_comes_first_and_the_method_follows_where_it_can(scene):
     assert not settings.to_settings().simplifies
 
 
+@pytest.mark.parametrize(("target", "said"), [(250, "Keep 25 % of triangles"), (2000, "Keep 100 % of triangles")])
+def test_a_number_of_triangles_is_shown_as_a_share_of_those_predicted(scene, ball_file, target, said):
+    from ctmc_addon.ui.state import session
+
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(1, 1, 2))
+    scene.ctmc.goal, scene.ctmc.target_faces = "target_faces", target
+    session.of(scene).cost = SimpleNamespace(error="", refusal="", voxels=8, faces=1000, memory=1024, seconds=1.0)
+    assert said in drawn(*panels.STEPS).texts
+
+
 def test_the_panel_has_as_many_lines_before_and_after_a_count(scene, ball_file):
     from ctmc_addon.ui.state import session
 
@@ -203,6 +213,15 @@ def test_cancel_can_be_pressed_while_a_rotation_test_locks_the_file(scene, monke
     holder = type("Panel", (), {"layout": Nested()})()
     rotation.draw_rotation(holder.layout, bpy.context)
     assert holder.layout.pressed == {"ctmc.cancel": True, "ctmc.rotation_copy": False, "ctmc.rotation_save": False}
+
+
+def test_every_page_shows_a_running_job_once(scene, monkeypatch):
+    from ctmc_addon.ui import jobs
+
+    job = jobs.Job("ctmc.measure_all", "Measure", iter(()), scene.session_uid, locks=False)
+    monkeypatch.setattr(jobs, "_running", [job])
+    for page in panels.STEPS:
+        assert drawn(page).buttons.count("ctmc.cancel") == 1, page
 
 
 def drawn_settings():

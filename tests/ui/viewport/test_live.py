@@ -75,6 +75,10 @@ def test_a_finished_surface_corrects_the_prediction_by_the_seconds_of_its_stages
     assert result.settings == cost.settings[0]
     own = sum(stage.seconds for stage in result.stages)
     assert 0 < own + seconds["measuring"] + seconds["adding"] <= seconds["seconds"]
+    loaded.ctmc.reduction = 0.5
+    rested()
+    bpy.ops.ctmc.simplify()  # Its seconds lack the extraction.
+    assert len(learned) == 1
 
 
 def test_a_surface_whose_cost_was_not_counted_teaches_nothing(loaded, monkeypatch):
@@ -234,3 +238,14 @@ def test_another_file_ends_it_all(loaded, rested):
 def test_nothing_is_left_to_run_where_there_is_no_window(loaded):
     loaded.ctmc.threshold = 100.0
     assert not bpy.app.timers.is_registered(live.tick)
+
+
+def test_the_preview_stays_that_of_the_present_scene_when_memory_is_freed(loaded, rested):
+    rested()
+    other = bpy.data.scenes.new("zz the last")
+    try:
+        bpy.ops.ctmc.free_ct()
+        assert bpy.data.scenes[-1] == other
+        assert live.live.scene == loaded.session_uid
+    finally:
+        bpy.data.scenes.remove(other)

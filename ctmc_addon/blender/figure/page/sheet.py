@@ -60,17 +60,17 @@ class Compared:
     @property
     def lines(self) -> tuple[str, ...]:
         """Return the lines of the caption."""
-        word, volume = "error", ""
+        reference, volume = "full", ""
         if self.volume:
-            word, mesh = "from the bare surface:", self.result.mesh
+            reference, mesh = "bare", self.result.mesh
             volume = f"{_unbroken(volume_text(mesh.volume))}, " if mesh.closed else ""
         distance, lost = self.distance, self.distance.lost
-        errors = [f"{word} 0 mm"]
+        errors = ["error 0 mm"]
         if distance.largest > 0:
             errors = [
-                f"{word} {_unbroken(length_text(distance.mean, 3))} on average",
-                f"to full at most {_unbroken(one_way_text(distance.to_full))}",
-                f"from full at most {_unbroken(one_way_text(distance.from_full))}",
+                f"error {_unbroken(length_text(distance.mean, 3))} on average",
+                f"to the {reference} surface at most {_unbroken(one_way_text(distance.to_full))}",
+                f"from the {reference} surface at most {_unbroken(one_way_text(distance.from_full))}",
             ]
         if lost.count:
             errors.append(specks_text(lost.count, lost.volume))

@@ -29,6 +29,7 @@ from ...mesh.topology import Groups
 from ...progress import Step, Steps, WithResult
 from ..engine.component_removal import CollapsedComponents
 from ..whole import Goal, Simplification, require_finite, whole_steps
+from .full_moments import NOTHING
 from .pieces import Batch, Numbering, crossing_batches_steps, joined, regions, shared_count
 from .reduced_batch import Reduced, reduce_batch_steps
 
@@ -94,6 +95,7 @@ class _Passes:
         self.batch_faces, self.last_faces = goal.sizes(budget)
         self.most_at_once = goal.most_at_once(budget)
         self.large: list[Indices] = []
+        self.moments = NOTHING  # of the components of all batches
         self.later_limit = goal.policy.later_volume * goal.largest_component
         self.planned: deque[tuple[float, int, int]] = deque()  # `_Held` without its batch, for each batch at work
         self.full_faces = self.reduced_faces = 0  # of the batches that came, and of those that are simplified
@@ -141,9 +143,9 @@ class _Passes:
         reducing = WithResult(self._again(batch, inner_target, border)())
         for step in reducing:
             yield Step(fraction, step.message)
-        reduced = reducing.result
+        reduced = replace(reducing.result, batch=self.numbering.completed(reducing.result.batch))
         self._count(replace(reduced, face_count=0))  # its triangles were counted before
-        return [_Held(self.numbering.completed(reduced.batch), inner_target, below, above)]
+        return [_Held(reduced.batch, inner_target, below, above)]
 
     def _works_steps(self, batches: Iterable[Step | Batch], single: list[Batch]) -> Generator[Step | Work, None, None]:
         """Yield the work on each batch when the next has come; a single batch goes to `single`."""
@@ -216,6 +218,7 @@ class _Passes:
             largest_component=self.later_limit,
             by_box=True,
             protected=self.protected(),
+            moments=self.moments,
             policy=self.goal.policy,
         )
 
@@ -234,6 +237,10 @@ class _Passes:
         if reduced.large is not None and len(reduced.large):
             self.large.append(reduced.large)
         self.reduced_faces += reduced.face_count
+        moments = reduced.moments.at(reduced.batch.numbers[reduced.moments.vertices])
+        if len(reduced.gone):
+            self.moments = self.moments.select(~np.isin(self.moments.vertices, reduced.gone))
+        self.moments = self.moments.with_others(moments)
 
     def protected(self) -> Indices:
         """Indices of the vertices of components that were too large to go when they were first simplified."""

@@ -4,11 +4,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...arrays import Indices
+from ...mesh.topology import component_numbers_steps, components_of_vertices
 from ...progress import Steps
 from ..bounds.bounded import hold_bound_steps
 from ..clustering import clustered_steps
@@ -16,6 +17,7 @@ from ..engine.component_removal import CollapsedComponents, Staying
 from ..engine.edge_collapse import CollapsingMesh
 from ..policy import POLICY, Policy
 from ..whole import collapse_steps
+from .full_moments import NOTHING, FullMoments, first_indices, full_moments_steps
 from .pieces import NEW, Batch
 
 
@@ -32,6 +34,10 @@ class Reduced:
         Indices of the vertices whose components enclose more than those that may go.
     crossing_count : int or None
         Pairs of triangles that cross, if that was tested.
+    gone : (n,) int64
+        Numbers of vertices that had moments of components and are no longer there.
+    moments : FullMoments
+        Moments that are now elsewhere, or new, by indices of vertices of the batch.
     """
 
     batch: Batch
@@ -40,6 +46,8 @@ class Reduced:
     handles_cut: int
     large: Indices | None = None
     crossing_count: int | None = None
+    gone: Indices = field(default_factory=lambda: np.empty(0, np.int64))
+    moments: FullMoments = NOTHING
 
 
 def reduce_batch_steps(
@@ -51,6 +59,7 @@ def reduce_batch_steps(
     largest_component: float = math.inf,
     by_box: bool = False,
     protected: Indices | None = None,
+    moments: FullMoments | None = None,
     policy: Policy = POLICY,
 ) -> Steps[Reduced]:
     """Simplify a batch, except for its border.
@@ -72,26 +81,55 @@ def reduce_batch_steps(
         Whether their bounding box is meant, which shrinks less than what they enclose when they are simplified.
     protected : (n,) int64, optional
         Indices of vertices whose components stay.
+    moments : FullMoments, optional
+        Moments that components have in the full surface; none if the batch is a part of that.
     policy : Policy, optional
     """
-    before = batch.face_count
+    face_count, full = batch.face_count, moments is None
     target = round(inner_target) + at_border
-    if target >= before:
-        return Reduced(batch, before, CollapsedComponents(), 0)
-    volumes, left = None, inner_target / policy.spare
-    if max_error is None and not whole and before - at_border > policy.clustered * left:
-        batch, volumes = yield from clustered_steps(batch, round(policy.left_by_clusters * left) + at_border, policy)
+    if target >= face_count and not full:
+        return Reduced(batch, face_count, CollapsedComponents(), 0)
+    component = yield from component_numbers_steps(batch.mesh.faces, len(batch.numbers))
+    if moments is None:
+        here = yield from full_moments_steps(batch.mesh, component)
+    else:
+        here = moments.within(batch.numbers)
+    if target >= face_count:
+        return Reduced(batch, face_count, CollapsedComponents(), 0, moments=here)
+    numbers = batch.numbers[here.vertices]
+    before, left = None, inner_target / policy.spare
+    if max_error is None and not whole and face_count - at_border > policy.clustered * left:
+        of_vertex = components_of_vertices(batch.mesh.faces, component, len(batch.numbers))
+        goal = round(policy.left_by_clusters * left) + at_border
+        batch, before = yield from clustered_steps(batch, goal, policy, component)
+        here = here.at(first_indices(before.component, len(before.volumes))[of_vertex[here.vertices]])
     collapsing = CollapsingMesh(batch.mesh, max_error, policy, batch=not whole)
-    if volumes is not None:
-        collapsing.components.volume_before = volumes * float(collapsing.scale) ** 3
+    components, scale = collapsing.components, float(collapsing.scale)
+    if before is None:
+        components.of_face = component
+    else:
+        components.volume_before = before.volumes[before.component] * scale**3
+    components.moments = here.vertices, here.scaled(scale)
     vertices = np.flatnonzero(np.isin(batch.numbers, protected)) if protected is not None else np.empty(0, np.int64)
-    collapsing.components.staying = Staying(largest_component * float(collapsing.scale) ** 3, by_box, vertices)
+    components.staying = Staying(largest_component * scale**3, by_box, vertices)
     yield from collapse_steps(collapsing, target, last=whole)
     if max_error is not None:
         yield from hold_bound_steps(collapsing)
     mesh, used = collapsing.used_mesh()
     original = collapsing.original_vertex[used]
     reduced = Batch(mesh, np.where(original >= 0, batch.numbers[original], NEW))
-    large = reduced.numbers[collapsing.components.large[collapsing.component[used]] & (reduced.numbers != NEW)]
-    collapsed = collapsing.collapsed_components
-    return Reduced(reduced, before, collapsed, collapsing.handles_cut, large, collapsing.crossing_count)
+    of_vertex = collapsing.component[used]
+    large = reduced.numbers[components.large[of_vertex] & (reduced.numbers != NEW)]
+    here = here.at(first_indices(of_vertex, components.count)[components.of_moments])
+    # A border vertex stays, and other batches look for moments there.
+    moving = np.full(len(numbers), True) if full else ~np.isin(numbers, reduced.numbers)
+    return Reduced(
+        reduced,
+        face_count,
+        collapsing.collapsed_components,
+        collapsing.handles_cut,
+        large,
+        collapsing.crossing_count,
+        numbers[:0] if full else numbers[moving],
+        here.select(moving & (here.vertices >= 0)),
+    )

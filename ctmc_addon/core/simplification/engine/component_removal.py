@@ -19,8 +19,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...arrays import Doubles, Flags, Floats, Indices, Ints
-from ...mesh.measures import component_volumes_steps
-from ...mesh.topology import component_numbers_steps
+from ...mesh.measures import component_volumes_steps, volumes_of_moments
+from ...mesh.topology import component_numbers_steps, components_of_vertices
 from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ...units import specks_text
@@ -39,8 +39,8 @@ class CollapsedComponents:
     count : int
         Number of components, cavities among them.
     largest, volume : float
-        The largest volume that one of them enclosed, and that of all together, in the cube of the mesh's unit; the
-        volume of a cavity counts as much as that of a body.
+        The largest volume that one of them encloses in the full surface, and that of all together, in the cube of the
+        mesh's unit; the volume of a cavity counts as much as that of a body.
     """
 
     count: int = 0
@@ -86,12 +86,22 @@ class Staying:
 class Components:
     """The components of a mesh, each with its area, volume and gap; in the order of their first faces.
 
+    of_face : (F,) int32 or None
+        The component of every face, if it is known.
     volume_before : (V,) float64 or None
         Volume of the component of each vertex before the mesh was clustered, if it was.
+    moments : tuple of (n,) int64 and (n, 8) float64, or None
+        Moments that components have in the full surface, and at which vertices: removed ones count with the volume
+        that follows from these. Without any the mesh is the full surface.
+    of_moments : (n,) int32
+        The component of each of these rows.
     """
 
     staying = Staying()
+    of_face: Ints | None = None
     volume_before: Doubles | None = None
+    moments: tuple[Indices, Doubles] | None = None
+    of_moments: Ints
 
     def __init__(self, policy: Policy = POLICY) -> None:
         self.policy = policy
@@ -102,10 +112,10 @@ class Components:
         `border` are the vertices on a border, `locked` those whose components must stay. So must those that
         `staying` names, which is set before.
         """
-        component = yield from component_numbers_steps(np.ascontiguousarray(faces.T), positions.shape[1])
-        of_vertex = np.full(positions.shape[1], -1, np.int32)
-        for corner in faces:
-            of_vertex[corner] = component
+        component = self.of_face
+        if component is None:
+            component = yield from component_numbers_steps(np.ascontiguousarray(faces.T), positions.shape[1])
+        of_vertex = components_of_vertices(faces.T, component, positions.shape[1])
         yield PAUSE
         self.count = count = int(component.max()) + 1
         self.present, self.removable = np.ones(count, bool), np.ones(count, bool)
@@ -113,6 +123,12 @@ class Components:
         self.removable[of_vertex[self.staying.vertices]] = False
         self.collapsed = CollapsedComponents()
         self.large = np.zeros(count, bool)
+        if self.moments is not None:
+            vertices, rows = self.moments
+            self.of_moments = of_vertex[vertices]
+            moments = np.zeros((count, rows.shape[1]))
+            np.add.at(moments, self.of_moments, rows)
+            self.full_volume = volumes_of_moments(moments)
         if count == 1:
             return of_vertex
         if self.volume_before is None:
@@ -235,7 +251,7 @@ class Components:
 
     def count_removed(self, removed: Flags) -> None:
         """Add these components, (components,), to `collapsed`."""
-        volumes = np.abs(self.volume[removed])
+        volumes = np.abs((self.volume if self.moments is None else self.full_volume)[removed])
         largest = float(volumes.max(initial=0.0))
         self.collapsed += CollapsedComponents(len(volumes), largest, math.fsum(volumes.tolist()))
 

@@ -318,3 +318,14 @@ def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, p
     for loop, one, other in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
         handle[loop] = not joined.join(one, other)
     return handle
+
+
+def handles_text(count: int) -> str:
+    """Return how many small handles were cut and capped.
+
+    Examples
+    --------
+    >>> handles_text(897), handles_text(1)
+    ('897 small handles removed', '1 small handle removed')
+    """
+    return "1 small handle removed" if count == 1 else f"{count:,} small handles removed"

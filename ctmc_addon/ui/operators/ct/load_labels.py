@@ -13,6 +13,7 @@ from bpy.props import CollectionProperty, StringProperty
 
 from ....core import ReadError, Steps, Volume, equal_part
 from ... import jobs
+from ...properties import page
 from ...properties.structures import called, follow_ticks, tick
 from ...state import session, structures, volumes
 from ...translations import OURS, translate
@@ -89,6 +90,8 @@ def conclude(placed: Sequence[structures.PlacedLabels], uid: int) -> str:
     ticked = new & session.of(scene).ticked_names or new
     tick(stored, lambda item: item.chosen or called(item) in ticked)
     follow_ticks(stored)
+    if not earlier_keys and bpy.context.scene == scene:
+        page.show(bpy.context, "SURFACE")
     return translate("{count} structures added").format(count=count)
 
 

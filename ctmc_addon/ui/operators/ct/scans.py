@@ -88,7 +88,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
     fingerprint: _fingerprint()
     with_objects: BoolProperty(
         name="Remove Its Objects Too",
-        description="Also remove its surfaces, slices, Volume objects, rulers and drawings",
+        description="Also remove its surfaces, slices, Volume objects, distances, angles and drawings",
         options={"SKIP_SAVE"},
         translation_context=OURS,
     )
@@ -107,7 +107,7 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
         if not fingerprint:
             return {"CANCELLED"}
         if self.with_objects:
-            remove_with_data(objects_of(scene, fingerprint))
+            remove_with_data(scene, objects_of(scene, fingerprint))
             drawn = scene.ctmc_draw.structures
             for number in reversed(range(len(drawn))):
                 if drawn[number].fingerprint == fingerprint:
@@ -121,7 +121,10 @@ class CTMC_OT_remove_ct(_CTOperator, bpy.types.Operator):
 
 
 def objects_of(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Object]:
-    """Return the objects made from a CT: surfaces, slices, Volume objects, and rulers and cuts beside its box."""
+    """Return the objects made from a CT: surfaces, slices, Volume objects, and rulers and cuts beside its box.
+
+    Rulers and cuts beside a box of several readings of a path belong to all of them.
+    """
     own = []
     for obj in scene.objects:
         provenance = read_provenance(obj)
@@ -129,6 +132,8 @@ def objects_of(scene: bpy.types.Scene, fingerprint: str) -> list[bpy.types.Objec
         if is_surface or (is_slice(obj) and obj[SLICE] == fingerprint):
             own.append(obj)
     own += of_ct(scene, fingerprint)
+    if scans.other_readings(scene, fingerprint):
+        return own
     return own + [obj for obj in objects_beside(scene, fingerprint) if is_ruler(obj) or is_cut_box(obj)]
 
 

@@ -28,7 +28,7 @@ def items(_operator: Any, context: bpy.types.Context | None) -> list[tuple[str, 
 def facts_of(series: Series) -> str:
     """Return number and kernel as set by the scanner, spacing and number of slices, size, folder."""
     facts = {
-        "no. {number}": series.dicom_number,
+        "No. {number}": series.dicom_number,
         "kernel {kernel}": series.kernel,
         "{gap} mm apart": "" if series.spacing_mm is None else f"{series.spacing_mm:.4g}",
         "{count} slices": str(series.slices),
@@ -43,4 +43,5 @@ def facts_of(series: Series) -> str:
         for text, value in facts.items()
         if value
     ]
-    return ", ".join(words)
+    text = ", ".join(words)
+    return text[:1].upper() + text[1:]

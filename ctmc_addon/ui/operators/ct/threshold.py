@@ -84,7 +84,7 @@ def histogram_icon(scene: bpy.types.Scene) -> int:
     loaded = volumes.loaded(scene)
     if loaded is None or not _pictures:
         return 0
-    limits = (volumes.used_threshold(scene), scene.ctmc.upper if scene.ctmc.use_upper else None)
+    limits = volumes.used_limits(scene)
     key = (loaded.statistics.fingerprint, limits)
     pictures = _pictures[NAME]
     picture = pictures[NAME] if NAME in pictures else pictures.new(NAME)

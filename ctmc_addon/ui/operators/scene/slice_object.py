@@ -23,7 +23,7 @@ from ...viewport import slice_objects
 def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether objects can be selected, with the reason if not."""
     if context.mode != "OBJECT":
-        operator.poll_message_set("Leave edit mode first")
+        operator.poll_message_set("Leave Edit Mode first")
         return False
     return True
 

@@ -6,9 +6,10 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
-from bpy.props import StringProperty
+from bpy.props import BoolProperty, StringProperty
 
 from ....blender.figure.spec import ENGINES
+from ....blender.scene.background import is_studio_world
 from ....blender.scene.engine import engine_here, engine_of, render_plan, set_render_engine
 from ....blender.scene.lighting import has_placed_camera, set_up_studio
 from ....core import CtmcError
@@ -68,9 +69,11 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
     bl_label = "Set Up Camera and Lights"
     bl_description = (
         "Add a camera that frames what is shown, with key, fill and rim lights and the background, in a collection of "
-        "their own, CTMC Studio, that may be deleted. Sets the engine with samples that end in a minute or two"
+        "their own, CTMC Studio, which may be deleted. Set the engine, with samples for a render of a minute or two"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    keeps_engine: BoolProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
@@ -80,11 +83,11 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
         scene = context.scene
         panel, background = scene.ctmc_figure, scene.ctmc_studio.background
         try:
-            note = _set_engine(context)
+            note = "" if self.keeps_engine else _set_engine(context)
             set_up_studio(scene, shown_surfaces(context), panel.azimuth, panel.elevation, background)
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
-        self.report({"INFO"}, f"{translate('F12 renders')}: {render_text(context)}{note}")
+        self.report({"INFO"}, f"F12: {render_text(context)}{note}")
         return {"FINISHED"}
 
 
@@ -94,8 +97,8 @@ class CTMC_OT_render(bpy.types.Operator):
     bl_idname = "ctmc.render"
     bl_label = "Render"
     bl_description = (
-        "Render what is shown, with this engine and background, in a window; Esc there stops it. Camera and lights are "
-        "set up first, unless you placed them"
+        "Render what is shown with this engine and background in a window; Esc in it stops. Camera and lights are set "
+        "up first, unless you placed them"
     )
 
     filepath: StringProperty(
@@ -108,7 +111,7 @@ class CTMC_OT_render(bpy.types.Operator):
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
         if bpy.app.is_job_running("RENDER"):
-            cls.poll_message_set("Wait until the present render ends")
+            cls.poll_message_set("Wait for the current render to end")
             return False
         return _has_surface(cls, context)
 
@@ -138,7 +141,11 @@ class CTMC_OT_render(bpy.types.Operator):
         """Set up what is missing in an undo step of its own; return whether the scene can be rendered."""
         scene = context.scene
         if not has_placed_camera(scene):
-            done: set[str] = bpy.ops.ctmc.setup_studio("EXEC_DEFAULT", True)
+            keeps_engine = is_studio_world(scene.world) and engine_of(scene) == scene.ctmc_figure.engine
+            try:
+                done: set[str] = bpy.ops.ctmc.setup_studio("EXEC_DEFAULT", True, keeps_engine=keeps_engine)
+            except RuntimeError:  # Set Up has said why.
+                return False
             return "FINISHED" in done
         if engine_of(scene) == scene.ctmc_figure.engine:
             return True
@@ -147,6 +154,7 @@ class CTMC_OT_render(bpy.types.Operator):
         except CtmcError as error:
             jobs.refuse(self, scene.session_uid, error)
             return False
+        bpy.ops.ed.undo_push(message="Set Engine")
         self.report({"INFO"}, render_text(context) + note)
         return True
 

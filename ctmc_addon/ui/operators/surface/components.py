@@ -98,7 +98,7 @@ class CTMC_OT_remove_small(_ComponentsOperator, bpy.types.Operator):
     bl_label = "Remove Small Components"
     bl_description = (
         "Remove components and fill cavities below a thousandth of the largest component; nothing is extracted again. "
-        "The next surfaces follow, until this is switched off above Reconstruct"
+        "The next surfaces do the same until you switch it off above Reconstruct"
     )
 
     def changes_of(self, obj: bpy.types.Object) -> Mapping[str, Any]:
@@ -116,7 +116,7 @@ class CTMC_OT_keep_largest(_ComponentsOperator, bpy.types.Operator):
     bl_label = "Keep Largest Component"
     bl_description = (
         "Keep the largest component of the active surface, with its cavities; nothing is extracted again. "
-        "The next surfaces follow, until this is switched off above Reconstruct"
+        "The next surfaces do the same until you switch it off above Reconstruct"
     )
 
     changes = {"keep_parts": 1}  # noqa: RUF012
@@ -142,7 +142,7 @@ class CTMC_OT_stop_removing(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.stop_removing"
     bl_label = "Keep Everything"
-    bl_description = "Switch this off: the next surfaces keep what it takes away"
+    bl_description = "Switch this off, so that the next surfaces keep what it removes"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     setting: EnumProperty(

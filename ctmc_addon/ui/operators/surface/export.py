@@ -120,7 +120,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
             cls.poll_message_set("Choose a surface first")
             return False
         if obj is not None and obj.mode == "EDIT":
-            cls.poll_message_set("Leave edit mode first")
+            cls.poll_message_set("Leave Edit Mode first")
             return False
         return True
 

@@ -137,13 +137,14 @@ def surfaces_steps(
         start = time.perf_counter()
         message = _add_to_scene(scene_uid, finished, meshes)
         end = time.perf_counter()
-        cost_estimates.learn(
-            scene_uid,
-            [surface.result for surface in finished],
-            measuring=stages.seconds[measuring],
-            adding=stages.seconds[adding] + end - start,
-            seconds=end - begun,
-        )
+        if full is None:  # Else the stages of its extraction are not part of these seconds.
+            cost_estimates.learn(
+                scene_uid,
+                [surface.result for surface in finished],
+                measuring=stages.seconds[measuring],
+                adding=stages.seconds[adding] + end - start,
+                seconds=end - begun,
+            )
         return message
 
     return conclude

@@ -29,7 +29,7 @@ def draw_cts(layout: Any, context: bpy.types.Context) -> None:
         if loaded is not None:
             size = "" if is_narrow(context) else size_of_bytes(loaded.nbytes)
             freed = row.row(align=True)
-            freed.ui_units_x = 4.5 if size else 1.0
+            freed.ui_units_x = 5.2 if size else 1.0
             freed.operator("ctmc.free_ct", text=size, icon="MEMORY", translate=False).fingerprint = fingerprint
         row.operator("ctmc.remove_ct", text="", icon="X").fingerprint = fingerprint
 

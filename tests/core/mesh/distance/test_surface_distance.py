@@ -7,7 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ctmc_addon.core import ReconstructionSettings, TriangleMesh, distances, finish, marching_cubes, reconstruct
+from ctmc_addon.core import (
+    ReconstructionSettings,
+    TriangleMesh,
+    distances,
+    finish,
+    marching_cubes,
+    reconstruct,
+    specks_text,
+)
 from ctmc_addon.core.errors import MeshError
 from ctmc_addon.core.mesh import (
     LostComponents,
@@ -162,7 +170,9 @@ def test_specks_of_bone_that_simplification_removed_are_told_apart_from_the_dist
     full, small = (reconstruct(volume, replace(settings, reduction=share)) for share in (None, 0.9))
     apart = surface_distance(small.mesh, full.mesh)
     assert apart.lost.count == small.collapsed_components > 1000
+    assert apart.lost.volume == pytest.approx(small.collapsed_mm3, rel=1e-9)
     assert apart.lost.largest > 10
+    assert specks_text(apart.lost.count, apart.lost.volume) in small.notes
     assert apart.to_full.largest < 2
     assert apart.from_full.largest < apart.lost.largest
     assert apart.from_full.percentile_95 < 1

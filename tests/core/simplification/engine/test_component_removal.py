@@ -72,7 +72,7 @@ def test_the_largest_removed_volume_is_in_the_unit_of_the_mesh():
     found, message = simplification(joined(icosphere(4, 10.0), small), target_faces=400)
     assert found.collapsed.count > 250
     assert found.collapsed.largest == pytest.approx(icosphere(0, 0.1).volume, rel=1e-3)
-    assert message.endswith(f"specks removed: {found.collapsed.count}")
+    assert message.endswith(f"; {found.collapsed.sentence()}")
 
 
 def test_without_small_components_the_message_has_the_count_alone():

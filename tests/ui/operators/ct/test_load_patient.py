@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from conftest import SHARED
@@ -13,7 +15,7 @@ pytest.importorskip("pydicom")
 from readers.conftest import save_slice as save_slice, save_stack as save_stack
 from ui.drawing import Layout
 
-from ctmc_addon.ui.operators.ct.series import items
+from ctmc_addon.ui.operators.ct.series import facts_of, items
 from ctmc_addon.ui.panels.ct.scans import draw_without_damaged
 from ctmc_addon.ui.panels.ct.series import draw_series
 from ctmc_addon.ui.state import session, structures, volumes
@@ -59,6 +61,9 @@ def test_the_dropdown_names_the_series_by_folder_and_reads_another(scene, patien
         ("3", "PATIENT_DICOM"),
     ]
     assert listed[2][2] == "2 mm apart, 6 slices, 7 x 5, in PATIENT_DICOM"
+    ct = volumes.loaded(scene).series[2]
+    assert facts_of(replace(ct, dicom_number="4")).startswith("No. 4, 2 mm apart")
+    assert facts_of(replace(ct, kernel="B70f")).startswith("Kernel B70f, 2 mm apart")
     assert items(None, bpy.context) is listed  # Blender keeps no reference
     bpy.ops.ctmc.load(listed="2")
     assert volumes.loaded(scene).series_number == 2

@@ -14,7 +14,8 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import Layout, meshes_in
 
-from ctmc_addon.blender.scene.ct_box import box_of
+from ctmc_addon.blender.rulers import PROPERTY as RULER
+from ctmc_addon.blender.scene.ct_box import box_of, fingerprint_of_box, link_beside_ct, paths_of_boxes
 from ctmc_addon.ui.panels.ct.scans import draw_cts
 from ctmc_addon.ui.state import scans, session, structures, volumes
 from ctmc_addon.ui.viewport import live
@@ -168,3 +169,54 @@ def test_two_readings_of_a_file_share_a_box_and_stay(loaded, ball_file):
     bpy.context.view_layer.update()
     assert first in [scan.volume_fingerprint for scan in loaded.ctmc_scans]
     assert len(scans.listed(loaded)) == 2
+
+
+@pytest.mark.parametrize("removed", [0, 1])
+@pytest.mark.parametrize("with_objects", [False, True])
+def test_another_reading_of_a_file_keeps_its_row_its_box_and_its_rulers(loaded, ball_file, removed, with_objects):
+    first = loaded.ctmc.volume_fingerprint
+    bpy.ops.ctmc.load(filepath=str(ball_file), spacing=(2, 2, 2))
+    readings = [first, loaded.ctmc.volume_fingerprint]
+    ruler = bpy.data.objects.new("Mine", None)
+    ruler[RULER] = {"kind": "distance", "value": 1.0}
+    link_beside_ct(loaded, ruler, loaded.ctmc.volume_fingerprint)
+    bpy.context.view_layer.update()
+    bpy.ops.ctmc.remove_ct(fingerprint=readings[removed], with_objects=with_objects)
+    bpy.context.view_layer.update()
+    kept = readings[1 - removed]
+    assert [ct.volume_fingerprint for ct in scans.listed(loaded)] == [kept]
+    assert fingerprint_of_box(box_of(loaded, kept)) == kept
+    assert "Mine" in loaded.objects
+    bpy.ops.ctmc.remove_ct(with_objects=True)
+    assert len(loaded.objects) == 0
+
+
+@pytest.mark.parametrize("with_objects", [False, True])
+def test_a_ct_that_is_removed_stays_in_a_linked_copy_of_the_scene(two, with_objects):
+    bpy.ops.scene.new(type="LINK_COPY")
+    copy = bpy.context.scene
+    assert copy != two
+    objects, cts = sorted(two.objects.keys()), names(two)
+    bpy.ops.ctmc.remove_ct(with_objects=with_objects)
+    bpy.context.view_layer.update()
+    assert names(copy) == ["ball"]
+    assert (sorted(two.objects.keys()), names(two)) == (objects, cts)
+    assert volumes.current(two).name == "small"
+    bpy.data.scenes.remove(copy)
+
+
+def test_objects_are_looked_through_only_after_their_number_or_the_cts_have_changed(two, monkeypatch):
+    calls = []
+    monkeypatch.setattr(scans, "paths_of_boxes", lambda scene: calls.append(scene) or paths_of_boxes(scene))
+    scans.drop_deleted(two)
+    calls.clear()
+    for _ in range(3):
+        scans.drop_deleted(two)
+    assert calls == []
+    two.collection.objects.link(bpy.data.objects.new("Mine", None))
+    scans.drop_deleted(two)
+    assert calls == [two]
+    scans.remove(two, fingerprint_of(two, "ball"))
+    calls.clear()
+    scans.drop_deleted(two)
+    assert calls == [two]

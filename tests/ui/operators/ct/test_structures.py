@@ -72,6 +72,15 @@ def test_labels_and_a_threshold_are_made_in_one_press_and_each_has_its_volume(sc
         assert 0.75 * 2 * voxels < found[name] < 2 * voxels
 
 
+def test_the_first_labels_show_the_page_that_lists_them(scene, patient):
+    pages = []
+    for name in ("liver", "tumor"):
+        bpy.context.window_manager.ctmc_page = "CT"
+        load_labels(patient / "masks" / f"{name}.nii.gz")
+        pages.append(bpy.context.window_manager.ctmc_page)
+    assert pages == ["SURFACE", "CT"]
+
+
 def test_a_press_again_updates_every_structure_and_adds_none(scene, patient):
     load_labels(patient / "masks")
     scene.ctmc.threshold = 200.0
@@ -180,7 +189,7 @@ def test_all_none_and_invert(scene, patient):
     ticks = lambda: [item.chosen for item in scene.ctmc.labels]  # noqa: E731
     bpy.ops.ctmc.tick_structures(which="none")
     assert ticks() == [False, False]
-    with pytest.raises(RuntimeError, match=r"no structure is ticked"):
+    with pytest.raises(RuntimeError, match=r"No structure is ticked"):
         bpy.ops.ctmc.reconstruct()
     scene.ctmc.labels[0].chosen = True
     bpy.ops.ctmc.tick_structures(which="invert")

@@ -128,3 +128,15 @@ def test_a_new_threshold_while_structures_are_shown_makes_a_surface_at_it(bone):
     histogram.restore_limits(bone, before)
     assert bone.ctmc.use_label
     assert limits() == (200.0, None, None)
+
+
+def test_otsu_after_a_number_and_a_number_above_drop_a_tissues_upper_limit(bone):
+    settings = bone.ctmc
+    settings.threshold_from = "lung"
+    assert settings.use_upper
+    settings.threshold_value = -700.0
+    settings.threshold_from = "otsu"
+    assert not settings.use_upper
+    settings.threshold_from = "lung"
+    settings.threshold_value = settings.upper + 1
+    assert not settings.use_upper

@@ -46,7 +46,7 @@ def test_in_edit_mode_nothing_is_drawn_nor_removed(drawing):
     edits = ("draw_margin", "draw_islands", "draw_holes", "draw_between", "draw_combine", "remove_structure")
     for name in ("draw_stroke", "draw_grow", "draw_cut", "draw_lasso", "draw_add", "draw_tool", *edits):
         assert not getattr(bpy.ops.ctmc, name).poll(), name
-    with pytest.raises(RuntimeError, match="Leave edit mode first"):
+    with pytest.raises(RuntimeError, match="Leave Edit Mode first"):
         bpy.ops.ctmc.draw_margin()
     assert (mask() == before).all()
     bpy.ops.object.mode_set(mode="OBJECT")

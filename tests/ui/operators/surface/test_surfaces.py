@@ -85,9 +85,9 @@ def test_again_on_a_selected_surface_updates_it_and_keeps_what_is_its_own(loaded
 def test_an_update_refuses_what_it_cannot_change(loaded):
     bpy.ops.ctmc.reconstruct()
     bpy.ops.object.mode_set(mode="EDIT")
-    with pytest.raises(RuntimeError, match="edit mode"):
+    with pytest.raises(RuntimeError, match="Edit Mode"):
         bpy.ops.ctmc.reconstruct()
-    with pytest.raises(RuntimeError, match="Leave edit mode first"):
+    with pytest.raises(RuntimeError, match="Leave Edit Mode first"):
         bpy.ops.ctmc.export()
     bpy.ops.object.mode_set(mode="OBJECT")
     assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
