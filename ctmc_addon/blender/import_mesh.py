@@ -81,9 +81,10 @@ def _append_objects(path: str, name: str) -> None:
 
 def _world_mesh(obj: bpy.types.Object, scene: bpy.types.Scene) -> TriangleMesh:
     """Return an object's evaluated triangles in world space."""
-    evaluated, _ = evaluated_object(obj, scene)
-    vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
-    return TriangleMesh(transform_points(matrix_of(evaluated.matrix_world), vertices).astype(np.float32), faces)
+    with evaluated_object(obj, scene) as (evaluated, _):
+        vertices, faces = mesh_data.read_positions(evaluated.data), mesh_data.read_triangles(evaluated.data)
+        matrix = matrix_of(evaluated.matrix_world)
+    return TriangleMesh(transform_points(matrix, vertices).astype(np.float32), faces)
 
 
 @contextmanager

@@ -11,9 +11,10 @@ import numpy as np
 from mathutils import Vector
 
 from ..core import MeshError, length_text
-from ..core.mesh import angle_at, distance_between
+from ..core.mesh import angle_at, distance_between, where_ray_hits
 from .scene.ct_box import link_beside_ct
-from .surface import placement_of, read_provenance
+from .surface import mesh_data as meshes, placement_of, read_provenance, shown_faces
+from .surface.evaluate import evaluated_object
 
 PROPERTY = "ctmc_ruler"
 """The object's custom property: kind and value."""
@@ -163,3 +164,25 @@ def hit(
         if not is_ruler(obj):
             return obj.original, world_point
         origin = world_point + direction * BEHIND
+
+
+def full_hit(
+    scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph, origin: Vector, direction: Vector
+) -> tuple[bpy.types.Object, Vector] | None:
+    """Return what `hit` returns, with the point on the full surface of an object that is shown light."""
+    seen = hit(scene, depsgraph, origin, direction)
+    if seen is None or shown_faces(seen[0]) is None or seen[0].data.is_editmode:
+        return seen
+    obj, world_point = seen
+    # Not Blender's own ray_cast, which takes 12 s for a tree of 4 million triangles.
+    with evaluated_object(obj, scene) as (evaluated, _):
+        to_world = evaluated.matrix_world.copy()
+        vertices, faces = meshes.read_positions(evaluated.data), meshes.read_triangles(evaluated.data)
+    to_local = to_world.inverted()
+    start, along, near = (
+        np.array(vector[:]) for vector in (to_local @ origin, to_local.to_3x3() @ direction, to_local @ world_point)
+    )
+    way = where_ray_hits(vertices, faces, start, along)
+    nearest = vertices[((vertices - near) ** 2).sum(axis=1).argmin()]
+    point = nearest if way is None else start + way * along
+    return obj, to_world @ Vector(point.tolist())

@@ -24,6 +24,7 @@ from ctmc_addon.blender.slices.cut_box import box_nodes
 from ctmc_addon.blender.slices.cut_nodes import cut_nodes
 from ctmc_addon.blender.slices.material import picture_coordinates, slice_material
 from ctmc_addon.blender.sockets import input_of, output_of
+from ctmc_addon.blender.surface.light import light_nodes
 from ctmc_addon.blender.tissue import tissue_material
 from ctmc_addon.blender.volume.appearance import APPEARANCES, volume_material
 
@@ -56,6 +57,24 @@ def box():
     return box_nodes(bpy.data.objects.new("box", bpy.data.meshes.new("box")))
 
 
+LIGHT = """
+    InputNamedAttribute.Attribute > Compare.A
+    AttributeDomainSize.Point Count > Compare.B
+    NodeGroupInput.Geometry > AttributeDomainSize.Geometry
+    NodeGroupInput.Geometry > SeparateGeometry.Geometry
+    Compare.Result > SeparateGeometry.Selection
+    NodeGroupInput.Geometry > SampleIndex.Geometry
+    InputPosition.Position > SampleIndex.Value
+    InputNamedAttribute.Attribute > SampleIndex.Index
+    SeparateGeometry.Selection > SetPosition.Geometry
+    SampleIndex.Value > SetPosition.Position
+    MergeByDistance.Geometry > AttributeDomainSize.Geometry
+    AttributeDomainSize.Face Count > Compare.A
+    Compare.Result > Switch.Switch
+    NodeGroupInput.Geometry > Switch.False
+    MergeByDistance.Geometry > Switch.True
+    Switch.Output > NodeGroupOutput.Geometry
+"""
 BY_CAMERA = """
     LightPath.Is Camera Ray > MixShader.Fac
     Background.Background > MixShader.Shader
@@ -311,6 +330,18 @@ def test_a_tree_has_these_links_and_no_other(name):
 @pytest.mark.usefixtures("scene")
 def test_the_cut_has_its_links():
     assert expected(CUT) - set().union(*links_of(cut())) == set()
+
+
+@pytest.mark.usefixtures("scene")
+def test_the_display_light_has_its_links_and_values():
+    tree = light_nodes()
+    assert expected(LIGHT) - set().union(*links_of(tree)) == set()
+    names = [input_of(node, "Name").default_value for node in nodes_of(tree, "InputNamedAttribute")]
+    assert names == [".ctmc_light_shown", ".ctmc_light_target"]
+    [merge] = nodes_of(tree, "MergeByDistance")
+    assert input_of(merge, "Distance").default_value == pytest.approx(1e-5)
+    [of_position] = [node for node in nodes_of(tree, "Compare") if node.data_type == "FLOAT"]
+    assert input_of(of_position, "B").default_value == 0.5
 
 
 @pytest.mark.usefixtures("scene")

@@ -70,7 +70,8 @@ def written(name: str) -> str:
 
 def _seen_by(axes: Any, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> tuple[Any, Any]:
     """Return an object's vertices along the camera's axes and its triangles, as `depth_maps` takes them."""
-    evaluated, _ = evaluated_object(obj, scene)
-    points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+    with evaluated_object(obj, scene) as (evaluated, _):
+        points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+        faces = meshes.read_triangles(evaluated.data)
     seen = np.stack([(points * axes[:, at]).sum(axis=1) for at in range(3)], axis=1)
-    return seen, meshes.read_triangles(evaluated.data)
+    return seen, faces

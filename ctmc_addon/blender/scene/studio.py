@@ -93,8 +93,8 @@ def prepare_scene(
 
 def corners_of(obj: bpy.types.Object, scene: bpy.types.Scene) -> NDArray[np.float64]:
     """Return all vertices of an object as shown, (n, 3), in the scene."""
-    evaluated, _ = evaluated_object(obj, scene)
-    return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
+    with evaluated_object(obj, scene) as (evaluated, _):
+        return transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
 
 
 def add_light(

@@ -4,6 +4,7 @@
 from .alpha_key import key_state, set_alpha
 from .components import PICKED, component_at, give_triangles, own_surface, separated
 from .decimate import decimated
+from .light import is_large, is_prepared, light_modifier, other_modifiers, prepare, shown_faces
 from .mesh_data import edges_steps
 from .objects import (
     add_reconstruction,

@@ -37,11 +37,13 @@ def decimated(mesh: TriangleMesh, target_faces: int) -> tuple[TriangleMesh, floa
     try:
         obj.location = placement.origin
         scene.collection.objects.link(obj)
-        evaluated_object(obj, scene)  # Blender evaluates all but the modifier before the clock starts.
+        with evaluated_object(obj, scene):
+            pass  # Blender evaluates all but the modifier before the clock starts.
         modifier = obj.modifiers.new("CTMC Decimate", "DECIMATE")
         modifier.ratio = min(1.0, target_faces / len(mesh.faces))
         start = time.perf_counter()
-        evaluated_object(obj, scene)
+        with evaluated_object(obj, scene):
+            pass
         seconds = time.perf_counter() - start
         return evaluated_triangles(obj, scene), seconds
     finally:

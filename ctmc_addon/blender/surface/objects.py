@@ -21,6 +21,7 @@ from ..tissue import tissue_material
 from . import mesh_data as meshes
 from .alpha_key import add_alpha, keep_key, mixed_positions, require_no_other_keys
 from .evaluate import evaluated_copy, evaluated_object, require_object_mode
+from .light import choice_steps, fit_modifier, is_large, light_modifier, other_modifiers, write
 from .placement import SCALE, Placement, placed_at_center
 from .provenance import Provenance, provenance_of_result, require_provenance, write_provenance
 from .readback import evaluated_alpha, keep_positions_mm, placement_of, positions_mm
@@ -79,6 +80,7 @@ def add_reconstruction(
     if result.surface is not None:
         add_alpha(obj, result.surface, result.settings.alpha_number, placement)
     _update_decimate(obj, result)
+    fit_modifier(obj)
     shade(obj, result, placement)
     write_provenance(obj, provenance_of_result(result, placement, fingerprint))
     return obj
@@ -101,7 +103,8 @@ def update_reconstruction(
     """
     require_updatable(obj)
     before, placement = require_provenance(obj), placement_of(obj)
-    mesh = finish(surface_mesh_steps(result, obj)) if mesh is None else mesh
+    if mesh is None:
+        mesh = finish(surface_mesh_steps(result, obj, light=light_modifier(obj) is not None))
     old, old_keys = obj.data, obj.data.shape_keys
     for material in old.materials:
         mesh.materials.append(material)
@@ -111,6 +114,7 @@ def update_reconstruction(
     if old_keys is not None and mesh.shape_keys is not None:
         keep_key(old_keys, mesh.shape_keys, before.settings.alpha_number)
     _update_decimate(obj, result, before)
+    fit_modifier(obj)
     shade(obj, result, placement)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
@@ -129,14 +133,17 @@ def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
     require_editable(obj)
     old = obj.data
     refresh_normals(obj)
-    evaluated, depsgraph = evaluated_object(obj)
-    local, alpha = meshes.read_positions(evaluated.data), evaluated_alpha(obj, depsgraph)
-    vertices, _ = positions_mm(evaluated.data, local, placement_of(obj), alpha)
+    with evaluated_object(obj) as (evaluated, depsgraph):
+        local, alpha = meshes.read_positions(evaluated.data), evaluated_alpha(obj, depsgraph)
+        vertices, _ = positions_mm(evaluated.data, local, placement_of(obj), alpha)
     mesh, _ = evaluated_copy(obj)
     keep_positions_mm(mesh, vertices)
     obj.data = mesh
-    for modifier in [modifier for modifier in obj.modifiers if modifier.show_viewport]:
+    for modifier in [modifier for modifier in other_modifiers(obj) if modifier.show_viewport]:
         obj.modifiers.remove(modifier)
+    if light_modifier(obj) is not None and is_large(len(mesh.polygons)):
+        write(mesh, finish(choice_steps(vertices, meshes.read_triangles(mesh))))
+    fit_modifier(obj)
     discard(old, mesh)
 
 
@@ -203,12 +210,18 @@ def shortened(text: str, size: int) -> str:
 
 
 def surface_mesh_steps(
-    result: Reconstruction, obj: bpy.types.Object | None = None, scale: float = SCALE, edges: meshes.Edges | None = None
+    result: Reconstruction,
+    obj: bpy.types.Object | None = None,
+    scale: float = SCALE,
+    edges: meshes.Edges | None = None,
+    *,
+    light: bool = False,
 ) -> Steps[bpy.types.Mesh]:
     """Return a mesh for `obj` or a new object: the surface at alpha 0 while alpha is open, else as it is.
 
     This takes nearly all of the time to add a surface to Blender, and no scene uses the mesh yet. Its edges may have
-    been computed before, by `mesh_data.edges_steps`.
+    been computed before, by `mesh_data.edges_steps`. With `light` a large surface is prepared for the display Light,
+    unless Decimate is live.
 
     Raises
     ------
@@ -229,6 +242,9 @@ def surface_mesh_steps(
     vertices, faces = (
         (result.mesh.vertices, result.mesh.faces) if surface is None else (surface.midpoints, surface.faces)
     )
+    choice = None  # Before the mesh, which nothing would remove if the steps were closed later.
+    if light and is_large(len(faces)) and not _is_decimated(result.settings):
+        choice = yield from choice_steps(result.mesh.vertices, faces, result.mesh.normals)
     if edges is None:
         edges = yield from meshes.edges_steps(faces, len(vertices))
     local = placement.to_local(vertices)
@@ -237,13 +253,15 @@ def surface_mesh_steps(
     keep_positions_mm(mesh, vertices, surface)
     if result.beyond is not None:
         meshes.add_face_numbers(mesh, NEIGHBOR, result.beyond)
+    if choice is not None:
+        write(mesh, choice)
     return mesh
 
 
 def _update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Provenance | None = None) -> None:
     """Add or remove our own Decimate modifier as the settings ask; other modifiers stay."""
     settings, modifier = result.settings, obj.modifiers.get(DECIMATE)
-    if settings.simplifier != "decimate" or not settings.simplifies:
+    if not _is_decimated(settings):
         if modifier is not None:
             obj.modifiers.remove(modifier)
         return
@@ -253,6 +271,11 @@ def _update_decimate(obj: bpy.types.Object, result: Reconstruction, before: Prov
         modifier.ratio = ratio
     elif before is not None and modifier.ratio == np.float32(_decimate_ratio(before.settings, before.full_faces)):
         modifier.ratio = ratio
+
+
+def _is_decimated(settings: ReconstructionSettings) -> bool:
+    """Return whether a live Decimate simplifies a surface."""
+    return settings.simplifier == "decimate" and settings.simplifies
 
 
 def _decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:

@@ -84,10 +84,11 @@ def evaluated_triangles(
     MeshError
         If Blender does not evaluate the object.
     """
-    evaluated, depsgraph = evaluated_object(obj, scene)
     placement = placement_of(obj)
-    mesh = _triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
-    return moved_mesh(placement.transform_mm(evaluated.matrix_world), mesh).in_space(space)
+    with evaluated_object(obj, scene) as (evaluated, depsgraph):
+        mesh = _triangles_mm(evaluated.data, placement, evaluated_alpha(obj, depsgraph))
+        matrix = placement.transform_mm(evaluated.matrix_world)
+    return moved_mesh(matrix, mesh).in_space(space)
 
 
 def evaluated_alpha(obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> float:
@@ -178,8 +179,8 @@ def as_shown(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> Rec
         If the object was not made here, or Blender does not evaluate it.
     """
     provenance = require_provenance(obj)
-    evaluated, depsgraph = evaluated_object(obj, scene)
-    mesh = _triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
+    with evaluated_object(obj, scene) as (evaluated, depsgraph):
+        mesh = _triangles_mm(evaluated.data, placement_of(obj), evaluated_alpha(obj, depsgraph))
     return reconstruction_of(replace(mesh, normals=None), None, provenance.settings.without(SIMPLIFICATION), provenance)
 
 

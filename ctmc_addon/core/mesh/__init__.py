@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from ..later import lazy_names
 from .angles.triangle_angles import TriangleQuality
-from .coarse import coarse_mesh
+from .coarse import coarse_mesh, light_faces_steps
 from .face_normals import vertex_normals, vertex_normals_steps
 from .measures import Measures, measures_steps
 from .pieces.kept_pieces import bodies_steps, keep_components_steps, with_faces
@@ -26,6 +26,6 @@ if TYPE_CHECKING:
     )
     from .intersections import self_intersections, self_intersections_steps
     from .quality import SAMPLES, SEED, roughness, triangle_shapes
-    from .rulers import angle_at, distance_between
+    from .rulers import angle_at, distance_between, where_ray_hits
 
 __getattr__ = lazy_names(__name__)

@@ -12,11 +12,17 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from ..progress import Step, Steps
+from .face_normals import vertex_normals
 from .triangle_mesh import TriangleMesh
 from .vectors import cross, dot
 
 GROWTH = 1.1  # A cube's side grows at least this many times from one try to the next.
 PIECE = 1 << 16  # triangles
+DIRECTIONS = 6  # To both sides along each axis.
+FACES_PER_CUBE = 2.4  # Two where the surface is smooth, more where it is noisy.
+TRIES = 3  # Sides that are tried until a goal is met.
+CLOSE = 0.1  # A goal is met within this share.
 MOST_SIDE = 1 << 20  # Cubes along an axis: three such numbers fit into 64 bits.
 
 
@@ -46,11 +52,7 @@ def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
     extent = float((columns.max(axis=1) - start).max())
     side = max(math.sqrt(2.0 * _area(columns, mesh.faces) / most_faces), extent / MOST_SIDE)
     while extent > 0 and side <= extent:
-        key = np.zeros(columns.shape[1], np.int64)
-        for column, first in zip(columns, start, strict=True):
-            key *= MOST_SIDE
-            key += np.floor((column - first) / side).astype(np.int64)
-        number, count = _numbered(key)
+        number, count = _numbered(_cubes(columns, start, side))
         faces = np.concatenate([_moved(number, mesh.faces[at]) for at in _pieces(len(mesh.faces))])
         if len(faces) <= most_faces:
             break
@@ -63,6 +65,81 @@ def coarse_mesh(mesh: TriangleMesh, most_faces: int) -> TriangleMesh:
     vertices = np.stack([np.bincount(number, row, count) / weight for row in columns], axis=1)
     normals = None if mesh.normals is None else _mean_normals(mesh.normals, number, count)
     return TriangleMesh(vertices.astype(np.float32), faces, normals)
+
+
+def light_faces_steps(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], goal: int, normals: NDArray[np.float32] | None = None
+) -> Steps[tuple[NDArray[np.int64], NDArray[np.int32]]]:
+    """Choose about `goal` of a surface's triangles that look like all of them once their corners are moved.
+
+    As `coarse_mesh`, but the vertices of a cube move to the one nearest to their mean, so that the result follows the
+    surface wherever its vertices go; and those whose normals have different main directions stay apart, so that the
+    two sides of a thin plate do.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32
+    faces : (F, 3) int32
+    goal : int
+    normals : (V, 3) float32, optional
+        By default those of the faces.
+
+    Returns
+    -------
+    kept : (n,) int64
+        Numbers of triangles, in order.
+    target : (V,) int32
+        The vertex that each vertex moves to.
+    """
+    if normals is None:
+        normals = vertex_normals(vertices, faces)
+    axis, most = np.zeros(len(vertices), np.int8), normals[:, 0]
+    for other in (1, 2):
+        is_more = np.abs(normals[:, other]) > np.abs(most)
+        axis[is_more], most = other, np.where(is_more, normals[:, other], most)
+    direction = 2 * axis + (most < 0)
+    columns = np.ascontiguousarray(vertices.T, np.float64)  # (3, V)
+    start = columns.min(axis=1)
+    extent = float((columns.max(axis=1) - start).max())
+    goal_count = goal / FACES_PER_CUBE
+    least = max(extent / MOST_SIDE, float(np.finfo(np.float32).tiny))
+    side, number, count = math.sqrt(_area(columns, faces) / goal_count), np.zeros(0, np.int64), 0
+    for attempt in range(TRIES):
+        yield Step(0.1 + 0.3 * attempt, "Making the light display")
+        side = max(side, least)
+        number, count = _numbered(DIRECTIONS * _cubes(columns, start, side) + direction)
+        if abs(count - goal_count) < CLOSE * goal_count:
+            break
+        side *= math.sqrt(count / goal_count)
+    yield Step(0.7, "Making the light display")
+    weight = np.bincount(number, minlength=count)
+    away = np.zeros(len(vertices))
+    for column in columns:
+        away += (column - (np.bincount(number, column, count) / weight)[number]) ** 2
+    order = np.argsort(number, kind="stable")
+    first = np.concatenate([[0], np.cumsum(weight)[:-1]])
+    closest = np.minimum.reduceat(away[order], first)
+    nearest = order[away[order] == closest[number[order]]][::-1]
+    middle = np.empty(count, np.int32)
+    middle[number[nearest]] = nearest  # The last to be written is the first vertex.
+    yield Step(0.9, "Making the light display")
+    corners = number.astype(np.int32)[faces]  # (F, 3)
+    a, b, c = corners.T
+    whole = np.flatnonzero((a != b) & (b != c) & (c != a))
+    a, b, c = np.sort(corners[whole], axis=1).T
+    order = np.lexsort((c, b, a))
+    is_first = np.ones(len(order), bool)
+    is_first[1:] = np.any([row[order][1:] != row[order][:-1] for row in (a, b, c)], axis=0)
+    return np.sort(whole[order[is_first]]), middle[number]
+
+
+def _cubes(columns: NDArray[np.float64], start: NDArray[np.float64], side: float) -> NDArray[np.int64]:
+    """Return the number of the cube in which each vertex lies, (V,)."""
+    key = np.zeros(columns.shape[1], np.int64)
+    for column, first in zip(columns, start, strict=True):
+        key *= MOST_SIDE
+        key += np.floor((column - first) / side).astype(np.int64)
+    return key
 
 
 def _pieces(count: int) -> list[slice]:

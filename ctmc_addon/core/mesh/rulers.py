@@ -8,6 +8,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from .vectors import cross
+
 
 def distance_between(start: ArrayLike, end: ArrayLike) -> float:
     """Return the distance of two points, in their unit.
@@ -40,3 +42,45 @@ def angle_at(first: ArrayLike, corner: ArrayLike, last: ArrayLike) -> float:
 
 def _length(vector: NDArray[np.float64]) -> float:
     return math.sqrt(float((vector * vector).sum()))
+
+
+def where_ray_hits(
+    vertices: NDArray[np.float32], faces: NDArray[np.int32], start: NDArray[np.float64], along: NDArray[np.float64]
+) -> float | None:
+    """Return how many times `along` lies between the start of a ray and the first triangle that it meets, or None.
+
+    Parameters
+    ----------
+    vertices : (V, 3) float32
+    faces : (F, 3) int32
+    start, along : (3,) float64
+
+    Examples
+    --------
+    >>> corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)
+    >>> where_ray_hits(corners, np.array([[0, 1, 2]], np.int32), np.array([0.25, 0.25, 3.0]), np.array([0, 0, -2.0]))
+    1.5
+    """
+    # Seen along the ray, which is the point 0, only triangles whose box holds it can be met.
+    side = np.zeros(3)
+    side[np.abs(along).argmin()] = 1.0
+    across = cross(along, side)
+    axes = (across, cross(along, across))
+    seen = [((vertices - start) * axis).sum(axis=1) for axis in axes]
+    held = np.arange(len(faces))
+    for heights in seen:
+        for sign in (1, -1):
+            a, b, c = (sign * heights[faces[held, corner]] for corner in range(3))
+            held = held[(a <= 0) | (b <= 0) | (c <= 0)]
+    ways = []
+    for a, b, c in vertices[faces[held]].astype(np.float64):
+        normal = cross(b - a, c - a)
+        steepness = float((normal * along).sum())
+        if steepness == 0.0:
+            continue
+        way = float((normal * (a - start)).sum()) / steepness
+        point = start + way * along
+        inside = [float((normal * cross(end - begin, point - begin)).sum()) for begin, end in ((a, b), (b, c), (c, a))]
+        if way >= 0 and min(inside) >= 0:
+            ways.append(way)
+    return min(ways, default=None)

@@ -10,7 +10,7 @@ from typing import Any
 
 import bpy
 
-from ...blender.surface import Provenance, read_provenance
+from ...blender.surface import Provenance, read_provenance, shown_faces
 from ...blender.units import shows_mm
 from ...core import UNKNOWN, FinishedSurface, Place, measures_in, volume_text
 from ...core.mesh import Measures
@@ -64,6 +64,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     opacity = layout.row()
     opacity.enabled = is_active
     opacity.prop(context.scene.ctmc, "opacity", slider=True)
+    _draw_display(layout, context, obj, is_active)
     measurement = None if provenance is None else measurements.of(obj)
     unit = surfaces.unit_of(obj, context.scene)
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
@@ -87,6 +88,19 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
         draw_shape_change(layout, context, obj)
     for note in () if provenance is None else measurements.other_notes(provenance.notes, measurement):
         draw_text(layout, context, translate_sentence(note), "INFO")
+
+
+def _draw_display(layout: Any, context: bpy.types.Context, obj: bpy.types.Object, is_active: bool) -> None:
+    """Draw the choice of what the viewport shows of a large surface, and how much that is."""
+    if not surfaces.can_be_light(obj):
+        return
+    row = layout.row()
+    row.enabled = is_active and not obj.data.is_editmode
+    row.prop(context.scene.ctmc, "display", expand=True)
+    shown = shown_faces(obj)
+    if shown is not None:
+        text = translate("Shown with {shown} of {faces} triangles; renders and exports are full")
+        draw_text(layout, context, text.format(shown=count(shown), faces=count(len(obj.data.polygons))), "INFO")
 
 
 def _draw_mending(layout: Any, context: bpy.types.Context, measurement: Measurement | None) -> None:

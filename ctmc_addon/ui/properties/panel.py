@@ -125,6 +125,22 @@ def set_opacity(properties: Any, opacity: float) -> None:
     surfaces.fade_active(properties.id_data, opacity)
 
 
+DISPLAYS = ("FULL", "LIGHT")
+
+
+def _get_display(properties: Any) -> int:
+    """Return the number of the display of the active surface."""
+    from ..state import surfaces
+
+    return DISPLAYS.index("LIGHT" if surfaces.is_active_light(properties.id_data) else "FULL")
+
+
+def _set_display(properties: Any, number: int) -> None:
+    from ..state import surfaces
+
+    surfaces.show_active(properties.id_data, light=DISPLAYS[number] == "LIGHT")
+
+
 def _get_surface_from(properties: Any) -> int:
     """Return 0 for a surface by threshold, 1 for one by label."""
     return int(properties.use_label)
@@ -210,6 +226,21 @@ def panel_properties() -> dict[str, Any]:
             precision=2,
             get=_get_opacity,
             set=set_opacity,
+        ),
+        "display": choice(
+            "Display",
+            "Triangles of the active surface in the viewport. Renders, measures and exports of CTMC are full; "
+            "Blender's own exporters and Convert take what the viewport shows",
+            items=[
+                ("FULL", "Full", "Show every triangle"),
+                (
+                    "LIGHT",
+                    "Light",
+                    "Show some 300,000 triangles that follow the surface, so that the viewport is faster",
+                ),
+            ],
+            get=_get_display,
+            set=_set_display,
         ),
         "preview": boolean(
             "Live Preview",

@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 
 from ...blender.stored_values import from_stored, parsed_json
-from ...blender.surface import key_state
+from ...blender.surface import key_state, other_modifiers
 from ...core import FinishedSurface, Stages, Steps, TriangleMesh, is_specks_text
 from ...core.mesh import (
     Measures,
@@ -100,8 +100,8 @@ def plain_state(obj: bpy.types.Object, alpha: float | None) -> State:
 
 
 def _modifiers_text(obj: bpy.types.Object) -> str:
-    """Return the settings of all modifiers that show in the viewport, in their order."""
-    return json.dumps([settings_text(modifier) for modifier in obj.modifiers if modifier.show_viewport])[1:-1]
+    """Return the settings of all modifiers that change the surface in the viewport, in their order."""
+    return json.dumps([settings_text(modifier) for modifier in other_modifiers(obj) if modifier.show_viewport])[1:-1]
 
 
 def settings_text(modifier: bpy.types.Modifier) -> str:

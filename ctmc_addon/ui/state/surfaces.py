@@ -13,12 +13,18 @@ from ...blender.materials import material_color, material_opacity, recolor
 from ...blender.shape_change import ShapeChange
 from ...blender.surface import (
     PICKED,
+    is_large,
+    is_prepared,
+    light_modifier,
+    own_mesh,
+    prepare,
     read_back,
     read_provenance,
     require_editable,
     require_provenance,
     require_updatable,
     settings_of,
+    shown_faces,
 )
 from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
@@ -106,6 +112,30 @@ def fade_active(scene: bpy.types.Scene, opacity: float) -> None:
     obj = _of_scene(scene)
     if obj is not None:
         set_opacity(obj, round(opacity, 3))
+
+
+def can_be_light(obj: bpy.types.Object) -> bool:
+    """Return whether a surface is shown with a share of its triangles, or could be."""
+    return light_modifier(obj) is not None or is_large(len(obj.data.polygons))
+
+
+def is_active_light(scene: bpy.types.Scene) -> bool:
+    """Return whether the surface that Results shows has a share of its triangles in the viewport."""
+    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    return obj is not None and shown_faces(obj) is not None
+
+
+def show_active(scene: bpy.types.Scene, *, light: bool) -> None:
+    """Show the scene's active surface with a share of its triangles, or in full."""
+    obj = _of_scene(scene)
+    if obj is None or obj.override_library is not None or obj.data.library is not None or obj.data.is_editmode:
+        return
+    if light and can_be_light(obj) and (light_modifier(obj) is None or not is_prepared(obj)):
+        mesh = own_mesh(obj)
+        prepare(obj, mesh.vertices, mesh.faces)
+    modifier = light_modifier(obj)
+    if modifier is not None:
+        modifier.show_viewport = light
 
 
 def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:

@@ -20,8 +20,8 @@ from ctmc_addon.core import MeshError, finish
 
 def evaluated(thing):
     """Corner normals of the evaluated mesh, (corners, 3), and the vertex of each corner."""
-    mesh = evaluated_object(thing)[0].data
-    return meshes.corner_normals(mesh), meshes.read_triangles(mesh).ravel()
+    with evaluated_object(thing) as (seen, _):
+        return meshes.corner_normals(seen.data), meshes.read_triangles(seen.data).ravel()
 
 
 def degrees(one, two):
@@ -39,7 +39,8 @@ def off_gradient(thing, result):
 def off_radius(thing):
     """Degrees between every corner's normal and the ball's radius there."""
     seen, vertex = evaluated(thing)
-    corners = meshes.read_positions(evaluated_object(thing)[0].data)[vertex] + np.array(thing.location)
+    with evaluated_object(thing) as (shown, _):
+        corners = meshes.read_positions(shown.data)[vertex] + np.array(thing.location)
     return degrees(seen, corners / np.sqrt((corners**2).sum(axis=1))[:, None])
 
 

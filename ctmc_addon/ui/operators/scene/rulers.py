@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import FloatVectorProperty
 
-from ....blender.rulers import KINDS, add_ruler, hit, patient_mm
+from ....blender.rulers import KINDS, add_ruler, full_hit, hit, patient_mm
 from ....core import MeshError
 from ... import jobs
 from ...properties.preferences import machine
@@ -61,7 +61,7 @@ class _RulerClicks(Clicks):
             rulers.pending.next_point = None if surface_hit is None else surface_hit[1]
             area.tag_redraw()
         elif event.type == "LEFTMOUSE" and event.value == "PRESS" and window_under(area, event):
-            surface_hit = self.under(context, area, event)
+            surface_hit = self.under(context, area, event, full_hit)
             if surface_hit is None:
                 self.report({"WARNING"}, translate("There is no surface under the mouse"))
                 return {"RUNNING_MODAL"}
@@ -75,10 +75,12 @@ class _RulerClicks(Clicks):
             return self.add(context, world_points, self.points)
         return {"PASS_THROUGH"}
 
-    def under(self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event) -> Any:
+    def under(
+        self: Any, context: bpy.types.Context, area: bpy.types.Area, event: bpy.types.Event, find: Any = hit
+    ) -> Any:
         """Return the object under the mouse and the point hit, or None."""
         ray = ray_under(area, event)
-        return None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+        return None if ray is None else find(context.scene, context.evaluated_depsgraph_get(), *ray)
 
     def cancel(self: Any, context: bpy.types.Context) -> None:
         """Stop drawing the wire, and restore pointer and status bar."""

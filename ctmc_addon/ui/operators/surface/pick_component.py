@@ -10,8 +10,8 @@ import bpy
 import numpy as np
 from bpy.props import EnumProperty, FloatVectorProperty
 
-from ....blender.rulers import hit, patient_mm
-from ....blender.surface import component_at, give_triangles, own_surface, require_updatable, separated
+from ....blender.rulers import full_hit, patient_mm
+from ....blender.surface import component_at, give_triangles, other_modifiers, own_surface, require_updatable, separated
 from ....core import CtmcError, finish
 from ....core.mesh import measures_steps
 from ....reporting.formatting import count
@@ -72,7 +72,7 @@ class CTMC_OT_pick_component(Clicks, Needs, bpy.types.Operator):
         if event.type != "LEFTMOUSE" or event.value not in ("PRESS", "DOUBLE_CLICK"):
             return {"PASS_THROUGH"}
         ray = ray_under(area, event)
-        surface_hit = None if ray is None else hit(context.scene, context.evaluated_depsgraph_get(), *ray)
+        surface_hit = None if ray is None else full_hit(context.scene, context.evaluated_depsgraph_get(), *ray)
         if surface_hit is None or not surfaces.is_surface(surface_hit[0]):
             return {"PASS_THROUGH"}
         try:
@@ -98,7 +98,7 @@ def picked(context: bpy.types.Context, obj: bpy.types.Object, point_mm: Sequence
     for surface in changed:
         mesh = own_surface(surface).mesh
         measures = finish(measures_steps(mesh.vertices, mesh.faces))
-        if not surface.modifiers:
+        if not other_modifiers(surface):
             # Of triangles that do not cross each other, some do not either.
             crossings = 0 if before is not None and before.self_intersections == 0 else None
             measurement = measurements.Measurement(measures, None, crossings)

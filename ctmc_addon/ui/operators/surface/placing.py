@@ -106,7 +106,7 @@ def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
-            making = surface_mesh_steps(surface.result, obj, machine().scale, topology.edges)
+            making = surface_mesh_steps(surface.result, obj, machine().scale, topology.edges, light=True)
             block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))

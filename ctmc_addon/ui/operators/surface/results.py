@@ -10,7 +10,7 @@ from typing import Any
 import bpy
 
 from ....blender.figure.distance_map import paint_distances, painted_mm
-from ....blender.surface import as_shown, own_mesh, require_editable, settings_of
+from ....blender.surface import as_shown, other_modifiers, own_mesh, require_editable, settings_of
 from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Stages, Steps, TriangleMesh, distance_phrases
 from ....core.files.file_names import file_name
 from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps, vertex_distances_steps
@@ -92,7 +92,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
         require_editable(obj)
         full = surfaces.full_of_last_run(obj, scene)
         assert full is not None, "has_full asks for it"
-        measurement = None if any(modifier.show_viewport for modifier in obj.modifiers) else measurements.of(obj)
+        measurement = None if any(modifier.show_viewport for modifier in other_modifiers(obj)) else measurements.of(obj)
         distance = None if measurement is None else measurement.distance
         return deviation_steps(own_mesh(obj), full, obj.session_uid, distance)
 
