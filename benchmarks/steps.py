@@ -191,8 +191,8 @@ class Panel:
 
 def clear(panel: Panel) -> None:
     """Take the surfaces of earlier runs away, but the last."""
-    for thing in [thing for thing in panel.scene.objects if thing != panel.surface]:
-        bpy.data.meshes.remove(thing.data)
+    for obj in [obj for obj in panel.scene.objects if obj.type == "MESH" and obj != panel.surface]:
+        bpy.data.meshes.remove(obj.data)
 
 
 def main() -> int:

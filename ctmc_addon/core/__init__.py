@@ -130,7 +130,6 @@ from .surfaces.make import make_surfaces_steps as make_surfaces_steps
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .units import (
     Unit as Unit,
-    is_specks_text as is_specks_text,
     length_text as length_text,
     specks_text as specks_text,
     unit_of as unit_of,

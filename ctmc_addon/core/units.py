@@ -3,7 +3,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -98,14 +97,3 @@ def specks_text(count: int, volume_mm3: float) -> str:
     """
     volume = volume_text(float(f"{volume_mm3:.3g}"))
     return f"1 speck removed ({volume})" if count == 1 else f"{count:,} specks removed ({volume} in total)"
-
-
-def is_specks_text(text: str) -> bool:
-    """Return whether a note is one of `specks_text`.
-
-    Examples
-    --------
-    >>> is_specks_text(specks_text(9204, 811.73)), is_specks_text("897 small handles removed")
-    (True, False)
-    """
-    return re.fullmatch(r"[\d,]+ specks? removed \(.*\)", text) is not None

@@ -158,10 +158,18 @@ class Desk:
         """Go back to Blender's first scene and preferences, whatever has been done."""
         for _ in range(3):  # menus, file browsers, modal operators
             self.key("Escape")
-        self.ask("reset()")
+        self.first_scene()
         self.places.clear()
         self.row, self.turned = None, 0
         self.log_start = self.log.stat().st_size
+
+    def first_scene(self) -> None:
+        """Load Blender's first scene.
+
+        A material that goes while its shader is compiled or its preview drawn takes Blender with it.
+        """
+        self.wait("not any(map(bpy.app.is_job_running, ('RENDER_PREVIEW', 'SHADER_COMPILATION')))")
+        self.ask("reset()")
 
     def close(self) -> int | None:
         """Quit Blender and clean up; Blender's exit status, None where it never started."""
@@ -223,8 +231,9 @@ class Desk:
         return self.log.read_bytes()[self.log_start :].decode("utf-8", "replace")
 
     def last_words(self) -> str:
-        """The end of what Blender printed."""
-        return self.printed()[-3000:]
+        """The end of what Blender printed, and where it crashed."""
+        crash = self.folder / "blender.crash.txt"
+        return self.printed()[-3000:] + (crash.read_text(errors="replace")[-6000:] if crash.exists() else "")
 
     # Eye --------------------------------------------------------------------------------------------------------
 

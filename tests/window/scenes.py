@@ -24,10 +24,9 @@ answer = [min(xs), max(xs), min(ys), max(ys), left, right, top, top + view.regio
 
 def begin(desk: Desk, *folds: str, empty: bool = True) -> None:
     """Open the tab with these folds open, on an empty scene unless told, whatever tests have left."""
-    desk.ask("reset()")
+    desk.first_scene()
     desk.ask(f"open_fold(*{folds!r})")
     if empty:
-        # A material that goes while its shader is compiled or its preview drawn takes Blender with it.
         desk.wait("not any(map(bpy.app.is_job_running, ('RENDER_PREVIEW', 'SHADER_COMPILATION')))")
         for blocks in ("objects", "meshes", "materials"):
             desk.ask(f"bpy.data.batch_remove(list(bpy.data.{blocks}))")

@@ -110,7 +110,7 @@ def test_a_saved_file_says_the_same_when_it_is_opened_and_the_estimate_when_its_
     choose_file(desk, f"{desk.inside}/")
     desk.wait("bpy.data.filepath and browser() is None")
     saved = desk.ask("answer = bpy.data.filepath")
-    desk.ask("reset()")  # the CT leaves the memory
+    desk.first_scene()  # the CT leaves the memory
     desk.ask(f"bpy.ops.wm.open_mainfile(filepath={saved!r})")
     desk.wait("bring_tab('CTMC')")
     desk.look("results-03-opened")

@@ -50,7 +50,7 @@ def box_of(scene: bpy.types.Scene, fingerprint: str, path: str = "") -> bpy.type
 
 def paths_of_boxes(scene: bpy.types.Scene) -> dict[str, str]:
     """Return the path of each CT that has a box in a scene, by fingerprint."""
-    boxes = [obj[PROPERTY] for obj in scene.objects if _is_box(obj)]
+    boxes = [obj[PROPERTY] for obj in boxes_of_scene(scene)]
     return {str(box.get("fingerprint", "")): str(box.get("path", "")) for box in boxes}
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import argparse
 import math
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -86,10 +87,9 @@ def facts_of(
 
 
 def _labels_found(source: readers.VolumeSource) -> list[str]:
-    """Return the files and folders of labels near a CT, as paths from the opened folder where they lie in it."""
+    """Return the files and folders of labels near a CT, as paths from its own."""
     place = readers.volume_place(source.path).absolute()
-    found = readers.labels_beside(place)
-    return [(path.relative_to(place) if path.is_relative_to(place) else path).as_posix() for path in found]
+    return [Path(os.path.relpath(path, place)).as_posix() for path in readers.labels_beside(place)]
 
 
 def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:

@@ -64,9 +64,9 @@ def _labels_of(slices: Iterable[Path], labels: list[Path]) -> list[Path]:
     if not names:
         return []
     named = re.compile(rb"(?<![0-9.])(?:%s)(?![0-9.])" % b"|".join(re.escape(name.encode()) for name in names))
-    found = []
+    of_ct = []
     for label in labels:
         with label.open("rb") as file:
             if named.search(file.read(HEAD)):
-                found.append(label)
-    return found
+                of_ct.append(label)
+    return of_ct

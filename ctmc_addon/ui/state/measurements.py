@@ -18,7 +18,7 @@ import numpy as np
 
 from ...blender.stored_values import from_stored, parsed_json
 from ...blender.surface import key_state, other_modifiers
-from ...core import FinishedSurface, Stages, Steps, TriangleMesh, is_specks_text
+from ...core import FinishedSurface, Stages, Steps, TriangleMesh, specks_text
 from ...core.mesh import (
     Measures,
     ReferenceSurface,
@@ -167,6 +167,8 @@ def of(obj: bpy.types.Object) -> Measurement | None:
 
 
 def other_notes(notes: Sequence[str], measurement: Measurement | None) -> list[str]:
-    """Return the notes on a surface without that on collapsed components, if its measures have these."""
-    known = measurement is not None and measurement.distance is not None
-    return [note for note in notes if not (known and is_specks_text(note))]
+    """Return the notes on a surface without that on removed specks, if its measures say the same."""
+    if measurement is None or measurement.distance is None:
+        return list(notes)
+    lost = measurement.distance.lost
+    return [note for note in notes if note != specks_text(lost.count, lost.volume)]

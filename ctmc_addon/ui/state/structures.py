@@ -10,7 +10,7 @@ structure are its mask.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -196,16 +196,21 @@ def follow(properties: Any, name: str) -> None:
     """Release the labels on CTs that are no longer in memory."""
     if name != change_events.RELEASED:
         return
-    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
-    used = {source.key for ct in cts if volumes.ct_of(ct.volume_fingerprint) for source in ct.label_sources}
-    for key in set(_sources) - used:
-        del _sources[key]
-    _combined.clear()
+    _keep_labels_of(ct for ct in _cts_of_file() if volumes.ct_of(ct.volume_fingerprint))
 
 
 def discard_unused(*_: Any) -> None:
     """Release the labels that no scene of a newly opened file uses."""
-    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
+    _keep_labels_of(_cts_of_file())
+
+
+def _cts_of_file() -> Iterator[Any]:
+    """Yield the panel's state of every CT of the file."""
+    return (ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans))
+
+
+def _keep_labels_of(cts: Iterable[Any]) -> None:
+    """Release all labels but those of these CTs."""
     used = {source.key for ct in cts for source in ct.label_sources}
     for key in set(_sources) - used:
         del _sources[key]

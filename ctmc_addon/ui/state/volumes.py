@@ -230,14 +230,6 @@ def called_as(stored: Any, ct: Loaded) -> str:
     return str(stored.volume_name).strip() or ct.volume.name
 
 
-def last_name(scene: bpy.types.Scene) -> str:
-    """Return the name of the scene's CT, in memory or not; that of the scene without one."""
-    if loaded(scene) is not None:
-        return called(scene)
-    stored = scene.ctmc
-    return stored.volume_name.strip() or Path(bpy.path.abspath(stored.volume_path)).stem or str(scene.name)
-
-
 def missing(scene: bpy.types.Scene) -> bool:
     """Return whether the file has a CT that is not in memory."""
     return bool(scene.ctmc.volume_path) and loaded(scene) is None

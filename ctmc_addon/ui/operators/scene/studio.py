@@ -20,7 +20,7 @@ from ...translations import translate
 from ..paths import RELATIVE
 
 
-def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
+def rendered_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the surfaces of the scene that a render shows."""
     return [
         obj
@@ -31,7 +31,7 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 def render_text(context: bpy.types.Context) -> str:
     """Return what F12 renders with: 'Cycles, 24 samples, 1920 x 1080, about 40 s'."""
-    plan = render_plan(context.scene, sum(len(obj.data.polygons) for obj in shown_surfaces(context)))
+    plan = render_plan(context.scene, sum(len(obj.data.polygons) for obj in rendered_surfaces(context)))
     label = ENGINES[plan.engine].label if plan.engine else context.scene.render.engine
     parts = [label]
     if plan.samples:
@@ -56,7 +56,7 @@ def _set_engine(context: bpy.types.Context) -> str:
 
 def _has_surface(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Return whether there is a surface to render, with the reason if not."""
-    if not shown_surfaces(context):
+    if not rendered_surfaces(context):
         operator.poll_message_set("Show or reconstruct a surface first")
         return False
     return True
@@ -84,7 +84,7 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
         panel, background = scene.ctmc_figure, scene.ctmc_studio.background
         try:
             note = "" if self.keeps_engine else _set_engine(context)
-            set_up_studio(scene, shown_surfaces(context), panel.azimuth, panel.elevation, background)
+            set_up_studio(scene, rendered_surfaces(context), panel.azimuth, panel.elevation, background)
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
         self.report({"INFO"}, f"F12: {render_text(context)}{note}")

@@ -17,7 +17,7 @@ from ....core import OutputError
 from ....core.files.file_names import file_name
 from ....core.files.mesh_files import SCENE_SUFFIXES, SPACES, SURFACE_SUFFIXES
 from ....reporting.formatting import count, file_size
-from ...state import volumes
+from ...state import scans
 from ...state.surfaces import label_and_name, mirrored_text, scaled_text, selected_surfaces, shown_in
 from ...translations import translate
 from ..paths import SaveDialog
@@ -127,7 +127,9 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     def suggestion(self, context: bpy.types.Context) -> str:
         """Suggest the name of the surface; for several that of their CT."""
         objects = self.surfaces(context)
-        name = objects[0].name if len(objects) == 1 else volumes.last_name(context.scene)
+        scene = context.scene
+        name = scans.name_of(scene, scene.ctmc) if scene.ctmc.volume_path else scene.name
+        name = objects[0].name if len(objects) == 1 else name
         return f"{file_name(name)}{self.ending()}"
 
     def write(self, context: bpy.types.Context, path: Path) -> None:

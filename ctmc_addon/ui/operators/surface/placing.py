@@ -20,7 +20,7 @@ from ....blender.surface import (
     update_reconstruction,
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
-from ....core.mesh import Topology, topology_steps
+from ....core.mesh import Topology
 from ....core.volume import surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
@@ -75,7 +75,7 @@ class MeasuredSurface:
     full: Reconstruction | None
     result: Reconstruction
     measurement: Measurement
-    topology: Topology | None = None
+    topology: Topology
 
 
 @dataclass(frozen=True)
@@ -98,16 +98,11 @@ def mesh_steps(surfaces: Sequence[MeasuredSurface]) -> Steps[list[NewMesh]]:
     complete = False
     try:
         for number, surface in enumerate(surfaces):
-            mesh = surface.result.mesh
-            topology = surface.topology
-            if topology is None:
-                finding = topology_steps(mesh.faces, len(mesh.vertices))
-                topology = yield from equal_part(finding, 2 * number, 2 * len(surfaces))
             obj = session.object_of(surface.request.target)
             if obj is not None:
                 require_updatable(obj)
-            making = surface_mesh_steps(surface.result, obj, machine().scale, topology.edges, light=True)
-            block = yield from equal_part(making, 2 * number + 1, 2 * len(surfaces))
+            making = surface_mesh_steps(surface.result, obj, machine().scale, surface.topology.edges, light=True)
+            block = yield from equal_part(making, number, len(surfaces))
             obj = session.object_of(surface.request.target)
             meshes.append(NewMesh(block.session_uid, None if obj is None else surface.request.target))
         yield Step(1.0, "Adding the surface")  # Esc that was pressed while Blender was busy is handled here.
