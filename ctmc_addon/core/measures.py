@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import KW_ONLY, asdict, dataclass, field, is_dataclass
 from enum import Flag, auto
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -123,6 +123,8 @@ class Measure:
             value = None if value is None else getattr(value, step)
         if isinstance(value, float) and not math.isfinite(value):
             return None
+        if is_dataclass(value) and not isinstance(value, type):
+            return asdict(value)
         return list(value) if isinstance(value, tuple) else value
 
     def cells(self, value: Any) -> dict[str, Any]:
@@ -203,6 +205,12 @@ def one_way_text(way: OneWayDistance) -> str:
     return f"{most} {unit.name} (95 %: {within})"
 
 
+def _way_text(way: Mapping[str, float]) -> str:
+    from .mesh.distance.surface_distance import OneWayDistance
+
+    return one_way_text(OneWayDistance(**way))
+
+
 def distance_phrases(distance: SurfaceDistance) -> list[str]:
     """Return both ways of a distance in words, and the components that are not among them.
 
@@ -235,8 +243,22 @@ MEASURES = (
     Measure("vertices", "Vertices", of="measures.vertices", where=Place.REPORT, summed="sum"),
     Measure("full_faces", "Triangles Before Simplification", of="full_faces", where=Place.REPORT, summed="sum"),
     Measure("mean_distance_mm", "Mean Distance", "mm", of="distance.mean", where=Place.PANEL, shown=_DISTANCE_TEXT),
-    Measure("to_full_mm", "To Full Surface", of="distance.to_full", where=Place.PANEL, shown=one_way_text),
-    Measure("from_full_mm", "From Full Surface", of="distance.from_full", where=Place.PANEL, shown=one_way_text),
+    Measure(
+        "to_full_mm",
+        "To Full Surface",
+        of="distance.to_full",
+        where=Place.PANEL,
+        shown=_way_text,
+        columns={"to_full_largest_mm": "largest", "to_full_95_mm": "percentile_95"},
+    ),
+    Measure(
+        "from_full_mm",
+        "From Full Surface",
+        of="distance.from_full",
+        where=Place.PANEL,
+        shown=_way_text,
+        columns={"from_full_largest_mm": "largest", "from_full_95_mm": "percentile_95"},
+    ),
     Measure(
         "volume_mm3",
         "Volume",
