@@ -1,0 +1,183 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A map: values on the vertices of a surface, with a unit, a range and a color ramp."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from ..arrays import Bytes, Doubles, Floats
+from ..mesh.triangle_mesh import TriangleMesh
+from ..mesh.vectors import cross
+from .ramps import DIVERGING, colors_of
+
+Point = tuple[float, float, float]
+INNER = (1.0, 99.0)  # Percentiles of the values between which the colors run.
+
+
+class Limits(NamedTuple):
+    """Limits of a map: what lies below `low` or above `high` is counted; an infinite one is none."""
+
+    low: float = -math.inf
+    high: float = math.inf
+
+
+NO_LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class MapStatistics:
+    """Numbers of a map; percentiles over the vertices, means and shares by area.
+
+    Parameters
+    ----------
+    minimum, percentile_5, median, mean, percentile_95, maximum : float or None
+        In the map's unit; None without any value.
+    share_without : float
+        Share of the area that has no value, 0 to 1.
+    share_below, share_above : float or None
+        Share of the area beyond the map's limits, of what has a value; None without that limit.
+    """
+
+    minimum: float | None
+    percentile_5: float | None
+    median: float | None
+    mean: float | None
+    percentile_95: float | None
+    maximum: float | None
+    share_without: float
+    share_below: float | None = None
+    share_above: float | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SurfaceMap:
+    """Values on the vertices of a surface.
+
+    Parameters
+    ----------
+    name : str
+        Such as thickness_mm: the attribute, the column and the property of files.
+    unit : str
+    values : (V,) float32
+        NaN where there is no value.
+    range : (low, high) float
+        Values of the first and the last color.
+    ramp : str
+        Of `RAMPS`.
+    statistics : MapStatistics
+    limits : Limits
+    nearest : (point, point), optional
+        The nearest two points of the surface and of another, RAS+ mm.
+    notes : tuple of str
+    """
+
+    name: str
+    unit: str
+    values: Floats
+    range: tuple[float, float]
+    ramp: str
+    statistics: MapStatistics
+    limits: Limits = NO_LIMITS
+    nearest: tuple[Point, Point] | None = None
+    notes: tuple[str, ...] = ()
+
+    @cached_property
+    def colors(self) -> Bytes:
+        """Color of every vertex, (V, 3) uint8 sRGB."""
+        return colors_of(self.values, self.range, self.ramp)
+
+    def about(self) -> dict[str, Any]:
+        """Return all but the values as plain data for JSON."""
+        low, high = (number if math.isfinite(number) else None for number in self.limits)
+        return {
+            "name": self.name,
+            "unit": self.unit,
+            "range": list(self.range),
+            "ramp": self.ramp,
+            "limits": [low, high],
+            "nearest": None if self.nearest is None else [list(point) for point in self.nearest],
+        }
+
+
+def vertex_areas(mesh: TriangleMesh) -> Doubles:
+    """Return a third of the area of the triangles around each vertex, (V,) float64, in the square of the unit."""
+    corners = mesh.vertices.astype(np.float64)[mesh.faces]
+    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    areas = np.sqrt((normals * normals).sum(axis=1)) / 6
+    count = len(mesh.vertices)
+    shares = np.zeros(count)
+    for at in range(3):
+        shares += np.bincount(mesh.faces[:, at], areas, count)
+    return shares
+
+
+def statistics_of(values: Floats, areas: Doubles, limits: Limits = NO_LIMITS) -> MapStatistics:
+    """Return the numbers of a map.
+
+    Parameters
+    ----------
+    values : (V,) float32
+    areas : (V,) float64
+        As `vertex_areas` returns them.
+    limits : Limits
+
+    Examples
+    --------
+    >>> values = np.array([1, 2, 3, np.nan], np.float32)
+    >>> statistics_of(values, np.array([1.0, 1, 2, 4]), Limits(low=1.5))
+    MapStatistics(minimum=1.0, percentile_5=1.1, median=2.0, mean=2.25, percentile_95=2.9, maximum=3.0, \
+share_without=0.5, share_below=0.25, share_above=None)
+    """
+    there = ~np.isnan(values)
+    whole = float(areas.sum()) or 1.0
+    known, weights = values[there].astype(np.float64), areas[there]
+    weight = float(weights.sum())
+    without = 1.0 - weight / whole if len(values) else 1.0
+    if not len(known):
+        return MapStatistics(None, None, None, None, None, None, 1.0)
+    lowest, low, median, high, highest = (float(each) for each in np.percentile(known, (0, 5, 50, 95, 100)))
+    mean = float((known * weights).sum() / weight) if weight else float(known.mean())
+    beyond = [
+        float(weights[outside].sum() / (weight or 1.0)) if math.isfinite(limit) else None
+        for limit, outside in ((limits.low, known < limits.low), (limits.high, known > limits.high))
+    ]
+    return MapStatistics(lowest, low, median, mean, high, highest, max(0.0, without), *beyond)
+
+
+def range_of(values: Floats, ramp: str) -> tuple[float, float]:
+    """Return round numbers around nearly all values; of a diverging ramp 0 is the middle.
+
+    Examples
+    --------
+    >>> range_of(np.linspace(0.3, 7.7, 100).astype(np.float32), "viridis")
+    (0.0, 8.0)
+    >>> range_of(np.array([-3.0, 1.0], np.float32), "coolwarm"), range_of(np.array([np.nan], np.float32), "magma")
+    ((-3.0, 3.0), (0.0, 1.0))
+    """
+    known = values[np.isfinite(values)]
+    if not len(known):
+        return 0.0, 1.0
+    low, high = (float(each) for each in np.percentile(known, INNER))
+    if ramp in DIVERGING:
+        most = _step_up(max(abs(low), abs(high)))
+        return -most, most
+    if low >= 0 and low < high / 2:
+        return 0.0, _step_up(high)
+    step = _step_up(max(high - low, abs(high) * 1e-6)) / 10
+    return _rounded(math.floor(low / step) * step), _rounded(math.ceil(high / step) * step)
+
+
+def _step_up(value: float) -> float:
+    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`."""
+    power = 10.0 ** math.floor(math.log10(max(value, 1e-9)))
+    steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
+    return _rounded(next(step * power for step in steps if step * power >= value * (1 - 1e-6)))
+
+
+def _rounded(value: float) -> float:
+    return float(f"{value:.6g}") + 0.0
