@@ -54,6 +54,11 @@ class Outputs:
         Of the files in the folder, such as ".stl".
     opacity : tuple of (label number, name or 'all', float)
         Chosen for structures.
+    maps : bool
+        Whether the surfaces have maps, for which all are held until they are written.
+    shown_map : str
+        Name of the map whose colors are shown; empty for the first.
+    map_table : Path or None
     """
 
     surfaces: tuple[Path, ...] = ()
@@ -64,6 +69,9 @@ class Outputs:
     folder: Path | None = None
     suffix: str = ""
     opacity: tuple[tuple[int | str, float], ...] = ()
+    maps: bool = False
+    shown_map: str = ""
+    map_table: Path | None = None
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
         """Return every file with surfaces, and the numbers of those in it."""
@@ -77,7 +85,7 @@ class Outputs:
 
     def paths(self, surfaces: Surfaces) -> list[Path]:
         """Return all files, in the order in which they are written."""
-        companions = [path for path in (self.figure, self.report) if path is not None]
+        companions = [path for path in (self.figure, self.map_table, self.report) if path is not None]
         return [*self.surface_files(surfaces), *companions]
 
     def surface_files(self, surfaces: Surfaces) -> list[Path]:
@@ -100,7 +108,11 @@ class Outputs:
     def writer(self, simplifier: str) -> Iterator[SurfaceWriter | None]:
         """Give a writer of each surface as it is made; None where all are held until they are written."""
         path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
-        held = bool(self.blender_needed_for(simplifier)) or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
+        held = (
+            self.maps
+            or bool(self.blender_needed_for(simplifier))
+            or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
+        )
         if held or (path is None and (self.folder is None or self.surfaces)):
             yield None
             return

@@ -25,6 +25,7 @@ from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
 from ..arguments import label_for_checks
+from ..map_flags import NO_MAPS, AskedMaps
 
 WAITING, RUNNING = "waiting", "running"
 DONE, ABSENT, FAILED = "done", "absent", "failed"  # A case that does not have the label is absent.
@@ -209,8 +210,14 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "format": task["format"],
         "space": task["space"],
         # A page or a measure more than is asked for does no harm.
-        **{name: True for name in ("html", "hu") if task.get(name)},
+        **{name: True for name in ("html", "hu", "map_table") if task.get(name)},
+        **({"asked_maps": maps.named()} if (maps := maps_of_task(task)) else {}),
     }
+
+
+def maps_of_task(task: Mapping[str, Any]) -> AskedMaps:
+    """Return the maps that a task asks for."""
+    return AskedMaps.from_plain(task["maps"]) if task.get("maps") else NO_MAPS
 
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:

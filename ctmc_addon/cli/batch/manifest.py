@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Read a CSV manifest: a line for each case, with its input, its name and its own settings.
 
-Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, and how
-the input is read. An empty cell means what holds for all cases.
+Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, how the input is
+read, and maps by their flags. An empty cell means what holds for all cases.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from typing import Any
 from ...core import SETTINGS, ReadError, Setting, SettingsError, descriptions
 from ...core.files.input_files import add_inputs
 from ...readers import ReadingOptions, stem
-from ..arguments import flag_of, label_choices
+from ..arguments import UsageError, flag_of, label_choices
 from ..described_flags import value_reader
+from ..map_flags import KINDS, NO_MAPS, AskedMaps, limit_of
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
+LIMIT_COLUMN = "map-limit"
 LONGEST_PLACE = 20  # A message shows this many letters before a byte that is not UTF-8.
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -35,6 +37,7 @@ class CaseInput:
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, Any] = field(default_factory=dict)
+    maps: AskedMaps = NO_MAPS
     where: str = ""  # Such as 'cases.csv, line 3'; empty without a manifest.
 
 
@@ -101,13 +104,18 @@ def _column_of(title: str, where: str) -> tuple[str, str, Parse]:
     for name, about in SETTINGS.items():
         columns[name] = columns[_underscored(_word_of(name))] = ("settings", name, _parse_of(name, about))
     columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
+    for name in (*KINDS, LIMIT_COLUMN):
+        columns[_underscored(name)] = ("maps", name, str)
+    for kind in KINDS.values():
+        for name, about in descriptions(kind.options).items() if kind.options else ():
+            columns[name] = ("options", name, _parse_of(name, about))
     for name, about in READING.items():
         columns[name] = ("reading", name, _parse_of(name, about))
     column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
             f"{where}: unknown column '{title}'; the columns are input, case, "
-            f"{', '.join([*map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING)])}"
+            f"{', '.join([*map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING), *KINDS])}"
         )
     return column
 
@@ -138,7 +146,7 @@ def _require_columns(names: list[str], where: str) -> None:
 
 
 def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
+    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}, "maps": {}, "options": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:
             continue
@@ -151,7 +159,33 @@ def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: P
     path = folder / values[""]["input"]
     if not path.exists():
         raise ReadError(f"{where}: there is no file or folder {values['']['input']!r}; check the path")
-    return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], where)
+    maps = _maps_of(values["maps"], values["options"], where).in_folder(folder)
+    return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], maps, where)
+
+
+def _maps_of(cells: Mapping[str, str], options: Mapping[str, Any], where: str) -> AskedMaps:
+    """Return the maps of a row; several of one column are separated by '|'."""
+    quantities: list[tuple[str, str]] = []
+    limits: list[tuple[str, float | None, float | None]] = []
+    for name, cell in cells.items():
+        parts = [part.strip() for part in cell.split("|")]
+        if name == LIMIT_COLUMN:
+            try:
+                limits += map(limit_of, parts)
+            except UsageError as error:
+                raise SettingsError(f"{where}: {error}") from error
+        elif KINDS[name].metavar:
+            quantities += [(name, part) for part in parts]
+        elif _switch_of(name, cell, where):
+            quantities.append((name, ""))
+    return AskedMaps(tuple(quantities), dict(options), tuple(limits))
+
+
+def _switch_of(name: str, cell: str, where: str) -> bool:
+    try:
+        return _switch(cell)
+    except argparse.ArgumentTypeError as error:
+        raise SettingsError(f"{where}: {name} cannot be '{cell}'; {error}") from error
 
 
 def _parse_of(name: str, about: Setting) -> Parse:

@@ -22,6 +22,7 @@ from ...core import (
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.volume import ValueKind, samples_on_grid
 from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels, with_flags
+from ..map_flags import add_maps, asked_maps
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import fetched_steps, head_of, needed_steps, source_of
@@ -47,6 +48,7 @@ def add_parser(commands: Any) -> None:
         "another order or direction (default: INPUT, if it is a CT with a label file beside it)",
     )
     add_settings(parser, many=("label",))
+    add_maps(parser, shown=False)
     add_work(parser)
     parser.set_defaults(run=run)
 
@@ -54,6 +56,7 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, measure, print and write."""
     settings, choices = settings_and_labels(args)
+    maps = asked_maps(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
     if settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
@@ -65,7 +68,7 @@ def run(args: argparse.Namespace) -> None:
         volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
         ct = progress.finish(stages.run(reading_ct, _ct_steps(args, volume, settings)))
         budget = Budget(args.threads)
-        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget)))
+        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget, maps=maps)))
         measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles)
         rows = progress.finish(stages.run(measuring, measure))
     kind = ValueKind.HU if ct is None else ct.kind

@@ -174,7 +174,7 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
 
 def _step_up(value: float) -> float:
     """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-9)))
+    power = float("1e" + f"{max(value, 1e-9):.15e}".partition("e")[2])
     steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
     return _rounded(next(step * power for step in steps if step * power >= value * (1 - 1e-6)))
 
