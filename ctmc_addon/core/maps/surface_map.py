@@ -107,8 +107,8 @@ class SurfaceMap:
 def vertex_areas(mesh: TriangleMesh) -> Doubles:
     """Return a third of the area of the triangles around each vertex, (V,) float64, in the square of the unit."""
     corners = mesh.vertices.astype(np.float64)[mesh.faces]
-    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.sqrt((normals * normals).sum(axis=1)) / 6
+    x, y, z = cross((corners[:, 1] - corners[:, 0]).T, (corners[:, 2] - corners[:, 0]).T)
+    areas = np.sqrt((x * x + y * y) + z * z) / 6
     count = len(mesh.vertices)
     shares = np.zeros(count)
     for at in range(3):
