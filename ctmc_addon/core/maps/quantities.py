@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from .painted import Painted
 from .quantity import Quantity
 
-QUANTITIES: tuple[type[Quantity], ...] = ()
+QUANTITIES: tuple[type[Quantity], ...] = (Painted,)
