@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..version import VERSION
+from .maps.surface_map import SurfaceMap
 from .measures import FinishedSurface, Place, values_in
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
@@ -83,6 +84,8 @@ class Reconstruction:
         The labels that the surface borders on, with triangles and area.
     alpha_choice : AlphaChoice or None
         Choice of alpha from the surface; None if alpha was given.
+    maps : tuple of SurfaceMap
+        Values on the vertices of the mesh.
     """
 
     mesh: TriangleMesh
@@ -108,6 +111,7 @@ class Reconstruction:
     components: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
+    maps: tuple[SurfaceMap, ...] = ()
 
     @property
     def measures(self) -> Measures:
