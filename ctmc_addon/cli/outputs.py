@@ -208,13 +208,12 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     chosen = [surfaces.results[number] for number in numbers]
                     shares = opacities_of(chosen, outputs.opacity)
-                    structures = structures_of(
-                        chosen, [surfaces.titles[number] for number in numbers], shares, outputs.shown_map
-                    )
+                    titles = [surfaces.titles[number] for number in numbers]
+                    structures = structures_of(chosen, titles, shares, outputs.map_shown_of(chosen))
                     for step in write_structures_steps(temporaries[path], structures, outputs.space):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
         if outputs.map_table is not None:
-            from ..core.files.map_table import write_map_table
+            from ..core.files.map_table import write_map_table_steps
 
             with timed(stages, "Writing .csv"):
                 structures = structures_of(surfaces.results, surfaces.titles)
