@@ -79,15 +79,15 @@ def run_change(args: argparse.Namespace) -> None:
     first, last, comparing = STAGES
     with Progress() as progress:
         reading, budget = reading_of(args), Budget(args.threads)
-        volumes = []
-        for stage, path in ((first, args.input), (last, args.after)):
-            steps = labels_steps(Path(path), reading, settings, budget)
-            volumes.append(progress.finish(stages.run(stage, steps)))
-        steps = compare_labels_steps(*volumes, settings, choices, args.days, limits, budget)
-        changes = progress.finish(stages.run(comparing, steps))
+        before, after = (
+            progress.finish(stages.run(stage, labels_steps(Path(path), reading, settings, budget)))
+            for stage, path in ((first, args.input), (last, args.after))
+        )
+        compared = compare_labels_steps(before, after, settings, choices, args.days, limits, budget)
+        changes = progress.finish(stages.run(comparing, compared))
     if output is not None:
         write_text(output, change_csv(changes.rows))
-    print(summary(changes, volumes, output))
+    print(summary(changes, (before, after), output))
 
 
 def require_comparison(settings: ReconstructionSettings, choices: Sequence[int | str], ct: str | None = None) -> None:

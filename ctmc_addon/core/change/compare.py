@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from ..arrays import Doubles
 from ..errors import LabelError, MeshError, SettingsError, ThresholdError, VolumeError
 from ..machine.budget import Budget
 from ..progress import Stages, Steps, equal_part, finish
@@ -22,7 +23,7 @@ from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest
 from ..volume.labels.extents import ALL
 from ..volume.region import region_box, volume_box
-from ..volume.volume import Volume
+from ..volume.volume import Box, Volume
 from .components import Component, MeasuredLabel, Point, measured_label_steps
 from .label_pairs import LabelPair, label_pairs_steps
 from .limits import IN_VIEW, ChangeLimits, Status
@@ -213,8 +214,8 @@ def compare_labels_steps(
     pairing = label_pairs_steps(before, after, choices, boxes, budget.threads)
     pairs = yield from stages.run(finding, pairing)
     surfaces: list[dict[int, Reconstruction]] = []
-    for stage, volume, own in zip(making, (before, after), zip(*((p.before, p.after) for p in pairs)), strict=True):
-        numbers = [number for number in own if number is not None]
+    for at, (stage, volume) in enumerate(zip(making, (before, after), strict=True)):
+        numbers = [number for pair in pairs if (number := (pair.before, pair.after)[at]) is not None]
         surfaces.append((yield from stages.run(stage, _surfaces_steps(volume, settings, numbers, budget))))
     rows: list[ChangeRow] = []
     notes: list[str] = []
@@ -257,7 +258,7 @@ def _require_comparable(before: Volume, after: Volume, settings: ReconstructionS
         )
 
 
-def _ends_mm(volume: Volume) -> tuple[np.ndarray, np.ndarray]:
+def _ends_mm(volume: Volume) -> tuple[Doubles, Doubles]:
     """Return the lowest and the highest corner of a volume's samples, (3,) each."""
     corners = volume_box(volume)
     return corners.min(axis=0), corners.max(axis=0)
@@ -279,7 +280,7 @@ def _surfaces_steps(
 
 
 def _measured_steps(
-    volumes: tuple[Volume, Volume], pair: LabelPair, boxes: tuple, both: ComparedLabel, drop: bool
+    volumes: tuple[Volume, Volume], pair: LabelPair, boxes: tuple[Box, Box], both: ComparedLabel, drop: bool
 ) -> Steps[tuple[MeasuredLabel, MeasuredLabel]]:
     measured = []
     results = both.before, both.after

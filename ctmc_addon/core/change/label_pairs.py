@@ -84,7 +84,7 @@ def _paired(
 ) -> list[LabelPair]:
     """Return the pairs of labels that at least one of the volumes has."""
     left = [number for number in before if number in first.extents]
-    pairs = []
+    pairs: list[tuple[int | None, int | None]] = []
     for number in after:
         if number in last.extents:
             partner = _partner(last.volume, number, first.volume) if by_name else number

@@ -8,6 +8,7 @@ between the samples of a coarse grid is found too.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 
@@ -83,7 +84,7 @@ def _looked_up_steps(label: MeasuredLabel, other: MeasuredLabel) -> Steps[tuple[
     lengths = np.cumsum(runs.stop - runs.start)
     total = int(lengths[-1]) if len(lengths) else 0
     cuts = [0, *np.searchsorted(lengths, np.arange(AT_ONCE, total, AT_ONCE)).tolist(), len(lengths)]
-    for start, stop in zip(cuts, cuts[1:], strict=False):
+    for start, stop in pairwise(cuts):
         z, y, x, component = (along[start:stop] for along in (runs.z, runs.y, runs.start, runs.component))
         some = replace(runs, z=z, y=y, start=x, stop=runs.stop[start:stop], component=component)
         z, y, x, component = some.samples(np.ones(count, bool))
