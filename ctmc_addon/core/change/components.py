@@ -23,7 +23,6 @@ from ..progress import PAUSE, Step, Steps, equal_part
 from ..smoothing.label_components import LabelComponents, label_components_steps
 from ..volume.affine import to_index, transform_points
 from ..volume.labels.extents import label_extent_steps, layer_of_label_steps
-from ..volume.region import box_slices
 from ..volume.volume import Box, Volume
 
 AT_ONCE = 1 << 18  # Look up this many vertices in one go.
@@ -116,8 +115,9 @@ def measured_label_steps(
         runs = yield from label_components_steps(np.zeros((0, 1, 1), bool))
         return MeasuredLabel(volume, (), runs, box, np.empty((0, 0, 0), np.int32), None, np.empty(0, np.int32))
     yield Step(0.1, "Finding components")
-    z, y, x = (side.start for side in box_slices(extent.box))
-    runs = yield from label_components_steps(layer.part(extent.box).values == label)
+    columns, rows, slices = (range(start, stop) for start, stop in extent.box)
+    x, y, z = columns.start, rows.start, slices.start
+    runs = yield from label_components_steps(layer.samples(slices, rows, columns) == label)
     shape = _shape(extent.box)
     bodies = np.empty(0, np.int32)
     if mesh is not None:
