@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Painting a volume onto a surface: values, where there are none, depth, files, and the text of the flag."""
 
 import numpy as np
