@@ -4,5 +4,6 @@
 from __future__ import annotations
 
 from .quantity import Quantity
+from .thickness import Gap, Thickness
 
-QUANTITIES: tuple[type[Quantity], ...] = ()
+QUANTITIES: tuple[type[Quantity], ...] = (Thickness, Gap)
