@@ -27,5 +27,6 @@ if TYPE_CHECKING:
         statistics_of as statistics_of,
         vertex_areas as vertex_areas,
     )
+    from .thickness import Gap as Gap, Thickness as Thickness
 
 __getattr__ = lazy_names(__name__)

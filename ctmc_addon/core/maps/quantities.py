@@ -5,5 +5,6 @@ from __future__ import annotations
 
 from .painted import Painted
 from .quantity import Quantity
+from .thickness import Gap, Thickness
 
-QUANTITIES: tuple[type[Quantity], ...] = (Painted,)
+QUANTITIES: tuple[type[Quantity], ...] = (Painted, Thickness, Gap)
