@@ -36,11 +36,11 @@ GRIDS = {
     "turned": (TURNED, (64, 85, 67)),
     "tilted": (TILTED, (60, 80, 100)),
 }
-# Centers and radii, mm.
-GROWN, GONE, STABLE = ((15, 15, 15), 6), ((40, 15, 15), 6), ((65, 15, 15), 7)
-LEFT, RIGHT, BRIDGE = ((15, 45, 15), 5), ((26, 45, 15), 5), ((20.5, 45, 15), 4)
-LARGE, NEW = ((60, 45, 35), 8), ((30, 30, 45), 6)
-SPLIT, PIECES = ((55, 15, 45), 8), (((49, 15, 45), 3), ((61, 15, 45), 4))
+# Centers and radii, mm. Between samples, a ball has nearly the volume of its samples.
+GROWN, GONE, STABLE = ((15.31, 15.17, 15.43), 6), ((40.31, 15.17, 15.43), 6), ((65.31, 15.17, 15.43), 7)
+LEFT, RIGHT, BRIDGE = ((15.31, 45.17, 15.43), 5), ((26.31, 45.17, 15.43), 5), ((20.81, 45.17, 15.43), 4)
+LARGE, NEW = ((60.31, 45.17, 35.43), 8), ((30.31, 30.17, 45.43), 6)
+SPLIT, PIECES = ((55.31, 15.17, 45.43), 8), (((49.31, 15.17, 45.43), 3), ((61.31, 15.17, 45.43), 4))
 BEFORE = (GROWN, GONE, STABLE, LEFT, RIGHT, LARGE, SPLIT)
 AFTER = ((GROWN[0], 9), STABLE, LEFT, RIGHT, BRIDGE, (LARGE[0], 5), NEW, *PIECES)
 
@@ -99,13 +99,13 @@ def test_volumes_percents_diameters_and_doubling_times_are_those_of_balls(change
         ("split", [8], [3, 4]),
     ):
         row = rows[status]
-        # A labeled ball has the volume of its voxels, within a few percent of the ball's.
-        assert row.volume_before_mm3 == pytest.approx(ball_mm3(*before), rel=0.05)
-        assert row.volume_after_mm3 == pytest.approx(ball_mm3(*after), rel=0.06)
+        # Of a ball of 5 mm the voxels are 2 % more or less.
+        assert row.volume_before_mm3 == pytest.approx(ball_mm3(*before), rel=0.025)
+        assert row.volume_after_mm3 == pytest.approx(ball_mm3(*after), rel=0.025)
         assert row.diameter_before_mm == pytest.approx(2 * max(before, default=0), abs=0.6)
         assert row.diameter_after_mm == pytest.approx(2 * max(after, default=0), abs=0.6)
     grown = rows["grown"]
-    assert grown.percent == pytest.approx((1.5**3 - 1) * 100, rel=0.04)
+    assert grown.percent == pytest.approx((1.5**3 - 1) * 100, rel=0.02)
     assert grown.doubling_time_days == pytest.approx(DAYS * math.log(2) / math.log(1.5**3), rel=0.02)
     assert rows["shrunk"].percent == pytest.approx(((5 / 8) ** 3 - 1) * 100, rel=0.02)
     assert (rows["gone"].percent, rows["new"].percent) == (-100, None)
@@ -354,15 +354,7 @@ def flooded(values):
             if at in numbers or not all(0 <= a < n for a, n in zip(at, values.shape, strict=True)) or not values[at]:
                 continue
             numbers[at] = tuple(map(int, start))
-            waiting += (
-                [
-                    (z + a, y + b, x + c)
-                    for a, b, c in np.ndindex(3, 3, 3) - np.array([1, 1, 1])
-                    if abs(a) + abs(b) + abs(c) == 1
-                ]
-                if False
-                else [(z - 1, y, x), (z + 1, y, x), (z, y - 1, x), (z, y + 1, x), (z, y, x - 1), (z, y, x + 1)]
-            )
+            waiting += [(z - 1, y, x), (z + 1, y, x), (z, y - 1, x), (z, y + 1, x), (z, y, x - 1), (z, y, x + 1)]
     return numbers
 
 
