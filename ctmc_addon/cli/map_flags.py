@@ -166,8 +166,8 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
         group.add_argument("--ramp", choices=tuple(RAMPS), help="its color ramp (default: that of the quantity)")
 
 
-def asked_maps(args: argparse.Namespace) -> AskedMaps:
-    """Return the maps that the flags ask for.
+def asked_maps(args: argparse.Namespace, manifest: bool = False) -> AskedMaps:
+    """Return the maps that the flags ask for; with a manifest its rows may ask for more.
 
     Raises
     ------
@@ -178,7 +178,7 @@ def asked_maps(args: argparse.Namespace) -> AskedMaps:
     options = {name: value for kind in QUANTITIES if kind.options for name, value in given(args, kind.options).items()}
     limits = tuple((name, _limit(low), _limit(high)) for name, low, high in args.map_limit)
     shown, between, ramp = (getattr(args, name, None) for name in ("show", "range", "ramp"))
-    if not quantities and (limits or options or shown or between or ramp or getattr(args, "map_table", None)):
+    if not quantities and not manifest and (limits or options or shown or between or ramp or getattr(args, "map_table", None)):
         flags = ", ".join(f"--{kind.flag}" for kind in QUANTITIES)
         raise UsageError(f"limits, colors and a table of a map need a map; add one of {flags}")
     return AskedMaps(quantities, options, limits, shown or "", tuple(between) if between else None, ramp)
@@ -227,7 +227,7 @@ class _MapInputs:
         """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
         from ..core import MadeSurface, SurfaceRequest, make_surfaces_steps
 
-        if Path(path).suffix.lower() in readers.SURFACE_SUFFIXES:
+        if Path(path).suffix.lower() in (".stl", ".ply"):
             add_inputs([Path(path)])
             return (yield from readers.read_surface_steps(Path(path)))
         volume = yield from self.volume_steps(path)

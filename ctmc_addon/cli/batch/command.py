@@ -135,7 +135,7 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Collect the cases, make what is left to make, and print the table; an error if any case failed."""
     folder = Path(args.output)
-    maps = asked_maps(args).in_folder(Path.cwd())
+    maps = asked_maps(args, manifest=True).in_folder(Path.cwd())
     cases = collect(args.inputs, given_settings(args), reading_of(args), folder, maps)
     if not args.scheduler:  # on a cluster the workers need it, not this machine
         _require_blender_for(cases, args.output_format)
