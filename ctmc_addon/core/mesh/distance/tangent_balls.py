@@ -25,14 +25,11 @@ A ball may be too large by `TOLERANCE` before it meets its tangent plane. Positi
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import Doubles, Flags, Floats, Indices
 from ...machine.parallel import map_steps
-from ...progress import PAUSE, Step, Steps
+from ...progress import PAUSE, Steps
 from ..vectors import dot
 from .patch_tree import BRANCH, PATCH, PatchTree
 
