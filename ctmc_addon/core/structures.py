@@ -65,9 +65,7 @@ def structures_of(
         opacity = 1.0 if share is None else share
         volume = measures.enclosed_volume
         out.append(
-            Structure(
-                name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, tuple(result.maps), shown
-            )
+            Structure(name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, tuple(result.maps), shown)
         )
     return out
 

@@ -111,9 +111,7 @@ def _color_numbers(shown: SurfaceMap) -> NDArray[np.int64]:
     return numbers
 
 
-def _write_object(
-    model: IO[bytes], structure: Structure, number: int, groups: Mapping[tuple[str, int], int]
-) -> None:
+def _write_object(model: IO[bytes], structure: Structure, number: int, groups: Mapping[tuple[str, int], int]) -> None:
     kind = "model" if structure.closed else "surface"
     head = (
         f'<object id="{MATERIALS + 1 + number}" type="{kind}" name="{escape(structure.name)}" '

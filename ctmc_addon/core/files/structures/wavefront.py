@@ -17,7 +17,6 @@ from ...progress import Step, Steps
 from ..mesh_files import parts_of
 from .structure import Structure
 
-
 WHITE = (255, 255, 255)
 
 
