@@ -122,6 +122,10 @@ class Outputs:
         with surface_writer(folder, suffix, self.space) as writer:
             yield writer
 
+    def map_shown_of(self, results: Sequence[Reconstruction]) -> str:
+        """Return the name of the map whose colors are shown, by default the first; empty without maps."""
+        return self.shown_map or next((each.name for result in results for each in result.maps), "")
+
     def require_room_for(self, count: int) -> None:
         """Raise `OutputError` where one file is to hold more surfaces than its format can."""
         for path in self.surfaces:
@@ -196,16 +200,25 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                     if surfaces.files:
                         surfaces.files[numbers[0]].replace(temporaries[path])
                     else:
-                        surfaces.results[numbers[0]].mesh.save(temporaries[path], outputs.space)
+                        result = surfaces.results[numbers[0]]
+                        result.mesh.save(temporaries[path], outputs.space, result.maps)
             elif path.suffix.lower() in mesh_files.STRUCTURE_SUFFIXES:
                 from ..core import write_structures_steps
 
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     chosen = [surfaces.results[number] for number in numbers]
                     shares = opacities_of(chosen, outputs.opacity)
-                    structures = structures_of(chosen, [surfaces.titles[number] for number in numbers], shares)
+                    titles = [surfaces.titles[number] for number in numbers]
+                    structures = structures_of(chosen, titles, shares, outputs.map_shown_of(chosen))
                     for step in write_structures_steps(temporaries[path], structures, outputs.space):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
+        if outputs.map_table is not None:
+            from ..core.files.map_table import write_map_table_steps
+
+            with timed(stages, "Writing .csv"):
+                structures = structures_of(surfaces.results, surfaces.titles)
+                for step in write_map_table_steps(temporaries[outputs.map_table], structures, outputs.space):
+                    yield Step(0.9, step.message)
         surfaces = _with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")

@@ -165,7 +165,7 @@ class Measure:
     def head(self) -> str:
         """The head of a column or line for a person, such as 'volume', 'mean HU' and 'Euler number'."""
         lower = self.label.lower().replace("euler", "Euler")
-        return f"{lower} {HU}" if self.unit == HU else lower
+        return f"{lower} {HU}" if self.unit == HU and not self.columns else lower
 
     def table_cells(self, value: Any, unit: str = HU) -> dict[str, Any]:
         """Return the parts of a value by their columns in the table of structures, whose volumes are in ml.
@@ -177,9 +177,9 @@ class Measure:
         >>> measure("volume_mm3").table_cells(5000.0), measure("mean_hu").table_cells(40.0, "gray")
         ({'volume_ml': 5.0}, {'mean_gray': 40.0})
         """
-        if self.unit == HU:
+        if self.unit == HU and not self.columns:
             return {self.name.replace("hu", unit.lower()): value}
-        if self.unit not in ("mm2", "mm3"):
+        if self.unit not in ("mm2", "mm3") or self.columns:
             return self.cells(value)
         largest = UNITS[self.unit][0]
         return {self.name.replace(self.unit, largest.name): None if value is None else value / largest.size}

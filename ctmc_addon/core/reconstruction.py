@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..version import VERSION
+from .maps.surface_map import SurfaceMap
 from .measures import FinishedSurface, Place, values_in
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh

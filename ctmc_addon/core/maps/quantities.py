@@ -3,6 +3,8 @@
 
 from __future__ import annotations
 
+from .painted import Painted
 from .quantity import Quantity
+from .thickness import Gap, Thickness
 
-QUANTITIES: tuple[type[Quantity], ...] = ()
+QUANTITIES: tuple[type[Quantity], ...] = (Painted, Thickness, Gap)

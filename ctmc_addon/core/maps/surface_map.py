@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Bytes, Doubles, Floats
 from ..mesh.triangle_mesh import TriangleMesh
-from ..mesh.vectors import cross
+from ..mesh.vectors import cross, dot
 from .ramps import DIVERGING, colors_of
 
 Point = tuple[float, float, float]
@@ -106,9 +106,9 @@ class SurfaceMap:
 
 def vertex_areas(mesh: TriangleMesh) -> Doubles:
     """Return a third of the area of the triangles around each vertex, (V,) float64, in the square of the unit."""
-    corners = mesh.vertices.astype(np.float64)[mesh.faces]
-    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.sqrt((normals * normals).sum(axis=1)) / 6
+    first, second, third = (mesh.vertices[mesh.faces[:, at]].T.astype(np.float64) for at in range(3))
+    normals = cross(second - first, third - first)
+    areas = np.sqrt(dot(normals, normals)) / 6
     count = len(mesh.vertices)
     shares = np.zeros(count)
     for at in range(3):
