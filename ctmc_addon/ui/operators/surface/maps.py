@@ -33,10 +33,7 @@ from ....core import (
     descriptions,
     make_surfaces_steps,
 )
-from ....core.maps.make import MAPPING, full_settings, mapped_steps
-from ....core.maps.quantities import QUANTITIES
-from ....core.maps.quantity import Quantity
-from ....core.maps.request import MapRequest
+from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, full_settings, mapped_steps
 from ....core.volume import ValueKind, label_extents_steps, region_box
 from ....readers import ReadingOptions
 from ....readers.file_formats import stem
