@@ -3,6 +3,9 @@
 
 from __future__ import annotations
 
+from .angle import SmallestAngle
+from .deviation import Deviation
+from .distance import DistanceTo
 from .quantity import Quantity
 
-QUANTITIES: tuple[type[Quantity], ...] = ()
+QUANTITIES: tuple[type[Quantity], ...] = (DistanceTo, Deviation, SmallestAngle)
