@@ -111,9 +111,8 @@ def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequen
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
-    unit = "HU" if kind == ValueKind.HU else ""
     settings = [result.settings for result in results]
-    return figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
+    return figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark)
 
 
 def add_map(parser: argparse.ArgumentParser) -> None:
