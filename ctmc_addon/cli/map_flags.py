@@ -13,11 +13,7 @@ from typing import Any
 from .. import readers
 from ..core import Budget, LabelError, ReconstructionSettings, Steps, TriangleMesh, Volume, defaults, descriptions
 from ..core.files.input_files import add_inputs
-from ..core.maps.quantities import QUANTITIES
-from ..core.maps.quantity import Quantity
-from ..core.maps.ramps import RAMPS
-from ..core.maps.request import MapRequest
-from ..core.maps.surface_map import Limits
+from ..core.maps import QUANTITIES, RAMPS, Limits, MapRequest, Quantity
 from ..core.volume import ValueKind, label_extents_steps, region_box
 from .arguments import UsageError
 from .described_flags import add_flag, given
@@ -178,7 +174,11 @@ def asked_maps(args: argparse.Namespace, manifest: bool = False) -> AskedMaps:
     options = {name: value for kind in QUANTITIES if kind.options for name, value in given(args, kind.options).items()}
     limits = tuple((name, _limit(low), _limit(high)) for name, low, high in args.map_limit)
     shown, between, ramp = (getattr(args, name, None) for name in ("show", "range", "ramp"))
-    if not quantities and not manifest and (limits or options or shown or between or ramp or getattr(args, "map_table", None)):
+    if (
+        not quantities
+        and not manifest
+        and (limits or options or shown or between or ramp or getattr(args, "map_table", None))
+    ):
         flags = ", ".join(f"--{kind.flag}" for kind in QUANTITIES)
         raise UsageError(f"limits, colors and a table of a map need a map; add one of {flags}")
     return AskedMaps(quantities, options, limits, shown or "", tuple(between) if between else None, ramp)
@@ -227,7 +227,7 @@ class _MapInputs:
         """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
         from ..core import MadeSurface, SurfaceRequest, make_surfaces_steps
 
-        if Path(path).suffix.lower() in (".stl", ".ply"):
+        if Path(path).suffix.lower() in readers.SURFACE_SUFFIXES:
             add_inputs([Path(path)])
             return (yield from readers.read_surface_steps(Path(path)))
         volume = yield from self.volume_steps(path)

@@ -136,6 +136,19 @@ from .units import (
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
+    from .change.compare import (
+        ChangeRow as ChangeRow,
+        LabelChanges as LabelChanges,
+        compare_labels as compare_labels,
+        compare_labels_steps as compare_labels_steps,
+    )
+    from .change.limits import ChangeLimits as ChangeLimits, Status as Status
+    from .change.table import (
+        CHANGE_HEADS as CHANGE_HEADS,
+        change_cells as change_cells,
+        change_csv as change_csv,
+        written_columns as written_columns,
+    )
     from .files.structures import (
         Structure as Structure,
         write_structures as write_structures,

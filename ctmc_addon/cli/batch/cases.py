@@ -189,7 +189,7 @@ def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpt
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
     for output in outputs:
-        _require_file_name(output.name, source.where)
+        require_file_name(output.name, source.where)
     return Case(source.name, source.path, replace(reading, **source.reading), outputs, maps.of_case(source.maps))
 
 
@@ -207,7 +207,7 @@ def _require_different_files(cases: Sequence[Case]) -> None:
             seen[key] = case
 
 
-def _require_file_name(name: str, where: str) -> None:
+def require_file_name(name: str, where: str) -> None:
     """Refuse a name that is not a valid file name on every system; `where` is its place in a manifest, if any."""
     remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
     line = f"{where}: " if where else ""

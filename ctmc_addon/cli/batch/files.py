@@ -212,6 +212,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         # A page or a measure more than is asked for does no harm.
         **{name: True for name in ("html", "hu", "map_table") if task.get(name)},
         **({"asked_maps": maps.named()} if (maps := maps_of_task(task)) else {}),
+        **({"pair": task["pair"]} if "pair" in task else {}),
     }
 
 
@@ -349,7 +350,7 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     >>> without_folders("/home/a b/x.nii is empty; see C:\\scans\\y.nii, 1/2 mm", {"input": "/home/a b/x.nii"})
     'x.nii is empty; see y.nii, 1/2 mm'
     """
-    paths = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
+    paths = [Path(task[key]) for key in ("input", "after", "folder") if task.get(key)]
     for path in sorted(
         {*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)},
         key=lambda path: -len(str(path)),

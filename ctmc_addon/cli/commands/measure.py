@@ -29,6 +29,7 @@ from ..arguments import UsageError, add_input, add_settings, add_work, reading_o
 from ..map_flags import add_maps, asked_maps
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
+from .change import add_change, require_no_change, run_change
 from .reconstruct import fetched_steps, head_of, needed_steps, source_of
 
 STAGES = {"Reading": 3, "Reading the CT": 1, "Reconstructing": 6, "Measuring": 2}
@@ -41,9 +42,11 @@ def add_parser(commands: Any) -> None:
         help="measure structures: volume, area, diameter, HU, dose, SUV",
         description="Measure structures: volume, area, components, largest diameter, mean and standard deviation "
         "of the gray values inside; of a dose also the maximum and D95, of a PET SUVmax and SUVpeak. Makes surfaces as "
-        "`ctmc reconstruct` does, with the same settings, but writes none.",
+        "`ctmc reconstruct` does, with the same settings, but writes none. With AFTER, another label volume of the "
+        "same patient, compare components.",
     )
     add_input(parser)
+    add_change(parser)
     parser.add_argument("-o", "--output", metavar="FILE.csv", help="one row per structure, with units in the header")
     parser.add_argument(
         "--ct",
@@ -71,6 +74,10 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, measure, print and write."""
+    if args.after:
+        run_change(args)
+        return
+    require_no_change(args)
     settings, choices = settings_and_labels(args)
     maps = asked_maps(args)
     output = require_writable(args.output, (".csv",)) if args.output else None

@@ -164,16 +164,22 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = (float(each) for each in np.percentile(known, INNER))
     if ramp in DIVERGING:
-        most = _step_up(max(abs(low), abs(high)))
+        most = step_up(max(abs(low), abs(high)))
         return -most, most
     if low >= 0 and low < high / 2:
-        return 0.0, _step_up(high)
-    step = _step_up(max(high - low, abs(high) * 1e-6)) / 10
+        return 0.0, step_up(high)
+    step = step_up(max(high - low, abs(high) * 1e-6)) / 10
     return _rounded(math.floor(low / step) * step), _rounded(math.ceil(high / step) * step)
 
 
-def _step_up(value: float) -> float:
-    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`."""
+def step_up(value: float) -> float:
+    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
+
+    Examples
+    --------
+    >>> step_up(0.31), step_up(7.0)
+    (0.4, 8.0)
+    """
     power = float("1e" + f"{max(value, 1e-9):.15e}".partition("e")[2])
     steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
     return _rounded(next(step * power for step in steps if step * power >= value * (1 - 1e-6)))

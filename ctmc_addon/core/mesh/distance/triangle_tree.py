@@ -92,7 +92,7 @@ class TriangleTree:
             return mesh.vertices[mesh.faces[block]].sum(axis=1, dtype=np.float64) / 3.0
 
         codes = yield from self._codes_steps(len(mesh.faces), middles)
-        self.order = yield from _order_steps(codes)
+        self.order = yield from order_steps(codes)
         self._sorted_codes = codes[self.order]
         yield PAUSE
         self.corners = np.empty((3, 3, len(codes)))
@@ -160,7 +160,7 @@ class TriangleTree:
     ) -> Steps[None]:
         """Call `measure` for blocks of near points (3, n) and their numbers (n,)."""
         points = np.asarray(points, np.float64).reshape(-1, 3)
-        order = yield from _order_steps((yield from self._codes_steps(len(points), lambda block: points[block])))
+        order = yield from order_steps((yield from self._codes_steps(len(points), lambda block: points[block])))
         blocks = range(0, len(order), BLOCK)
 
         def measure_block(start: int) -> None:
@@ -296,7 +296,7 @@ def _starts(sorted_numbers: Indices) -> NDArray[np.intp]:
     return np.flatnonzero(np.concatenate([[True], sorted_numbers[1:] != sorted_numbers[:-1]]))
 
 
-def _order_steps(codes: NDArray[np.uint64]) -> Steps[NDArray[np.intp]]:
+def order_steps(codes: NDArray[np.uint64]) -> Steps[NDArray[np.intp]]:
     """`np.argsort(codes, kind="stable")` in short steps: by 16 bits at a time, which NumPy sorts by counting."""
     order = np.arange(len(codes))
     for shift in (0, 16, 32, 48):
