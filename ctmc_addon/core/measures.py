@@ -12,17 +12,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, is_dataclass
 from enum import Flag, auto
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .finished_surface import FinishedSurface as FinishedSurface
 from .units import UNITS, length_text, number_text, one_way_text, sizes_text, volume_text
 from .volume.value_kind import ValueKind
-
-if TYPE_CHECKING:
-    from .maps.surface_map import SurfaceMap
-    from .mesh.distance.surface_distance import SurfaceDistance
-    from .mesh.measures import Measures
-    from .volume.statistics.inside import InsideValues
-    from .volume.statistics.sampled_inside import SampledValues
 
 HU, GY = "HU", "Gy"
 """The unit of gray values, where they are not HU that of their kind; and the unit of a dose."""
@@ -52,41 +46,6 @@ class Place(Flag):
     """The sums and ranges over all cases on that page."""
     LINE = auto()
     """The lines and the table of a batch on the terminal."""
-
-
-@dataclass(frozen=True)
-class FinishedSurface:
-    """Measures of a finished surface; None if unknown.
-
-    Parameters
-    ----------
-    measures : Measures
-    full_faces : int
-        Triangles before simplification.
-    removed_components : int
-        Small components that the settings asked to remove.
-    collapsed_components : mapping of str to number
-        `count` and `mm3` of the components that simplification removed as a whole.
-    self_intersections : int
-        Pairs of triangles that cross, touch or overlap.
-    distance : SurfaceDistance
-        Distance to the full surface, mm.
-    largest_diameter_mm : float
-    inside : InsideValues or SampledValues
-        The gray values inside, or the dose or uptake.
-    maps : mapping of str to SurfaceMap
-        Maps on its vertices by name; each is a measure of its own (`map_measure`).
-    """
-
-    measures: Measures | None = None
-    full_faces: int | None = None
-    removed_components: int | None = None
-    collapsed_components: Mapping[str, float] | None = None
-    self_intersections: int | None = None
-    distance: SurfaceDistance | None = None
-    largest_diameter_mm: float | None = None
-    inside: InsideValues | SampledValues | None = None
-    maps: Mapping[str, SurfaceMap] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
