@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import bpy
 
-from .colors import COLORS, paint, unpaint
+from .colors import paint, unpaint
 from .material import MAP, blocks_of, map_material, set_colors
 from .stored import StoredMap, change_map, remove_map, stored_map, stored_maps
 

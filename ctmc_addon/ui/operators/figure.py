@@ -254,7 +254,7 @@ class CTMC_OT_figure_deviation(_FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         require_png(target)
-        require_engine(panel.engine, distances=True)
+        require_engine(panel.engine, colors=True)
         obj = context.view_layer.objects.active
         volume = structures.require_volume_of(context.scene, surfaces.require_settings(obj))
         surface = as_shown(obj, context.scene)

@@ -32,8 +32,8 @@ from ....core import (
     volume_text,
 )
 from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ...surface.objects import temporary_surfaces
 from ...maps.stored import write_values
+from ...surface.objects import temporary_surfaces
 from ..distance_map import DISTANCE, DistanceMap, color_scale, distance_map_steps
 from ..rendering.render import figure_steps
 from ..spec import Cell, Comparison, FigureStyle, Page, ShownSurface

@@ -115,11 +115,8 @@ class _MapAdder(jobs.LongOperator):
         obj, kind = context.view_layer.objects.active, kind_of(self.quantity)
         require_editable(obj)
         about = {} if kind.options is None else descriptions(kind.options)
-        given = {
-            field: as_typed(getattr(self, field), about[field])
-            for field in about
-            if self.properties.is_property_set(field)
-        }
+        chosen = [field for field in about if self.properties.is_property_set(field)]
+        given = {field: as_typed(getattr(self, field), about[field]) for field in chosen}
         return added_steps(obj, context.scene, kind, self.text_of(kind), given)
 
     def text_of(self: Any, kind: type[Quantity]) -> str:

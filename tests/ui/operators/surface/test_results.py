@@ -12,14 +12,14 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn, meshes_in
 
-from ctmc_addon.blender.figure.distance_map import painted_mm
+from ctmc_addon.blender.maps import shown_map
+from ctmc_addon.blender.maps.colors import COLORS
 from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
 from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.operators.surface.placing import summary
 from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import measurements, session, surfaces
-from ctmc_addon.ui.viewport import deviation
 
 
 def active():
@@ -44,7 +44,7 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     found = np.empty(len(thing.data.vertices), np.float32)
     thing.data.attributes["deviation_mm"].data.foreach_get("value", found)
     assert found == pytest.approx(exact, abs=1e-4)
-    assert thing.data.color_attributes.active_color_name == "deviation"
+    assert thing.data.color_attributes.active_color_name == COLORS
     del thing[measurements.PROPERTY]
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
     assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
@@ -346,19 +346,6 @@ def test_cavities_are_counted_apart_from_components(scene, tmp_path):
     assert "1 component, 64 cavities, 64 below 4 mm3" in " ".join(drawn(CTMC_PT_results).texts)
 
 
-def test_show_deviation_is_pressed_only_on_a_surface_with_a_map(loaded, monkeypatch):
-    shading = SimpleNamespace(type="SOLID", color_type="VERTEX", as_pointer=lambda: -1)
-    monkeypatch.setattr(deviation, "_shadings", lambda: [shading])
-    loaded.ctmc.reduction = 0.5
-    bpy.ops.ctmc.reconstruct()
-    assert deviation.is_shown()  # a viewport shows colors of attributes, but there is no map
-    assert not deviation.is_shown_on(active())
-    assert not bpy.ops.ctmc.deviation_view.poll()
-    bpy.ops.ctmc.deviation_map()
-    assert deviation.is_shown_on(active())
-    assert bpy.ops.ctmc.deviation_view.poll()
-
-
 def test_the_deviation_map_has_the_numbers_of_results_and_of_the_legend(noise, capfd):
     noise.ctmc.reduction = 0.9
     bpy.ops.ctmc.reconstruct()
@@ -372,7 +359,7 @@ def test_the_deviation_map_has_the_numbers_of_results_and_of_the_legend(noise, c
     report = capfd.readouterr().out
     assert f"to the full surface at most {to_full}, from the full surface at most {from_full}, " in report
     assert f"{distance.lost.count} specks removed (" in report
-    assert painted_mm(active()) == pytest.approx(distance.to_full.largest)
+    assert shown_map(active()).range == (0.0, pytest.approx(distance.to_full.largest))
 
 
 def test_a_report_of_many_surfaces_is_one_short_line(loaded):
