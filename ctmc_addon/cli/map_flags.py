@@ -227,7 +227,7 @@ class _MapInputs:
         """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
         from ..core import MadeSurface, SurfaceRequest, make_surfaces_steps
 
-        if Path(path).suffix.lower() in (".stl", ".ply"):
+        if Path(path).suffix.lower() in readers.SURFACE_SUFFIXES:
             add_inputs([Path(path)])
             return (yield from readers.read_surface_steps(Path(path)))
         volume = yield from self.volume_steps(path)

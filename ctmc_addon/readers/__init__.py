@@ -42,12 +42,14 @@ from .registry import (
     open_steps,
 )
 from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
+from .surface_files import SURFACE_SUFFIXES, read_surface_steps
 
 __all__ = [
     "FOLDER_SUFFIXES",
     "FORMATS",
     "KNOWN_SUFFIXES",
     "PAGE_SUFFIXES",
+    "SURFACE_SUFFIXES",
     "VOLUME_SUFFIXES",
     "ReadingOptions",
     "Series",
@@ -64,6 +66,7 @@ __all__ = [
     "natural_key",
     "open_volume",
     "open_volume_steps",
+    "read_surface_steps",
     "read_volume",
     "read_volume_steps",
     "segmentation_names",

@@ -6,6 +6,8 @@ from typing import TYPE_CHECKING
 from ..later import lazy_names
 
 if TYPE_CHECKING:
+    from .angle import SmallestAngle as SmallestAngle
+    from .deviation import Deviation as Deviation
     from .make import MAPPING as MAPPING, full_settings as full_settings, mapped_steps as mapped_steps
     from .painted import Painted as Painted
     from .quantities import QUANTITIES as QUANTITIES

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+from .angle import SmallestAngle
+from .deviation import Deviation
 from .painted import Painted
 from .quantity import Quantity
 from .thickness import Gap, Thickness
 
-QUANTITIES: tuple[type[Quantity], ...] = (Painted, Thickness, Gap)
+QUANTITIES: tuple[type[Quantity], ...] = (Painted, Thickness, Gap, Deviation, SmallestAngle)

@@ -33,7 +33,7 @@ STAGES = {"Sampling the surface": 1, "Measuring balls": 8}
 
 @dataclass(frozen=True)
 class Thickness(Quantity):
-    """Thickness of the wall at every vertex, mm: the diameter of the largest ball inside that touches the surface there.
+    """Wall thickness at every vertex, mm: the diameter of the largest ball inside that touches the surface there.
 
     NaN where nothing limits the ball, which only an open surface has.
 
@@ -49,6 +49,7 @@ class Thickness(Quantity):
 
     @property
     def name(self) -> str:
+        """The name of the map."""
         return "thickness_mm"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
@@ -90,6 +91,7 @@ class Gap(Quantity):
 
     @property
     def name(self) -> str:
+        """The name of the map."""
         return "gap_mm"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
@@ -130,7 +132,9 @@ def _tree_steps(mesh: TriangleMesh, side: int, longest: float) -> Steps[tuple[Pa
         area += float(np.cumsum(lengths)[-1]) / 2  # cumsum adds one after the other: the same bits everywhere
         corners = [mesh.vertices[faces[:, corner]].T.astype(np.float64) for corner in range(3)]
         edges = [corners[(corner + 1) % 3] - corners[corner] for corner in range(3)]
-        most = np.sqrt(np.maximum(np.maximum(dot(edges[0], edges[0]), dot(edges[1], edges[1])), dot(edges[2], edges[2])))
+        most = np.sqrt(
+            np.maximum(np.maximum(dot(edges[0], edges[0]), dot(edges[1], edges[1])), dot(edges[2], edges[2]))
+        )
         splits = np.minimum(np.ceil(most / longest), MOST_SPLITS).astype(np.int64)
         splits[lengths == 0] = 1
         for number in np.unique(splits[splits > 1]).tolist():

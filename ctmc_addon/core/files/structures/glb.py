@@ -131,7 +131,7 @@ def _mesh(structure: Structure, number: int, first: int) -> dict[str, Any]:
 
 
 def _material(structure: Structure) -> dict[str, Any]:
-    """The material, white where a map is shown; colors are rounded, so that no machine's power function is in the file."""
+    """The material, white where a map is shown; colors are rounded, so the file is the same on every machine."""
     rgb = structure.rgb if structure.shown_map is None else (255, 255, 255)
     color = [*(round(share, 5) for share in linear(rgb)), round(structure.opacity, 5)]
     shading = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}

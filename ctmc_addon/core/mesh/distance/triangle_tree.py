@@ -5,7 +5,10 @@ The triangles stand in Morton order (Morton 1966), so that neighbors in space ar
 of the tree holds four boxes, or triangles, of the level below: box b holds 4 b to 4 b + 3. A point first tries two
 triangles beside it in that order. The distance to the nearer of them is a bound, mostly a tight one. Then blocks of
 points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its box is farther
-than the point's bound. What is left at the bottom is measured exactly.
+than the point's bound, or near the bottom the disc of its triangles (discs.py). What is left is measured exactly.
+
+Of many points every 64th goes first, then every 16th and so on: what is nearest to those before and after a point in
+Morton order bounds its own distance too.
 
 Boxes are float32 about the mesh's middle, for speed, and a little too large, so that rounding drops no triangle.
 Distances are float64. Positions in any one space; distances in its unit.
@@ -13,24 +16,27 @@ Distances are float64. Positions in any one space; distances in its unit.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Doubles, Indices
+from ...arrays import Doubles, Flags, Floats, Indices
 from ...errors import MeshError
 from ...machine.parallel import map_steps, worker_count
-from ...progress import PAUSE, Steps, finish
+from ...progress import PAUSE, Steps, finish, timed_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import TriangleMesh
 from ..vectors import cross, dot
+from .discs import BRANCH, HEIGHTS, discs_steps, squared_outside
 
-BRANCH = 4  # A box has this many children.
 BLOCK = 2048  # This many points go down the tree at once: their pairs stay in the cache.
 CROWD = 16  # Improve the bounds once a point has more pairs than this.
+MOST_PAIRS = 1 << 20  # Part the points of a block once there are more pairs.
+STRIDES = (64, 16, 4, 1)  # Every 64th point goes first.
 MARGIN = 2.0**-21  # Boxes are too large by this share of the mesh's extent: some units in the last place of float32.
+BRANCH_BITS = 2
 SLACK = 1 + 2.0**-18  # Widen a squared bound by this factor, for the same reason.
 CODE_BITS = 21  # A coordinate has this many bits in a Morton code.
 
@@ -109,17 +115,21 @@ class TriangleTree:
                 bounds[1, axis, block] = -np.maximum(np.maximum(a, b), c)
                 yield PAUSE
         bounds -= np.float32(extent * MARGIN)
-        self._levels: list[NDArray[np.float32]] = []  # bounds of every four boxes, (2, 3, 4, boxes / 4), upwards
-        while bounds.shape[2] > 1 or not self._levels:
+        self._levels: list[NDArray[np.float32]] = []  # bounds of every four boxes, (2, 3, boxes / 4, 4), upwards
+        self._height = 0
+        while bounds.shape[2] > 1 or not self._height:
             parents = -(-bounds.shape[2] // BRANCH)
-            boxes = np.empty((2, 3, BRANCH, parents), np.float32)
+            boxes = np.empty((2, 3, parents, BRANCH), np.float32)
             for side, axis in np.ndindex(2, 3):
                 row = np.full(parents * BRANCH, np.inf, np.float32)  # no point is near what fills the last parent
                 row[: bounds.shape[2]] = bounds[side, axis]
-                boxes[side, axis] = row.reshape(parents, BRANCH).T
+                boxes[side, axis] = row.reshape(parents, BRANCH)
                 yield PAUSE
-            self._levels.append(boxes)
-            bounds = boxes.min(axis=2)
+            if self._height >= HEIGHTS:
+                self._levels.append(boxes)
+            self._height += 1
+            bounds = boxes.min(axis=3)
+        self._discs = yield from discs_steps(self.corners, self._middle, extent)
 
     def distances(self, points: NDArray[Any], limit: float = np.inf) -> Doubles:
         """Distance from every point (n, 3) to the surface, (n,); inf where it is above the limit, which saves time."""
@@ -129,13 +139,37 @@ class TriangleTree:
         self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
     ) -> Steps[Doubles]:
         """`distances` as steps, with `threads` threads, by default one for each processor."""
-        out = np.empty(len(points))
+        return np.sqrt((yield from self.nearest_steps(points, limit, threads))[0])
 
-        def measure(points: Doubles, block: NDArray[np.intp]) -> None:
-            out[block] = np.sqrt(self.nearest(points, np.full(len(block), limit * limit))[0])
+    def nearest_steps(
+        self, points: NDArray[Any], limit: float = np.inf, threads: int | None = None
+    ) -> Steps[tuple[Doubles, Indices]]:
+        """Squared distance from every point (n, 3) to the surface, (n,), and which of `corners` is nearest, (n,).
 
-        yield from self._by_blocks_steps(points, measure, threads)
-        return out
+        inf and 0 where it is above the limit. Of equally near triangles the first.
+        """
+        points = np.asarray(points, np.float64).reshape(-1, 3)
+        order = yield from self._order_of_steps(points)
+        squared, triangle = np.empty(len(points)), np.zeros(len(points), np.int64)
+        before, last = 0, 0  # The stride of the points that are done, and how many there are besides the first.
+        for stride in STRIDES:
+            places = np.arange(0, len(points), stride)
+            places = places[places % before != 0] if before else places
+
+            def measure(start: int, places: Indices = places, before: int = before, last: int = last) -> None:
+                here = places[start : start + BLOCK]
+                block, seeds = order[here], []
+                if before:
+                    low = here // before
+                    seeds = [triangle[order[each * before]] for each in (low, np.minimum(low + 1, last))]
+                found = self.nearest(np.ascontiguousarray(points[block].T), np.full(len(here), limit * limit), seeds)
+                squared[block], triangle[block] = found
+
+            blocks = range(0, len(places), BLOCK)
+            work = map_steps(measure, blocks, worker_count(threads), "", batches=max(1, len(blocks)))
+            yield from timed_steps(work, 1 / before if before else 0.0, 1 / stride)
+            before, last = stride, (len(points) - 1) // stride
+        return squared, triangle
 
     def largest_steps(self, points: NDArray[Any], least: float = 0.0, threads: int | None = None) -> Steps[float]:
         """The largest distance of the points (n, 3) to the surface, or `least` where none is larger.
@@ -160,7 +194,7 @@ class TriangleTree:
     ) -> Steps[None]:
         """Call `measure` for blocks of near points (3, n) and their numbers (n,)."""
         points = np.asarray(points, np.float64).reshape(-1, 3)
-        order = yield from order_steps((yield from self._codes_steps(len(points), lambda block: points[block])))
+        order = yield from self._order_of_steps(points)
         blocks = range(0, len(order), BLOCK)
 
         def measure_block(start: int) -> None:
@@ -169,47 +203,94 @@ class TriangleTree:
 
         yield from map_steps(measure_block, blocks, worker_count(threads), "", batches=max(1, len(blocks)))
 
-    def nearest(self, points: NDArray[Any], limits: Doubles) -> tuple[Doubles, Indices]:
+    def nearest(self, points: NDArray[Any], limits: Doubles, seeds: Sequence[Indices] = ()) -> tuple[Doubles, Indices]:
         """Squared distance from every point (3, n) to the nearest triangle, and which of `corners` that is.
 
         inf and 0 where it is above the point's own limit, which is squared too. Of equally near triangles the first.
-        Not for very many points at once.
+        Not for very many points at once. `seeds` (n,) are triangles that may be near, for speed.
         """
         bounds = np.minimum(self._bounds(points), limits)
-        centered = (points - self._middle).astype(np.float32)
+        for seed in seeds:
+            np.minimum(bounds, self._squared(points, np.arange(points.shape[1]), seed), out=bounds)
+        found = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
         point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
-        for height in reversed(range(len(self._levels))):
-            low, high = self._levels[height]
-            position = np.take(centered, point, axis=1)
-            outside = np.zeros((BRANCH, len(point)), np.float32)  # squared, a row for each box in the pairs' boxes
-            for axis in range(3):
-                below, above = np.take(low[axis], box, axis=1), np.take(high[axis], box, axis=1)
-                below -= position[axis]
-                above += position[axis]
-                np.maximum(below, above, out=below)
-                np.maximum(below, 0, out=below)
-                below *= below
-                outside += below
-            near = outside <= (bounds * SLACK).astype(np.float32).take(point)
-            pair, child = np.divmod(np.flatnonzero(near.T), BRANCH)
-            box, point = box.take(pair) * BRANCH + child, point.take(pair)
-            if len(point) > CROWD * points.shape[1]:
-                # The middle triangle of the box nearest to a point gives a new bound of its distance.
-                outside = outside[child, pair]
-                best = _least_of_each(point, outside)
-                triangle = np.minimum(box[best] * BRANCH**height + BRANCH**height // 2, len(self.order) - 1)
-                better = self._squared(points, point[best], triangle)
-                bounds[point[best]] = np.minimum(bounds[point[best]], better)
-                near = outside <= (bounds * SLACK).astype(np.float32).take(point)
-                point, box = point[near], box[near]
-        squared, triangle = np.full(points.shape[1], np.inf), np.zeros(points.shape[1], np.int64)
-        if len(point):
-            exact = self._squared(points, point, box)
-            best = _least_of_each(point, exact)
-            squared[point[best]], triangle[point[best]] = exact[best], box[best]
+        self._descend(points, (points - self._middle).astype(np.float32), bounds, point, box, found, self._height)
+        squared, triangle = found
         beyond = squared > limits
         squared[beyond], triangle[beyond] = np.inf, 0
-        return squared, triangle
+        return found
+
+    def _descend(
+        self,
+        points: NDArray[Any],
+        centered: Floats,
+        bounds: Doubles,
+        point: Indices,
+        box: Indices,
+        found: tuple[Doubles, Indices],
+        top: int,
+    ) -> None:
+        """Go down from pairs of a point and a box of level `top`, and write what is nearest into `found`."""
+        for height in reversed(range(top)):
+            if len(point) > MOST_PAIRS and point[0] != point[-1]:
+                middle = int(np.searchsorted(point, (point[0] + point[-1] + 1) // 2))
+                for part in (slice(None, middle), slice(middle, None)):
+                    self._descend(points, centered, bounds, point[part], box[part], found, height + 1)
+                return
+            point, box, outside = self._children(centered, bounds, point, box, height)
+            if len(point) > CROWD * points.shape[1]:
+                # The middle triangle of the box nearest to a point gives a new bound of its distance.
+                best = _least_of_each(point, outside)
+                triangle = np.minimum(box[best] * BRANCH**height + BRANCH**height // 2, len(self.order) - 1)
+                near = self._nearer(points, bounds, point, outside, best, triangle)
+                point, box, outside = point[near], box[near], outside[near]
+        if not len(point):
+            return
+        if len(point) > 2 * points.shape[1]:
+            best = _least_of_each(point, outside)
+            near = self._nearer(points, bounds, point, outside, best, box[best])
+            point, box = point[near], box[near]
+        exact = self._squared(points, point, box)
+        best = _least_of_each(point, exact)
+        squared, triangle = found
+        squared[point[best]], triangle[point[best]] = exact[best], box[best]
+
+    def _children(
+        self, centered: Floats, bounds: Doubles, point: Indices, box: Indices, height: int
+    ) -> tuple[Indices, Indices, Floats]:
+        """Return the pairs of points and their boxes' children that are near enough, and their squared distances."""
+        position = np.take(centered, point, axis=1)
+        if height < HEIGHTS:
+            outside = squared_outside(self._discs[height], position, box)
+        else:
+            outside = self._squared_outside_boxes(height, position, box)
+        within = (bounds * SLACK).astype(np.float32).take(point)
+        pairs = np.flatnonzero(outside <= np.repeat(within, BRANCH))
+        pair = pairs >> BRANCH_BITS
+        return point.take(pair), (box.take(pair) << BRANCH_BITS) + (pairs & BRANCH - 1), outside.take(pairs)
+
+    def _squared_outside_boxes(self, height: int, position: Floats, box: Indices) -> Floats:
+        """Squared distance from every position (3, n) to the four children of its box, (4 n,)."""
+        low, high = self._levels[height - HEIGHTS]
+        outside = np.zeros(BRANCH * len(box), np.float32)
+        for axis in range(3):
+            own = np.repeat(position[axis], BRANCH)
+            below, above = np.take(low[axis], box, axis=0).ravel(), np.take(high[axis], box, axis=0).ravel()
+            below -= own
+            above += own
+            np.maximum(below, above, out=below)
+            np.maximum(below, 0, out=below)
+            below *= below
+            outside += below
+        return outside
+
+    def _nearer(
+        self, points: NDArray[Any], bounds: Doubles, point: Indices, outside: Floats, best: Indices, triangle: Indices
+    ) -> Flags:
+        """Lower the bounds by triangles of the `best` pairs; return which pairs are near enough still."""
+        better = self._squared(points, point[best], triangle)
+        bounds[point[best]] = np.minimum(bounds[point[best]], better)
+        return np.asarray(outside <= (bounds * SLACK).astype(np.float32).take(point))
 
     def _squared(self, points: NDArray[Any], point: Indices, triangle: Indices) -> Doubles:
         """Squared distances of pairs of a point and a triangle."""
@@ -222,6 +303,10 @@ class TriangleTree:
         after = np.minimum(np.searchsorted(self._sorted_codes, self._codes(points.T)), len(self.order) - 1)
         point = np.arange(points.shape[1])
         return np.minimum(self._squared(points, point, after), self._squared(points, point, np.maximum(after - 1, 0)))
+
+    def _order_of_steps(self, points: Doubles) -> Steps[Indices]:
+        """Return points (n, 3) in Morton order."""
+        return (yield from order_steps((yield from self._codes_steps(len(points), lambda block: points[block]))))
 
     def _codes_steps(self, count: int, points_of: Callable[[slice], Doubles]) -> Steps[NDArray[np.uint64]]:
         """Return the codes of all points, of which `points_of` gives any block."""
