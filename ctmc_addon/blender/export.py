@@ -101,9 +101,7 @@ def structure_of(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) ->
     mesh = evaluated_triangles(obj, scene)
     color, opacity = srgb(material_color(obj)), material_opacity(obj)
     volume, maps = mesh.measures.enclosed_volume, evaluated_maps(obj, scene)
-    return Structure(
-        obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, maps, shown_name(obj)
-    )
+    return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, maps, shown_name(obj))
 
 
 def evaluated_maps(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> tuple[SurfaceMap, ...]:

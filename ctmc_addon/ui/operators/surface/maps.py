@@ -237,15 +237,11 @@ def _with_names(volume: Volume, scene: bpy.types.Scene) -> Volume:
 def _surfaces_of(
     scene: bpy.types.Scene, result: Reconstruction, full: Reconstruction | None, budget: Budget
 ) -> Callable[[ReconstructionSettings], Steps[TriangleMesh]]:
-    """Return the maker of other surfaces of the scene's CT; what is in memory is not made again."""
-    held = [(result.settings, result.mesh)]
-    if full is not None:
-        held.append((full_settings(full.settings), full.mesh))
+    """Return the maker of other surfaces of the scene's CT; the full surface of the last run is not made again."""
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
-        for own, mesh in held:
-            if own == settings:
-                return mesh
+        if full is not None and settings == full_settings(result.settings):
+            return full.mesh
         return (yield from _surface_steps(structures.require_volume_of(scene, settings), settings, budget))
 
     return surface_steps
