@@ -23,13 +23,13 @@ import bpy
 
 import ctmc_addon
 from ctmc_addon.blender.export import export
-from ctmc_addon.blender.surface.readback import own_mesh
 from ctmc_addon.cli.phantom.files import write_dicom_steps, write_nifti_steps
 from ctmc_addon.core import FieldCache, ReconstructionSettings
+from ctmc_addon.core.maps import QUANTITIES, Quantity
 from ctmc_addon.core.progress import Steps, finish
 from ctmc_addon.readers import ReadingOptions
 from ctmc_addon.ui.operators.ct import load
-from ctmc_addon.ui.operators.surface import reconstruct, results
+from ctmc_addon.ui.operators.surface import maps, reconstruct, results
 from ctmc_addon.ui.operators.surface.placing import ObjectRequest
 from ctmc_addon.ui.properties.preferences import machine
 from ctmc_addon.ui.state import measurements, surfaces, volumes
@@ -139,10 +139,9 @@ class Panel:
         """Return the surface made last, before simplification."""
         return surfaces.full_of(self.surface, self.scene)
 
-    def deviation_map(self) -> Steps[Any]:
-        """Run Deviation Map."""
-        uid = self.surface.session_uid
-        return results.deviation_steps(own_mesh(self.surface), self.full, uid)
+    def add_map(self, kind: type[Quantity]) -> Steps[Any]:
+        """Run Add Map."""
+        return maps.added_steps(self.surface, self.scene, kind, "", {})
 
     def move_slider(self) -> None:
         """Run the coarse preview of a moving slider."""
@@ -179,7 +178,9 @@ class Panel:
         yield "Simplify by 50 %", lambda: self.simplify(reduction=0.5)
         yield "Simplify to 100,000", lambda: self.simplify(target_faces=100_000)
         yield "Simplify within 0.5 mm", lambda: self.simplify(max_error_mm=0.5)
-        yield "Deviation Map", self.deviation_map
+        for kind in QUANTITIES:
+            if not kind.metavar:
+                yield f"Map: {kind.label}", lambda kind=kind: self.add_map(kind)
         yield "Load its labels", lambda: self.load(self.labels)
         yield "Reconstruct, label softened", lambda: self.reconstruct(ReconstructionSettings(label=1, smoothing_mm=1.0))
 

@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from contextlib import nullcontext
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
@@ -18,15 +19,17 @@ import bpy
 from ..core import OutputError, Structure, write_structures
 from ..core.files import mesh_files
 from ..core.files.atomic_write import whole_file
+from ..core.maps import SurfaceMap
 from .colors import srgb
 from .datablocks import remove_blocks
+from .maps import map_values, read_map, shown_name, stored_maps
 from .materials import material_color, material_opacity
 from .output_files import require_room
 from .scene.engine import set_render_engine
 from .scene.lighting import set_up_studio
 from .scene.studio import SIZE, set_render
 from .scene.timeline import shown_in_turn
-from .surface.evaluate import require_object_mode
+from .surface.evaluate import evaluated_object, require_object_mode
 from .surface.readback import evaluated_triangles, placement_of
 
 MM_PER_M = 1000.0
@@ -79,7 +82,7 @@ def export_together(
     if suffix in mesh_files.SUFFIXES:
         mesh_files.require_one_surface(target, len(objects))
         mesh = evaluated_triangles(objects[0], scene)
-        mesh.save(target, space)
+        mesh.save(target, space, evaluated_maps(objects[0], scene))
         return len(mesh.faces)
     if suffix in mesh_files.STRUCTURE_SUFFIXES:
         structures = [structure_of(obj, scene) for obj in objects]
@@ -97,7 +100,22 @@ def structure_of(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) ->
     """Return the evaluated surface of an object, with its name and the color and opacity of its material."""
     mesh = evaluated_triangles(obj, scene)
     color, opacity = srgb(material_color(obj)), material_opacity(obj)
-    return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, mesh.measures.enclosed_volume)
+    volume, maps = mesh.measures.enclosed_volume, evaluated_maps(obj, scene)
+    return Structure(obj.name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, maps, shown_name(obj))
+
+
+def evaluated_maps(obj: bpy.types.Object, scene: bpy.types.Scene | None = None) -> tuple[SurfaceMap, ...]:
+    """Return the maps of an object on the vertices that it has with its modifiers, which interpolate the values."""
+    maps = [read_map(obj.data, stored.name) for stored in stored_maps(obj.data)]
+    if not maps:
+        return ()
+    with evaluated_object(obj, scene) as (evaluated, _):
+        mesh = evaluated.data
+        return tuple(
+            replace(each, values=map_values(mesh, each.name))
+            for each in maps
+            if each is not None and each.name in mesh.attributes
+        )
 
 
 def write_blend(

@@ -86,8 +86,8 @@ def from_stored(kind: Any, values: Any) -> Any:
     Parameters
     ----------
     kind : type
-        A dataclass, a truth value, a number, a text, a tuple of a fixed length or of texts, a dictionary by text, or one
-        of them or None.
+        A dataclass, a truth value, a number, a text, a tuple of a fixed length or of texts, a dictionary by text, or
+        one of them or None.
     values : object
         Parsed JSON.
 

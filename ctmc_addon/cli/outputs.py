@@ -229,7 +229,9 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
 def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
     from ..blender.export import export_together
+    from ..blender.figure.map_colors import scale_shown
     from ..blender.figure.rendering.render import PICTURE_SIZE, render_figure_steps
+    from ..blender.maps import show_map
 
     yield Step(0.0, "Building the objects" if surfaces.are_several else "Building the object")
     stages: list[Stage] = []
@@ -249,6 +251,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                 those = [objects[number] for number in numbers]
                 collection = surfaces.name if len(those) > 1 else ""
                 with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
+                    for obj in those:
+                        show_map(obj, outputs.map_shown_of(surfaces.results))
                     export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
             width, height = outputs.thumbnail or PICTURE_SIZE
@@ -261,7 +265,14 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                     scene, objects, _ = stack.enter_context(objects_shown)
                 names, chosen = surfaces.titles, chosen_opacities(surfaces.results, outputs.opacity)
                 # Thumbnails are a batch's, whose processes end with it: another takes longer to start than to render.
-                how = {"names": names, "chosen": chosen, "own_process": not outputs.thumbnail, **small}
+                colors = None if outputs.thumbnail else scale_shown(shown, outputs.map_shown_of(shown))
+                how = {
+                    "names": names,
+                    "chosen": chosen,
+                    "own_process": not outputs.thumbnail,
+                    "colors": colors,
+                    **small,
+                }
                 rendering = render_figure_steps(objects, scene, temporaries[outputs.figure], **how)
                 yield from quiet_steps(rendering)
     return _with_stages(replace(surfaces, results=tuple(shown)), stages)
@@ -276,8 +287,10 @@ def _coarse_surfaces(results: Sequence[Reconstruction]) -> list[Reconstruction]:
         mesh = coarse_mesh(result.mesh, max(FEWEST_FACES, math.floor(share)))
         # The few triangles are all there is of these: no alpha is left to choose, and no modifier to apply.
         settings = replace(result.settings, reduction=None, target_faces=None)
-        shown = replace(result, mesh=mesh, surface=None, beyond=None, measured=result.measures, settings=settings)
-        coarse.append(shown)
+        measured = result.measures
+        coarse.append(
+            replace(result, mesh=mesh, surface=None, beyond=None, measured=measured, settings=settings, maps=())
+        )
     return coarse
 
 

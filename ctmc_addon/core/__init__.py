@@ -76,6 +76,7 @@ from .measures import (
     Place as Place,
     columns_in as columns_in,
     combined as combined,
+    map_measure as map_measure,
     maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
@@ -125,6 +126,7 @@ from .surfaces.finish import simplified_steps as simplified_steps, without_small
 from .surfaces.make import make_surfaces_steps as make_surfaces_steps, reconstruct as reconstruct
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .units import (
+    UNITS as UNITS,
     Unit as Unit,
     distance_phrases as distance_phrases,
     length_text as length_text,
@@ -136,6 +138,7 @@ from .units import (
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
+    from .arithmetic import LN_2 as LN_2, natural_logarithm as natural_logarithm, power_of_two as power_of_two
     from .change.compare import (
         ChangeRow as ChangeRow,
         LabelChanges as LabelChanges,

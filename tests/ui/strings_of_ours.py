@@ -21,6 +21,7 @@ from ctmc_addon.ui import translations
 from ctmc_addon.ui.properties import (
     drawing as drawing_properties,
     figure as figure_properties,
+    maps as map_properties,
     preferences,
     settings as properties,
     structures,
@@ -42,6 +43,7 @@ GROUPS = (
     drawing_properties.CTMCDrawing,
     drawing_properties.CTMCDrawnStructure,
     figure_properties.CTMCFigure,
+    map_properties.CTMCMap,
     studio_properties.CTMCStudio,
     preferences.CTMCPreferences,
 )

@@ -25,7 +25,7 @@ def active():
 def surface(loaded):
     loaded.ctmc.reduction = 0.5
     bpy.ops.ctmc.reconstruct()
-    bpy.ops.ctmc.deviation_map()
+    bpy.ops.ctmc.map_add(quantity="deviation")
     yield active()
     if active() is not None and active().mode != "OBJECT":
         bpy.ops.object.mode_set(mode="OBJECT")
@@ -80,8 +80,8 @@ def test_results_ask_to_leave_edit_mode_and_return_afterwards(surface):
 
 
 REFUSED = (
-    *("measure", "deviation_map", "remove_small", "keep_largest", "simplify", "make_final", "table", "export"),
-    *("choose_alpha", "pick_component", "figure_deviation"),
+    *("measure", "remove_small", "keep_largest", "simplify", "make_final", "table", "export"),
+    *("map_add", "map_show", "map_remove", "choose_alpha", "pick_component", "figure_deviation"),
 )
 
 

@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-from ...core import Reconstruction, SettingsError
+from ...core import Reconstruction, SettingsError, map_measure
 from ...core.maps import SurfaceMap
-from ...core.measures import map_measure
 from ..maps import StoredMap
 from .spec import ColorScale, FigureStyle
 
@@ -31,11 +30,17 @@ def style_with_map(style: FigureStyle, results: Sequence[Reconstruction], name: 
     """
     names = list(dict.fromkeys(each.name for result in results for each in result.maps))
     name = name or next(iter(names), "")
-    shown = [each for result in results for each in result.maps if each.name == name]
-    if not shown:
+    colors = scale_shown(results, name)
+    if colors is None:
         there = f"the maps are {', '.join(names)}" if names else "the surfaces have none"
         raise SettingsError(f"there is no map {name}; {there}")
-    return replace(style, colors=scale_of(shown))
+    return replace(style, colors=colors)
+
+
+def scale_shown(results: Sequence[Reconstruction], name: str) -> ColorScale | None:
+    """Return the colors of a map on several surfaces; None if none of them has it."""
+    shown = [each for result in results for each in result.maps if each.name == name]
+    return scale_of(shown) if shown else None
 
 
 def scale_of(maps: Sequence[SurfaceMap | StoredMap]) -> ColorScale:

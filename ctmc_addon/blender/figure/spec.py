@@ -9,8 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import Described, SettingsError, Unit, setting, unit_of
-from ...core.units import UNITS
+from ...core import UNITS, Described, SettingsError, Unit, setting, unit_of
 from ..colors import GRAY, INK, RED, YELLOW, Color
 from .comparison import Comparison as Comparison
 
@@ -443,7 +442,7 @@ class Turn(Described):
         return round(self.seconds * self.fps)
 
     def degrees(self, frame: int) -> float:
-        """Return how far the surface has turned in frame 0, 1, ..."""
+        """Return how far the surface has turned in a frame, the first of which is 0."""
         return 360.0 * self.revolutions * frame / self.frames
 
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...blender.figure.spec import Cell, FigureStyle
+from ...blender.figure.spec import Cell
 from ...core import Budget, Reconstruction, Stages
 from ..arguments import Parser, settings_and_labels
 from ..blender_host import quiet_steps, require_blender
@@ -75,9 +75,8 @@ def run(args: argparse.Namespace) -> None:
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
-                    style = replace(
-                        style, caption=common.caption_of(results, volume.kind, args.names or (), _shown_of(style))
-                    )
+                    caption = common.caption_of(results, volume.kind, args.names or (), style)
+                    style = replace(style, caption=caption)
                 figure = figure_steps([Cell(shown)], target, page, style, blend, scene, own_process=True)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
@@ -86,7 +85,3 @@ def run(args: argparse.Namespace) -> None:
         ("triangles", f"{sum(len(result.mesh.faces) for result in results):,}"),
     ]
     print(common.summary(facts, surfaces.notes, [target, blend]))
-
-
-def _shown_of(style: FigureStyle) -> str:
-    return "" if style.colors is None else style.colors.name

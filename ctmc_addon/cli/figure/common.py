@@ -107,17 +107,15 @@ def with_output_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[
     return run_there
 
 
-def caption_of(
-    results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str] = (), shown_map: str = ""
-) -> str:
+def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str], style: FigureStyle) -> str:
     """Return in a line what is shown; of a single surface with a map, its numbers too."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
     settings = [result.settings for result in results]
     caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark)
-    maps = [each for each in first.maps if each.name == shown_map] if len(results) == 1 else []
-    if not maps:
+    maps = [each for each in first.maps if style.colors is not None and each.name == style.colors.name]
+    if len(results) > 1 or not maps:
         return caption
     from ...blender.figure.map_colors import statistics_text
 

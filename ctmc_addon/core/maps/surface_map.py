@@ -156,6 +156,8 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
     --------
     >>> range_of(np.linspace(0.3, 7.7, 100).astype(np.float32), "viridis")
     (0.0, 8.0)
+    >>> range_of(np.full(9, 7, np.float32), "magma"), range_of(np.zeros(9, np.float32), "light")
+    ((0.0, 8.0), (0.0, 1.0))
     >>> range_of(np.array([-3.0, 1.0], np.float32), "coolwarm"), range_of(np.array([np.nan], np.float32), "magma")
     ((-3.0, 3.0), (0.0, 1.0))
     """
@@ -163,9 +165,11 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
     if not len(known):
         return 0.0, 1.0
     low, high = (float(each) for each in np.percentile(known, INNER))
+    most = step_up(max(abs(low), abs(high)))
     if ramp in DIVERGING:
-        most = step_up(max(abs(low), abs(high)))
         return -most, most
+    if low == high:  # As of a surface that is not simplified: 0 is the other end.
+        return (-most, 0.0) if low < 0 else (0.0, most if low else 1.0)
     if low >= 0 and low < high / 2:
         return 0.0, step_up(high)
     step = step_up(max(high - low, abs(high) * 1e-6)) / 10

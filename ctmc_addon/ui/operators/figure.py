@@ -14,6 +14,7 @@ from typing import Any
 import bpy
 from bpy.props import BoolProperty, StringProperty
 
+from ...blender.figure.map_colors import scale_of
 from ...blender.figure.page.sheet import deviation_figure_steps, sheet_steps
 from ...blender.figure.rendering.render import figure_steps, require_png
 from ...blender.figure.shown import shown_surfaces as figure_surfaces
@@ -30,6 +31,7 @@ from ...blender.figure.spec import (
 )
 from ...blender.figure.styles import require_engine
 from ...blender.figure.turntable import is_video, require_turntable, turntable_steps
+from ...blender.maps import shown_map
 from ...blender.rulers import is_ruler, points_of, text_of
 from ...blender.slices import is_slice
 from ...blender.surface import as_shown, evaluated_triangles, require_provenance, settings_of
@@ -122,6 +124,14 @@ def style_of(panel: Any, caption: str = "") -> FigureStyle:
     return replace(shown, caption=(shown.caption or caption or None) if panel.use_caption else "")
 
 
+def in_map_colors(style: FigureStyle, context: bpy.types.Context) -> FigureStyle:
+    """Return a style in the colors of the map that a selected surface shows, the active one's first."""
+    active = context.view_layer.objects.active
+    objects = sorted(shown_surfaces(context), key=lambda obj: obj != active)
+    maps = [stored for stored in map(shown_map, objects) if stored is not None]
+    return replace(style, colors=scale_of([each for each in maps if each.name == maps[0].name])) if maps else style
+
+
 def blend_of(panel: Any, target: Path) -> Path | None:
     """Return the path of the figure's own .blend."""
     return target.with_suffix(".blend") if panel.write_blend else None
@@ -196,9 +206,8 @@ class CTMC_OT_figure(_FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         cell, caption = cell_of(context)
-        return figure_steps(
-            [cell], target, page, style_of(panel, caption), blend_of(panel, target), context.scene, own_process=True
-        )
+        style = in_map_colors(style_of(panel, caption), context)
+        return figure_steps([cell], target, page, style, blend_of(panel, target), context.scene, own_process=True)
 
 
 class CTMC_OT_figure_sheet(_FigureOperator, bpy.types.Operator):
@@ -254,7 +263,7 @@ class CTMC_OT_figure_deviation(_FigureOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context, panel: Any, target: Path, page: Page) -> Steps[Any]:
         require_png(target)
-        require_engine(panel.engine, distances=True)
+        require_engine(panel.engine, colors=True)
         obj = context.view_layer.objects.active
         volume = structures.require_volume_of(context.scene, surfaces.require_settings(obj))
         surface = as_shown(obj, context.scene)
@@ -295,7 +304,10 @@ class CTMC_OT_figure_turntable(_FigureOperator, bpy.types.Operator):
         require_turntable(target, page, resume=True, overwrite=self.overwrite)
         cell = replace(cell_of(context)[0], rulers=())  # Rulers drawn on the page would not turn.
         blend = blend_of(panel, target if is_video(target) else target.with_name(target.name + ".blend"))
-        style, options = style_of(panel), {"resume": True, "overwrite": self.overwrite, "own_process": True}
+        style, options = (
+            in_map_colors(style_of(panel), context),
+            {"resume": True, "overwrite": self.overwrite, "own_process": True},
+        )
         return turntable_steps(cell, target, page, style, turn, blend, context.scene, **options)
 
 

@@ -32,7 +32,6 @@ def draw_maps(room: Any, context: bpy.types.Context) -> None:
     """Draw the button that adds a map, the list, and the settings and numbers of the one that is shown."""
     layout, obj = block(room), surfaces.surface_of_results(context)
     layout.operator_menu_enum("ctmc.map_add", "quantity", text="Add Map", icon="ADD")
-    layout.operator("ctmc.deviation_map", icon="COLOR")
     if obj is None or obj.data.is_editmode:
         return
     layout.active = obj == context.view_layer.objects.active

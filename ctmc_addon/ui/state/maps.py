@@ -36,13 +36,15 @@ def change(scene: bpy.types.Scene, **fields: Any) -> None:
 
 
 def set_end(scene: bpy.types.Scene, at: int, value: float) -> None:
-    """Move the first (`at` 0) or the last color to a value; the other end gives way."""
+    """Move the first (`at` 0) or the last color to a value; an end that would be passed moves with it."""
     stored = active_map(scene)
     if stored is None or stored.range[at] == value:
         return
     low, high = stored.range
-    least = max(1e-6 * abs(value), 1e-9)
-    change(scene, range=(value, max(high, value + least)) if at == 0 else (min(low, value - least), value))
+    if at == 0:
+        change(scene, range=(value, high if value < high else value + (high - low)))
+    else:
+        change(scene, range=(low if low < value else value - (high - low), value))
 
 
 def set_limit(scene: bpy.types.Scene, at: int, value: float | None) -> None:

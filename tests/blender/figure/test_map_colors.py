@@ -29,7 +29,8 @@ PAGE = Page(40.0, 100.0, 60.0)
 BARE = {"scale_bar": False, "orientation": False, "caption": "", "elevation": 0.0, "azimuth": 0.0}
 
 
-def mapped(result, rise=Rise(), **request):
+def mapped(result, rise=None, **request):
+    rise = rise or Rise()
     [result] = finish(mapped_steps(None, [result], MapRequest((rise,), **request), None, None))
     return result
 

@@ -200,7 +200,8 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     obj.select_set(True)
     for panel in panels.STEPS:
         drawn(panel)
-    for operator in ("reconstruct", "simplify", "measure", "deviation_map", "make_final", "adopt_settings", "export"):
+    others = ("map_add", "map_show", "map_remove", "make_final", "adopt_settings", "export")
+    for operator in ("reconstruct", "simplify", "measure", *others):
         getattr(bpy.ops.ctmc, operator).poll()
     assert not bpy.ops.ctmc.measure.poll()
     scene.ctmc.alpha = 0.5  # the slider moves the selected surfaces

@@ -19,7 +19,7 @@ from ....core.files.atomic_write import whole_file
 from ....core.files.temporary_names import remove_leftovers
 from ..page.compose import compose_steps
 from ..shown import shown_surfaces
-from ..spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, FigureStyle, Page
+from ..spec import AZIMUTH, ELEVATION, MM_PER_INCH, Cell, ColorScale, FigureStyle, Page
 from ..styles import EDGE_MM, NAME
 from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
@@ -90,8 +90,9 @@ def render_figure_steps(
     names: Sequence[str] = (),
     chosen: Sequence[float | None] = (),
     own_process: bool = False,
+    colors: ColorScale | None = None,
 ) -> Steps[tuple[int, int]]:
-    """Render the plain picture next to a reconstruction, with nothing written on it.
+    """Render the plain picture next to a reconstruction, with nothing written on it but the bar of a map.
 
     Returns its size in pixels.
 
@@ -111,6 +112,8 @@ def render_figure_steps(
         The opacity that a person has chosen for each.
     own_process : bool
         Render in a Blender of its own, which closing the steps ends at any moment.
+    colors : ColorScale, optional
+        Colors of a map of the objects.
 
     Raises
     ------
@@ -126,6 +129,7 @@ def render_figure_steps(
         scale_bar=False,
         orientation=False,
         samples=None if style == "illustration" else PICTURE_SAMPLES,
+        colors=colors,
     )
     shown = [replace(surface, name="") for surface in shown_surfaces(objects, scene, look, names, chosen)]
     cell = Cell(tuple(shown))

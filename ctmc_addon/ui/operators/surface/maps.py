@@ -17,6 +17,7 @@ from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_
 from ....blender.surface import own_mesh, require_editable, require_provenance
 from ....blender.surface.readback import reconstruction_of
 from ....core import (
+    SIMPLIFICATION,
     Budget,
     LabelError,
     MadeSurface,
@@ -33,7 +34,7 @@ from ....core import (
     descriptions,
     make_surfaces_steps,
 )
-from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, full_settings, mapped_steps
+from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....core.volume import ValueKind, label_extents_steps, region_box
 from ....readers import ReadingOptions
 from ....readers.file_formats import stem
@@ -112,11 +113,8 @@ class _MapAdder(jobs.LongOperator):
         obj, kind = context.view_layer.objects.active, kind_of(self.quantity)
         require_editable(obj)
         about = {} if kind.options is None else descriptions(kind.options)
-        given = {
-            field: as_typed(getattr(self, field), about[field])
-            for field in about
-            if self.properties.is_property_set(field)
-        }
+        chosen = [field for field in about if self.properties.is_property_set(field)]
+        given = {field: as_typed(getattr(self, field), about[field]) for field in chosen}
         return added_steps(obj, context.scene, kind, self.text_of(kind), given)
 
     def text_of(self: Any, kind: type[Quantity]) -> str:
@@ -237,15 +235,11 @@ def _with_names(volume: Volume, scene: bpy.types.Scene) -> Volume:
 def _surfaces_of(
     scene: bpy.types.Scene, result: Reconstruction, full: Reconstruction | None, budget: Budget
 ) -> Callable[[ReconstructionSettings], Steps[TriangleMesh]]:
-    """Return the maker of other surfaces of the scene's CT; what is in memory is not made again."""
-    held = [(result.settings, result.mesh)]
-    if full is not None:
-        held.append((full_settings(full.settings), full.mesh))
+    """Return the maker of other surfaces of the scene's CT; the full surface of the last run is not made again."""
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
-        for own, mesh in held:
-            if own == settings:
-                return mesh
+        if full is not None and settings == result.settings.without(SIMPLIFICATION):
+            return full.mesh
         return (yield from _surface_steps(structures.require_volume_of(scene, settings), settings, budget))
 
     return surface_steps

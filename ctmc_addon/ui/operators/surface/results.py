@@ -1,22 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Work on results: measure, deviation map, copy an object's settings to the panel, copy as command."""
+"""Work on results: measure, copy an object's settings to the panel, copy as command."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import bpy
-import numpy as np
 
-from ....blender.figure.distance_map import DISTANCE, DISTANCE_RAMP
-from ....blender.maps import show_map, write_map
-from ....blender.surface import as_shown, other_modifiers, own_mesh, require_editable, settings_of
-from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Stages, Steps, TriangleMesh, distance_phrases
+from ....blender.surface import as_shown, settings_of
+from ....core import CtmcError, Reconstruction, SettingsError, Steps, TriangleMesh
 from ....core.files.file_names import file_name
-from ....core.maps import SurfaceMap, statistics_of, vertex_areas
-from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps, vertex_distances_steps
 from ....readers import ReadingOptions
 from ....reporting.command_line import command_line
 from ... import jobs
@@ -24,10 +18,7 @@ from ...properties.reading import options_of_scene
 from ...properties.structures import called
 from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
-from ...translations import translate, translate_phrase
-from ...viewport import maps as viewport_maps
-
-MAP_STAGES = {"Comparing with the full surface": 2, "Measuring": 1}
+from ...translations import translate
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -62,66 +53,6 @@ def measure_steps(
         if obj is not None:
             measurements.keep(obj, measurement, state)
         return translate("Measured")
-
-    return conclude
-
-
-def _has_full(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether the full surface of the active one is in memory, with the reason if not."""
-    obj = context.view_layer.objects.active
-    if surfaces.full_of_last_run(obj, context.scene) is None:
-        operator.poll_message_set(
-            "The full surface is not in memory; reconstruct again, at a larger stride if it does not fit"
-        )
-        return False
-    return True
-
-
-class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
-    """Color the active surface by its distance to the full one."""
-
-    bl_idname = "ctmc.deviation_map"
-    bl_label = "Deviation Map"
-    bl_description = (
-        "Add each vertex's distance to the full surface [mm] as a map, and show it in the viewport, with a legend"
-    )
-    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
-
-    needs = (jobs.idle, surfaces.can_change, _has_full)
-
-    def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
-        scene, obj = context.scene, context.view_layer.objects.active
-        require_editable(obj)
-        full = surfaces.full_of_last_run(obj, scene)
-        assert full is not None, "has_full asks for it"
-        measurement = None if any(modifier.show_viewport for modifier in other_modifiers(obj)) else measurements.of(obj)
-        distance = None if measurement is None else measurement.distance
-        return deviation_steps(own_mesh(obj), full, obj.session_uid, distance)
-
-
-def deviation_steps(
-    mesh: TriangleMesh, full: Reconstruction, uid: int, distance: SurfaceDistance | None = None
-) -> Steps[jobs.Conclusion]:
-    """Measure every vertex, then write once; the message has the numbers of Results, which may be known already."""
-    reference, stages = ReferenceSurface(full.mesh), Stages(MAP_STAGES)
-    comparing, measuring = MAP_STAGES
-    if distance is None:
-        distance = yield from stages.run(comparing, surface_distance_steps(mesh, reference))
-    measured = distance
-    distances = yield from stages.run(measuring, vertex_distances_steps(mesh, reference))
-
-    def conclude() -> str:
-        obj = session.object_of(uid)
-        if obj is None or len(obj.data.vertices) != len(distances):
-            raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
-        require_editable(obj)
-        largest = max(measured.to_full.largest, float(distances.max(initial=0.0)))
-        values = distances.astype(np.float32)
-        statistics = statistics_of(values, vertex_areas(mesh))
-        write_map(obj.data, SurfaceMap(DISTANCE, "mm", values, (0.0, largest or 1.0), DISTANCE_RAMP, statistics))
-        show_map(obj, DISTANCE)
-        viewport_maps.show()
-        return f"{obj.name}: {', '.join(map(translate_phrase, distance_phrases(measured)))}"
 
     return conclude
 
@@ -196,5 +127,5 @@ def command_text(scene: bpy.types.Scene) -> str:
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
+    (CTMC_OT_measure, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
 )

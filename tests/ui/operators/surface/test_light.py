@@ -165,12 +165,12 @@ def test_a_saved_file_opens_as_it_was_without_the_extension(surface, tmp_path):
         ctmc_addon.register()
 
 
-def test_the_deviation_map_and_its_colors_are_of_every_vertex(loaded):
+def test_a_map_and_its_colors_are_of_every_vertex(loaded):
     loaded.ctmc.goal, loaded.ctmc.ratio = "reduction", 0.8
     bpy.ops.ctmc.reconstruct()
     surface = active()
     assert shown_faces(surface) is not None
-    bpy.ops.ctmc.deviation_map()
+    bpy.ops.ctmc.map_add(quantity="deviation")
     assert len(surface.data.attributes["deviation_mm"].data) == len(surface.data.vertices)
     bpy.context.view_layer.update()
     shown = surface.evaluated_get(bpy.context.evaluated_depsgraph_get()).data

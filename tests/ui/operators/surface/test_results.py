@@ -12,14 +12,13 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn, meshes_in
 
-from ctmc_addon.blender.figure.distance_map import painted_mm
-from ctmc_addon.blender.surface import evaluated_triangles, own_mesh, read_provenance
-from ctmc_addon.core import ReconstructionSettings, finish, reconstruct
+from ctmc_addon.blender.maps.colors import COLORS
+from ctmc_addon.blender.surface import evaluated_triangles, read_provenance
+from ctmc_addon.core import ReconstructionSettings, reconstruct
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui.operators.surface.placing import summary
 from ctmc_addon.ui.panels.results import CTMC_PT_results
 from ctmc_addon.ui.state import measurements, session, surfaces
-from ctmc_addon.ui.viewport import deviation
 
 
 def active():
@@ -40,11 +39,11 @@ def test_results_are_measured_and_the_distance_is_that_of_the_surfaces(loaded):
     exact = distances(made.vertices, full.mesh)
     assert result.distance.largest >= exact.max() - 1e-4
     assert 0 < result.distance.mean < result.distance.largest < 1.0
-    assert bpy.ops.ctmc.deviation_map() == {"FINISHED"}
+    assert bpy.ops.ctmc.map_add(quantity="deviation") == {"FINISHED"}
     found = np.empty(len(thing.data.vertices), np.float32)
     thing.data.attributes["deviation_mm"].data.foreach_get("value", found)
     assert found == pytest.approx(exact, abs=1e-4)
-    assert thing.data.color_attributes.active_color_name == "deviation"
+    assert thing.data.color_attributes.active_color_name == COLORS
     del thing[measurements.PROPERTY]
     assert bpy.ops.ctmc.measure() == {"FINISHED"}
     assert measurements.of(thing).measures.volume == pytest.approx(result.measures.volume, rel=1e-4)
@@ -64,20 +63,6 @@ def test_moving_the_object_is_not_a_deviation(loaded):
     after = measurements.of(obj)
     assert after.distance.largest == pytest.approx(before.distance.largest, rel=1e-4)
     assert after.measures.volume == pytest.approx(before.measures.volume, rel=1e-4)
-
-
-def test_the_deviation_maps_message_has_the_largest_distance_that_is_painted(loaded):
-    from ctmc_addon.ui.operators.surface.results import deviation_steps
-
-    loaded.ctmc.reduction = 0.5
-    bpy.ops.ctmc.reconstruct()
-    obj = active()
-    max(obj.data.vertices, key=lambda vertex: vertex.co.z).co.z += 0.05  # 5 mm
-    message = finish(deviation_steps(own_mesh(obj), surfaces.full_of(obj, loaded), obj.session_uid))()
-    painted = np.empty(len(obj.data.vertices), np.float32)
-    obj.data.attributes["deviation_mm"].data.foreach_get("value", painted)
-    assert painted.max() > 2.0
-    assert f"{painted.max():.3g} mm" in message
 
 
 def double_positions(obj):
@@ -344,35 +329,6 @@ def test_cavities_are_counted_apart_from_components(scene, tmp_path):
     assert "2 components, 64 cavities, 65 below 4 mm3" in " ".join(drawn(CTMC_PT_results).texts)
     bpy.ops.ctmc.keep_largest()
     assert "1 component, 64 cavities, 64 below 4 mm3" in " ".join(drawn(CTMC_PT_results).texts)
-
-
-def test_show_deviation_is_pressed_only_on_a_surface_with_a_map(loaded, monkeypatch):
-    shading = SimpleNamespace(type="SOLID", color_type="VERTEX", as_pointer=lambda: -1)
-    monkeypatch.setattr(deviation, "_shadings", lambda: [shading])
-    loaded.ctmc.reduction = 0.5
-    bpy.ops.ctmc.reconstruct()
-    assert deviation.is_shown()  # a viewport shows colors of attributes, but there is no map
-    assert not deviation.is_shown_on(active())
-    assert not bpy.ops.ctmc.deviation_view.poll()
-    bpy.ops.ctmc.deviation_map()
-    assert deviation.is_shown_on(active())
-    assert bpy.ops.ctmc.deviation_view.poll()
-
-
-def test_the_deviation_map_has_the_numbers_of_results_and_of_the_legend(noise, capfd):
-    noise.ctmc.reduction = 0.9
-    bpy.ops.ctmc.reconstruct()
-    distance = measurements.of(active()).distance
-    assert distance.lost.count > 100
-    assert distance.lost.largest > distance.largest
-    texts = drawn(CTMC_PT_results).texts
-    to_full, from_full = (texts[texts.index(name) + 1] for name in ("To Full Surface", "From Full Surface"))
-    capfd.readouterr()
-    bpy.ops.ctmc.deviation_map()
-    report = capfd.readouterr().out
-    assert f"to the full surface at most {to_full}, from the full surface at most {from_full}, " in report
-    assert f"{distance.lost.count} specks removed (" in report
-    assert painted_mm(active()) == pytest.approx(distance.to_full.largest)
 
 
 def test_a_report_of_many_surfaces_is_one_short_line(loaded):

@@ -166,8 +166,8 @@ def test_a_surface_that_does_not_fit_is_simplified_as_it_is_extracted(loaded, to
     assert len(seen.faces) <= 0.1 * expected.full_faces == 0.1 * read_provenance(active()).full_faces
     assert session.of(loaded).full == {}
     assert active().data.shape_keys is None
-    with pytest.raises(RuntimeError, match="at a larger stride if it does not fit"):
-        bpy.ops.ctmc.deviation_map()
+    with pytest.raises(RuntimeError, match="stride 2 2 2 would fit"):
+        bpy.ops.ctmc.map_add(quantity="deviation")
 
 
 def test_a_surface_that_was_never_whole_takes_another_goal_and_no_other_simplifier(loaded, too_large):
