@@ -4,6 +4,7 @@
 from typing import TYPE_CHECKING
 
 from ..version import VERSION as VERSION
+from .arrays import Doubles as Doubles, Floats as Floats
 from .described import (
     AUTO as AUTO,
     Described as Described,
@@ -130,6 +131,7 @@ from .units import (
     Unit as Unit,
     distance_phrases as distance_phrases,
     length_text as length_text,
+    number_text as number_text,
     one_way_text as one_way_text,
     specks_text as specks_text,
     unit_of as unit_of,

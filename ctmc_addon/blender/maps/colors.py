@@ -7,7 +7,7 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core.arrays import Floats
+from ...core import Floats
 from ...core.maps import NO_VALUE, colors_of, linear, rgb_of
 from .stored import StoredMap, map_values
 

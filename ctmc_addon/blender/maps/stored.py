@@ -15,8 +15,7 @@ from dataclasses import asdict, dataclass, field
 import bpy
 import numpy as np
 
-from ...core import MeshError
-from ...core.arrays import Floats
+from ...core import Floats, MeshError
 from ...core.maps import RAMPS, Limits, MapStatistics, Point, SurfaceMap
 from ..stored_values import from_stored, parsed_json
 

@@ -10,7 +10,7 @@ import bpy
 
 from ...blender.maps import StoredMap, map_values, recolor_map, shown_map
 from ...blender.surface import own_mesh
-from ...core.arrays import Doubles
+from ...core import Doubles
 from ...core.maps import statistics_of, vertex_areas
 from . import measurements, surfaces
 

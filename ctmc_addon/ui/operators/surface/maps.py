@@ -14,8 +14,7 @@ from bpy.props import StringProperty
 from .... import readers
 from ....blender.figure.map_colors import title_of
 from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_maps, write_map
-from ....blender.surface import own_mesh, require_editable, require_provenance
-from ....blender.surface.readback import reconstruction_of
+from ....blender.surface import own_mesh, reconstruction_of, require_editable, require_provenance
 from ....core import (
     SIMPLIFICATION,
     Budget,
@@ -36,8 +35,7 @@ from ....core import (
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....core.volume import ValueKind, label_extents_steps, region_box
-from ....readers import ReadingOptions
-from ....readers.file_formats import stem
+from ....readers import ReadingOptions, stem
 from ... import jobs
 from ...properties.described import as_typed, property_of, with_unit
 from ...properties.kinds import choice, text
