@@ -19,7 +19,7 @@ import bpy
 from ..core import OutputError, Structure, write_structures
 from ..core.files import mesh_files
 from ..core.files.atomic_write import whole_file
-from ..core.maps.surface_map import SurfaceMap
+from ..core.maps import SurfaceMap
 from .colors import srgb
 from .datablocks import remove_blocks
 from .maps import map_values, read_map, shown_name, stored_maps

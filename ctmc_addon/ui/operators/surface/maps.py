@@ -33,10 +33,7 @@ from ....core import (
     descriptions,
     make_surfaces_steps,
 )
-from ....core.maps.make import MAPPING, full_settings, mapped_steps
-from ....core.maps.quantities import QUANTITIES
-from ....core.maps.quantity import Quantity
-from ....core.maps.request import MapRequest
+from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, full_settings, mapped_steps
 from ....core.volume import ValueKind, label_extents_steps, region_box
 from ....readers import ReadingOptions
 from ....readers.file_formats import stem
@@ -62,8 +59,8 @@ def kind_of(flag: str) -> type[Quantity]:
     return next(kind for kind in QUANTITIES if kind.flag == flag)
 
 
-def _quantity_items(_operator: Any = None, _context: Any = None) -> list[tuple[str, str, str]]:
-    return [(kind.flag, kind.label, kind.text) for kind in QUANTITIES]
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _structure_items(_operator: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
@@ -145,7 +142,11 @@ CTMC_OT_map_add = type(
         "bl_options": {"REGISTER", "UNDO"},
         "needs": (jobs.idle, surfaces.can_change),
         "__annotations__": {
-            "quantity": choice("Quantity", "Quantity to work out", items=_quantity_items),
+            "quantity": choice(
+                "Quantity",
+                "Quantity to work out",
+                items=[(kind.flag, kind.label, _sentence(kind.text)) for kind in QUANTITIES],
+            ),
             "structure": choice("Structure", "Structure to measure to", items=_structure_items),
             "map_name": text("Name", "Name of the map; empty for that of the file"),
             "filepath": StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE}),

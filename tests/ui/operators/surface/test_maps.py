@@ -41,7 +41,8 @@ def thick(surface):
 
 
 def test_the_menu_has_every_quantity(surface):
-    names = [item[0] for item in maps._quantity_items()]
+    items = bpy.ops.ctmc.map_add.get_rna_type().properties["quantity"].enum_items
+    names = [item.identifier for item in items]
     assert names == [kind.flag for kind in QUANTITIES]
     assert "ctmc.map_add Add Map" in drawn(CTMC_PT_results).buttons
 
