@@ -67,6 +67,7 @@ from .machine.parallel import (
 )
 from .measures import (
     GRAY_VALUES as GRAY_VALUES,
+    GY as GY,
     HU as HU,
     MEASURES as MEASURES,
     UNKNOWN as UNKNOWN,
@@ -75,6 +76,7 @@ from .measures import (
     Place as Place,
     columns_in as columns_in,
     combined as combined,
+    map_measure as map_measure,
     maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
@@ -124,9 +126,11 @@ from .surfaces.finish import simplified_steps as simplified_steps, without_small
 from .surfaces.make import make_surfaces_steps as make_surfaces_steps, reconstruct as reconstruct
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .units import (
+    UNITS as UNITS,
     Unit as Unit,
     distance_phrases as distance_phrases,
     length_text as length_text,
+    number_text as number_text,
     one_way_text as one_way_text,
     specks_text as specks_text,
     unit_of as unit_of,

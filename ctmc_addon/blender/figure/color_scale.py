@@ -8,8 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ...core import Unit, unit_of
-from ...core.units import UNITS
+from ...core import UNITS, Unit, unit_of
 
 
 @dataclass(frozen=True)

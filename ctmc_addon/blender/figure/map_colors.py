@@ -6,9 +6,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import asdict, replace
 
-from ...core import Reconstruction, SettingsError
+from ...core import Reconstruction, SettingsError, map_measure
 from ...core.maps import SurfaceMap
-from ...core.measures import map_measure
 from ..maps import StoredMap
 from .spec import ColorScale, FigureStyle
 

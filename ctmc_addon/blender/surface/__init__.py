@@ -19,4 +19,4 @@ from .objects import (
 )
 from .placement import SCALE
 from .provenance import Provenance, read_provenance, require_provenance, set_drawn, settings_of
-from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back
+from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back, reconstruction_of

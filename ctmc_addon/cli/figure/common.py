@@ -112,9 +112,8 @@ def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequen
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
-    unit = "HU" if kind == ValueKind.HU else ""
     settings = [result.settings for result in results]
-    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
+    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark)
     maps = [each for each in first.maps if style.colors is not None and each.name == style.colors.name]
     if len(results) > 1 or not maps:
         return caption

@@ -9,8 +9,7 @@ import bpy
 
 from ...blender.figure.map_colors import title_of
 from ...blender.maps import StoredMap, shown_map, stored_maps
-from ...core import UNKNOWN
-from ...core.units import number_text
+from ...core import UNKNOWN, number_text
 from ..state import surfaces
 from ..translations import translate, translate_sentence
 from .layout import block, draw_name, draw_table, draw_text

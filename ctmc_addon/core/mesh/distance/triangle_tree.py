@@ -220,6 +220,14 @@ class TriangleTree:
         squared[beyond], triangle[beyond] = np.inf, 0
         return found
 
+    def within(self, points: NDArray[Any], limits: Doubles) -> tuple[Indices, Indices]:
+        """Return pairs of a point (3, n) and one of `corners`, all that may be within the point's own squared limit."""
+        centered = (points - self._middle).astype(np.float32)
+        point, box = np.arange(points.shape[1]), np.zeros(points.shape[1], np.int64)
+        for height in reversed(range(self._height)):
+            point, box, _ = self._children(centered, limits, point, box, height)
+        return point, box
+
     def _descend(
         self,
         points: NDArray[Any],
