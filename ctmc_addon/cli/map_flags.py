@@ -11,10 +11,9 @@ from pathlib import Path
 from typing import Any
 
 from .. import readers
-from ..core import Budget, LabelError, ReconstructionSettings, Steps, TriangleMesh, Volume, defaults, descriptions
+from ..core import Budget, Steps, TriangleMesh, Volume, defaults, descriptions
 from ..core.files.input_files import add_inputs
 from ..core.maps import QUANTITIES, RAMPS, Limits, MapRequest, Quantity
-from ..core.volume import ValueKind, label_extents_steps, region_box
 from .arguments import UsageError
 from .described_flags import add_flag, given
 
@@ -86,7 +85,7 @@ class AskedMaps:
         CtmcError
             For a file that cannot be read, or a name that no structure or map has.
         """
-        inputs = _MapInputs(volume, budget)
+        inputs = _MapInputs(volume, budget, readers.open_volume_steps)
         quantities: list[Quantity] = []
         for flag, text in self.quantities:
             kind = KINDS[flag]
@@ -210,35 +209,15 @@ def _limit(text: str) -> float | None:
     return number
 
 
-@dataclass(frozen=True)
-class _MapInputs:
-    """The files that quantities name."""
-
-    volume: Volume
-    budget: Budget
+class _MapInputs(readers.MapFiles):
+    """The files that quantities name, which no output replaces."""
 
     def volume_steps(self, path: str) -> Steps[Volume]:
         """Read a volume."""
         add_inputs([Path(path)])
-        source = yield from readers.open_volume_steps(Path(path))
-        return (yield from source.read_steps(readers.ReadingOptions(), budget=self.budget))
+        return (yield from super().volume_steps(path))
 
     def surface_steps(self, path: str) -> Steps[TriangleMesh]:
-        """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
-        from ..core import MadeSurface, SurfaceRequest, make_surfaces_steps
-
-        if Path(path).suffix.lower() in readers.SURFACE_SUFFIXES:
-            add_inputs([Path(path)])
-            return (yield from readers.read_surface_steps(Path(path)))
-        volume = yield from self.volume_steps(path)
-        if volume.kind != ValueKind.LABEL:
-            raise LabelError(f"{Path(path).name} holds {volume.kind}; give a label volume, an STL or a PLY")
-        labels = yield from label_extents_steps(volume, region_box(volume, ReconstructionSettings()))
-        if len(labels) != 1:
-            raise LabelError(
-                f"{Path(path).name} has {len(labels)} labels; make the STL of one with ctmc reconstruct and give that"
-            )
-        request = SurfaceRequest(ReconstructionSettings(label=next(iter(labels))))
-        [surface] = yield from make_surfaces_steps(volume, [request], self.budget, all_needed=True)
-        assert isinstance(surface, MadeSurface), "an error is raised"
-        return surface.result.mesh
+        """Read a surface, or make that of a label volume; RAS+ mm."""
+        add_inputs([Path(path)])
+        return (yield from super().surface_steps(path))

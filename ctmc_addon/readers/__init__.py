@@ -28,6 +28,7 @@ from .file_formats import (
     volume_stem,
 )
 from .labels.nearby_labels import labels_beside, volumes_beside
+from .map_files import MapFiles
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
     FOLDER,
@@ -51,6 +52,7 @@ __all__ = [
     "PAGE_SUFFIXES",
     "SURFACE_SUFFIXES",
     "VOLUME_SUFFIXES",
+    "MapFiles",
     "ReadingOptions",
     "Series",
     "VolumeSource",

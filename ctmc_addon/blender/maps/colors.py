@@ -7,7 +7,6 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Floats
 from ...core.maps import NO_VALUE, colors_of, linear, rgb_of
 from .stored import StoredMap, map_values
 
@@ -33,7 +32,7 @@ def unpaint(mesh: bpy.types.Mesh) -> None:
         mesh.color_attributes.remove(attribute)
 
 
-def vertex_colors(values: Floats, range_: tuple[float, float], ramp: str) -> NDArray[np.float32]:
+def vertex_colors(values: NDArray[np.float32], range_: tuple[float, float], ramp: str) -> NDArray[np.float32]:
     """Return the linear RGBA of values, (V, 4) float32.
 
     Parameters

@@ -14,8 +14,9 @@ from dataclasses import asdict, dataclass, field
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core import Floats, MeshError
+from ...core import MeshError
 from ...core.maps import RAMPS, Limits, MapStatistics, Point, SurfaceMap
 from ..stored_values import from_stored, parsed_json
 
@@ -111,7 +112,7 @@ def write_map(mesh: bpy.types.Mesh, surface_map: SurfaceMap) -> None:
     mesh.update()
 
 
-def write_values(mesh: bpy.types.Mesh, name: str, values: Floats) -> None:
+def write_values(mesh: bpy.types.Mesh, name: str, values: NDArray[np.float32]) -> None:
     """Write values as an attribute of the vertices.
 
     Parameters
@@ -136,7 +137,7 @@ def stored_map(mesh: bpy.types.Mesh, name: str) -> StoredMap | None:
     return next((each for each in stored_maps(mesh) if each.name == name), None)
 
 
-def map_values(mesh: bpy.types.Mesh, name: str) -> Floats:
+def map_values(mesh: bpy.types.Mesh, name: str) -> NDArray[np.float32]:
     """Return the values of a map of the mesh, (V,) float32 with NaN where there is none."""
     values = np.empty(len(mesh.vertices), np.float32)
     mesh.attributes[name].data.foreach_get("value", values)

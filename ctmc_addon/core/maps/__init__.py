@@ -19,15 +19,18 @@ if TYPE_CHECKING:
         RAMPS as RAMPS,
         colors_of as colors_of,
         linear as linear,
+        rgb_of as rgb_of,
         stops_of as stops_of,
     )
     from .request import MapRequest as MapRequest
     from .surface_map import (
         Limits as Limits,
         MapStatistics as MapStatistics,
+        Point as Point,
         SurfaceMap as SurfaceMap,
         range_of as range_of,
         statistics_of as statistics_of,
+        step_up as step_up,
         vertex_areas as vertex_areas,
     )
     from .thickness import Gap as Gap, Thickness as Thickness

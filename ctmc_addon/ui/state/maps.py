@@ -7,14 +7,15 @@ from dataclasses import replace
 from typing import Any
 
 import bpy
+import numpy as np
+from numpy.typing import NDArray
 
 from ...blender.maps import StoredMap, map_values, recolor_map, shown_map
 from ...blender.surface import own_mesh
-from ...core import Doubles
 from ...core.maps import statistics_of, vertex_areas
 from . import measurements, surfaces
 
-_areas: dict[int, tuple[Any, Doubles]] = {}
+_areas: dict[int, tuple[Any, NDArray[np.float64]]] = {}
 """By the mesh's session_uid: state of the surface, and the areas of its vertices."""
 
 
@@ -61,7 +62,7 @@ def set_limit(scene: bpy.types.Scene, at: int, value: float | None) -> None:
         change(scene, limits=(low, value))
 
 
-def _areas_of(obj: bpy.types.Object) -> Doubles:
+def _areas_of(obj: bpy.types.Object) -> NDArray[np.float64]:
     state = measurements.plain_state(obj, None)
     uid = obj.data.session_uid
     if uid not in _areas or _areas[uid][0] != state:

@@ -3,22 +3,21 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 from bpy.props import StringProperty
 
-from .... import readers
 from ....blender.figure.map_colors import title_of
 from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_maps, write_map
 from ....blender.surface import own_mesh, reconstruction_of, require_editable, require_provenance
 from ....core import (
     SIMPLIFICATION,
     Budget,
-    LabelError,
     MadeSurface,
     MeshError,
     Reconstruction,
@@ -34,8 +33,8 @@ from ....core import (
     make_surfaces_steps,
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
-from ....core.volume import ValueKind, label_extents_steps, region_box
-from ....readers import ReadingOptions, stem
+from ....core.volume import ValueKind
+from ....readers import MapFiles, open_volume_steps
 from ... import jobs
 from ...properties.described import as_typed, property_of, with_unit
 from ...properties.kinds import choice, text
@@ -58,15 +57,19 @@ def kind_of(flag: str) -> type[Quantity]:
     return next(kind for kind in QUANTITIES if kind.flag == flag)
 
 
-def _quantity_items(_operator: Any = None, _context: Any = None) -> list[tuple[str, str, str]]:
-    return [(kind.flag, kind.label, kind.text) for kind in QUANTITIES]
+def _sentence(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def _structure_items(_operator: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
-    """Return the labels of the list by number, and a file last."""
+    """Return the labels of the list, and a file last."""
     stored = context.scene.ctmc
+    labels = [item for item in stored.labels if item.kind == LABEL]
+    names = Counter(item.name for item in labels)
     _items.clear()
-    _items.extend((str(item.value), item.name or str(item.value), "") for item in stored.labels if item.kind == LABEL)
+    for item in labels:  # By name where one name means one label.
+        number = str(item.value)
+        _items.append((item.name if names[item.name] == 1 and item.name else number, item.name or number, ""))
     _items.append((FROM_FILE, translate("File"), ""))
     return _items
 
@@ -121,7 +124,8 @@ class _MapAdder(jobs.LongOperator):
         if kind.metavar == NAME_AND_FILE:
             if not self.filepath:
                 raise SettingsError("no file was chosen; choose the volume to paint")
-            return f"{self.map_name or stem(Path(path))}={path}"
+            name = self.map_name or Path(path).name.partition(".")[0]
+            return f"{name}={path}"
         if not kind.metavar:
             return ""
         if self.structure == FROM_FILE and not self.filepath:
@@ -141,7 +145,11 @@ CTMC_OT_map_add = type(
         "bl_options": {"REGISTER", "UNDO"},
         "needs": (jobs.idle, surfaces.can_change),
         "__annotations__": {
-            "quantity": choice("Quantity", "Quantity to work out", items=_quantity_items),
+            "quantity": choice(
+                "Quantity",
+                "Quantity to work out",
+                items=[(kind.flag, kind.label, _sentence(kind.text)) for kind in QUANTITIES],
+            ),
             "structure": choice("Structure", "Structure to measure to", items=_structure_items),
             "map_name": text("Name", "Name of the map; empty for that of the file"),
             "filepath": StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE}),
@@ -149,37 +157,6 @@ CTMC_OT_map_add = type(
         },
     },
 )
-
-
-@dataclass(frozen=True)
-class _PanelInputs:
-    """The files that a quantity names; structures are those of the list."""
-
-    volume: Volume
-    budget: Budget
-
-    def volume_steps(self, path: str) -> Steps[Volume]:
-        """Read a volume."""
-        source = yield from readers.open_volume_steps(Path(path))
-        return (yield from source.read_steps(ReadingOptions(), budget=self.budget))
-
-    def surface_steps(self, path: str) -> Steps[TriangleMesh]:
-        """Read the surface of an STL or PLY, or make that of a label volume; RAS+ mm."""
-        if Path(path).suffix.lower() in readers.SURFACE_SUFFIXES:
-            return (yield from readers.read_surface_steps(Path(path)))
-        volume = yield from self.volume_steps(path)
-        if volume.kind != ValueKind.LABEL:
-            raise LabelError(f"{Path(path).name} holds {volume.kind}; give a label volume, an STL or a PLY")
-        labels = yield from label_extents_steps(volume, region_box(volume, ReconstructionSettings()))
-        if len(labels) != 1:
-            raise LabelError(f"{Path(path).name} has {len(labels)} labels; give the STL of one")
-        return (yield from _surface_steps(volume, ReconstructionSettings(label=next(iter(labels))), self.budget))
-
-
-def _surface_steps(volume: Volume, settings: ReconstructionSettings, budget: Budget) -> Steps[TriangleMesh]:
-    [made] = yield from make_surfaces_steps(volume, [SurfaceRequest(settings)], budget, all_needed=True)
-    assert isinstance(made, MadeSurface), "an error is raised"
-    return made.result.mesh
 
 
 def added_steps(
@@ -199,12 +176,13 @@ def added_steps(
     """
     uid, provenance, mesh, budget = obj.session_uid, require_provenance(obj), own_mesh(obj), machine().budget
     result = reconstruction_of(mesh, None, provenance.settings, provenance)
-    volume = structures.require_volume_of(scene, provenance.settings)
-    inputs = _PanelInputs(_with_names(structures.label_volume(scene) or volume, scene), budget)
+    volume, labels = structures.require_volume_of(scene, provenance.settings), _named_labels(scene)
+    inputs = MapFiles(labels or volume, budget, open_volume_steps)
     surface_steps = _surfaces_of(scene, result, surfaces.full_of_last_run(obj, scene), budget)
     stages = Stages({READING: 1, MAPPING: 3})
     quantity = yield from stages.run(READING, kind.from_text_steps(value, inputs, options))
-    making = mapped_steps(volume, [result], MapRequest((quantity,)), budget, surface_steps)
+    source = labels if labels is not None and kind.metavar == STRUCTURE_OR_FILE else volume
+    making = mapped_steps(source, [result], MapRequest((quantity,)), budget, surface_steps)
     [mapped] = yield from stages.run(MAPPING, making)
 
     def conclude() -> str:
@@ -222,10 +200,11 @@ def added_steps(
     return conclude
 
 
-def _with_names(volume: Volume, scene: bpy.types.Scene) -> Volume:
-    """Return a label volume with the names of the list."""
-    if volume.kind != ValueKind.LABEL:
-        return volume
+def _named_labels(scene: bpy.types.Scene) -> Volume | None:
+    """Return the labels of the scene's CT, with the names of the list; None without any."""
+    volume = structures.label_volume(scene)
+    if volume is None or volume.kind != ValueKind.LABEL:
+        return None
     names = {item.value: item.name for item in scene.ctmc.labels if item.kind == LABEL and item.name}
     return replace(volume, label_names={**volume.label_names, **names})
 
@@ -238,7 +217,10 @@ def _surfaces_of(
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         if full is not None and settings == result.settings.without(SIMPLIFICATION):
             return full.mesh
-        return (yield from _surface_steps(structures.require_volume_of(scene, settings), settings, budget))
+        source, request = structures.require_volume_of(scene, settings), SurfaceRequest(settings)
+        [made] = yield from make_surfaces_steps(source, [request], budget, all_needed=True)
+        assert isinstance(made, MadeSurface), "an error is raised"
+        return made.result.mesh
 
     return surface_steps
 

@@ -41,7 +41,8 @@ def thick(surface):
 
 
 def test_the_menu_has_every_quantity(surface):
-    names = [item[0] for item in maps._quantity_items()]
+    items = bpy.ops.ctmc.map_add.get_rna_type().properties["quantity"].enum_items
+    names = [item.identifier for item in items]
     assert names == [kind.flag for kind in QUANTITIES]
     assert "ctmc.map_add Add Map" in drawn(CTMC_PT_results).buttons
 
@@ -107,7 +108,7 @@ def test_maps_are_shown_one_at_a_time_and_removed(thick):
     assert thick.material_slots[0].material == own
     bpy.ops.ctmc.map_remove(map_name="thickness_mm")
     assert [each.name for each in stored_maps(thick.data)] == ["smallest_angle_deg"]
-    with pytest.raises(RuntimeError, match="there is no map x; the maps are smallest_angle_deg"):
+    with pytest.raises(RuntimeError, match="There is no map x; the maps are smallest_angle_deg"):
         bpy.ops.ctmc.map_show(map_name="x")
     bpy.ops.ctmc.map_remove()
     assert not bpy.ops.ctmc.map_remove.poll()
@@ -122,8 +123,40 @@ def test_a_volume_is_painted_under_a_name(surface, ball_file):
     assert read_map(surface.data, "dose").statistics.maximum == 7.0
     bpy.ops.ctmc.map_add(**options)
     assert [each.name for each in stored_maps(surface.data)] == ["dose"], "the file's name"
-    with pytest.raises(RuntimeError, match="no file was chosen; choose the volume to paint"):
+    with pytest.raises(RuntimeError, match="No file was chosen; choose the volume to paint"):
         bpy.ops.ctmc.map_add(quantity="paint")
+
+
+@pytest.fixture
+def two_labels(scene, tmp_path):
+    """Two cubes of 6 mm with 4 mm between them; the first is active."""
+    values = np.zeros((16, 16, 32), np.uint8)
+    values[5:11, 5:11, 5:11], values[5:11, 5:11, 15:21] = 1, 2
+    np.save(tmp_path / "labels.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"), spacing=(1, 1, 1))
+    scene.ctmc.labels[1].name = "portal vein"
+    scene.ctmc.use_label, scene.ctmc.label = True, 1
+    bpy.ops.ctmc.reconstruct()
+    return active()
+
+
+def test_the_distance_to_a_structure_of_the_list_has_its_name(two_labels):
+    assert bpy.ops.ctmc.map_add(quantity="distance-to", structure="portal vein") == {"FINISHED"}
+    found = read_map(two_labels.data, "distance_portal_vein_mm")
+    assert found.statistics.minimum == pytest.approx(4.0, abs=1.0)
+    assert found.nearest is not None
+    with pytest.raises(RuntimeError, match="no distance to itself"):
+        bpy.ops.ctmc.map_add(quantity="distance-to", structure="1")
+    with pytest.raises(RuntimeError, match="No structure and no file was chosen"):
+        bpy.ops.ctmc.map_add(quantity="distance-to", structure="FILE")
+
+
+def test_the_distance_to_a_file(two_labels, tmp_path):
+    bpy.ops.ctmc.export(filepath=str(tmp_path / "other.stl"))
+    path = str(tmp_path / "other.stl")
+    assert bpy.ops.ctmc.map_add(quantity="distance-to", structure="FILE", filepath=path) == {"FINISHED"}
+    values = read_map(two_labels.data, "distance_other_mm").values
+    assert np.abs(values).max() < 1e-4
 
 
 def test_the_deviation_is_that_to_the_full_surface_in_memory(loaded, monkeypatch):
