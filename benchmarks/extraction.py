@@ -17,7 +17,7 @@ from ctmc_addon.core.planning.cost_estimate import FieldCache, cost_estimate_ste
 from ctmc_addon.core.planning.rates import ADDING, CALIBRATION, COMPARING, MEASURING
 from ctmc_addon.core.progress import finish
 from ctmc_addon.core.settings import ReconstructionSettings
-from ctmc_addon.core.surfaces.extract import reconstruct
+from ctmc_addon.core.surfaces.make import reconstruct
 from ctmc_addon.core.volume.volume import Volume
 
 from . import peers, scenes

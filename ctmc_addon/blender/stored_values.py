@@ -86,7 +86,8 @@ def from_stored(kind: Any, values: Any) -> Any:
     Parameters
     ----------
     kind : type
-        A dataclass, a truth value, a number, a tuple of a fixed length, a dictionary by text, or one of them or None.
+        A dataclass, a truth value, a number, a text, a tuple of a fixed length or of texts, a dictionary by text, or one
+        of them or None.
     values : object
         Parsed JSON.
 
@@ -132,4 +133,17 @@ def truth(value: Any) -> bool:
     return value
 
 
-READERS: Mapping[Any, Callable[[Any], Any]] = {bool: truth, int: partial(whole, lowest=-LARGEST_COUNT), float: measured}
+def text(value: Any) -> str:
+    """Return a text."""
+    if not isinstance(value, str):
+        raise ValueError("not a text")
+    return value
+
+
+READERS: Mapping[Any, Callable[[Any], Any]] = {
+    bool: truth,
+    int: partial(whole, lowest=-LARGEST_COUNT),
+    float: measured,
+    str: text,
+    tuple[str, ...]: texts,
+}

@@ -54,6 +54,11 @@ class Outputs:
         Of the files in the folder, such as ".stl".
     opacity : tuple of (label number, name or 'all', float)
         Chosen for structures.
+    maps : bool
+        Whether the surfaces have maps, for which all are held until they are written.
+    shown_map : str
+        Name of the map whose colors are shown; empty for the first.
+    map_table : Path or None
     """
 
     surfaces: tuple[Path, ...] = ()
@@ -64,6 +69,9 @@ class Outputs:
     folder: Path | None = None
     suffix: str = ""
     opacity: tuple[tuple[int | str, float], ...] = ()
+    maps: bool = False
+    shown_map: str = ""
+    map_table: Path | None = None
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
         """Return every file with surfaces, and the numbers of those in it."""
@@ -77,7 +85,7 @@ class Outputs:
 
     def paths(self, surfaces: Surfaces) -> list[Path]:
         """Return all files, in the order in which they are written."""
-        companions = [path for path in (self.figure, self.report) if path is not None]
+        companions = [path for path in (self.figure, self.map_table, self.report) if path is not None]
         return [*self.surface_files(surfaces), *companions]
 
     def surface_files(self, surfaces: Surfaces) -> list[Path]:
@@ -100,7 +108,11 @@ class Outputs:
     def writer(self, simplifier: str) -> Iterator[SurfaceWriter | None]:
         """Give a writer of each surface as it is made; None where all are held until they are written."""
         path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
-        held = bool(self.blender_needed_for(simplifier)) or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
+        held = (
+            self.maps
+            or bool(self.blender_needed_for(simplifier))
+            or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
+        )
         if held or (path is None and (self.folder is None or self.surfaces)):
             yield None
             return
@@ -109,6 +121,10 @@ class Outputs:
         suffix = self.suffix if path is None else path.suffix.lower()
         with surface_writer(folder, suffix, self.space) as writer:
             yield writer
+
+    def map_shown_of(self, results: Sequence[Reconstruction]) -> str:
+        """Return the name of the map whose colors are shown, by default the first; empty without maps."""
+        return self.shown_map or next((each.name for result in results for each in result.maps), "")
 
     def require_room_for(self, count: int) -> None:
         """Raise `OutputError` where one file is to hold more surfaces than its format can."""
@@ -184,16 +200,25 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                     if surfaces.files:
                         surfaces.files[numbers[0]].replace(temporaries[path])
                     else:
-                        surfaces.results[numbers[0]].mesh.save(temporaries[path], outputs.space)
+                        result = surfaces.results[numbers[0]]
+                        result.mesh.save(temporaries[path], outputs.space, result.maps)
             elif path.suffix.lower() in mesh_files.STRUCTURE_SUFFIXES:
                 from ..core import write_structures_steps
 
                 with timed(stages, f"Writing {path.suffix.lower()}"):
                     chosen = [surfaces.results[number] for number in numbers]
                     shares = opacities_of(chosen, outputs.opacity)
-                    structures = structures_of(chosen, [surfaces.titles[number] for number in numbers], shares)
+                    titles = [surfaces.titles[number] for number in numbers]
+                    structures = structures_of(chosen, titles, shares, outputs.map_shown_of(chosen))
                     for step in write_structures_steps(temporaries[path], structures, outputs.space):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
+        if outputs.map_table is not None:
+            from ..core.files.map_table import write_map_table_steps
+
+            with timed(stages, "Writing .csv"):
+                structures = structures_of(surfaces.results, surfaces.titles)
+                for step in write_map_table_steps(temporaries[outputs.map_table], structures, outputs.space):
+                    yield Step(0.9, step.message)
         surfaces = _with_stages(surfaces, stages)
         if outputs.report is not None:
             yield Step(0.9, f"Writing {outputs.report.name}")

@@ -23,6 +23,7 @@ from ..core import (
     structure_names,
 )
 from ..core.volume import ALL, chosen_labels_steps, region_box
+from .map_flags import AskedMaps
 from .surface_writer import SurfaceWriter
 
 
@@ -121,6 +122,7 @@ def surfaces_steps(
     writer: SurfaceWriter | None = None,
     written_bytes: int = 0,
     require_room_for: Callable[[int], None] = lambda _: None,
+    maps: AskedMaps | None = None,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
@@ -132,6 +134,8 @@ def surfaces_steps(
         Of a triangle of a held surface, while Blender writes it.
     require_room_for : callable
         Told how many labels there are before they are made; raises where they cannot be written.
+    maps : AskedMaps, optional
+        Maps to make on every surface; there is no writer then.
 
     Raises
     ------
@@ -140,6 +144,7 @@ def surfaces_steps(
     """
     stages = Stages({"Finding the labels": 1, "Reconstructing": 30})
     finding, making = stages.shares
+    mapping = (yield from maps.request_steps(volume, budget)) if maps else None
     several = may_be_several(choices)
     if choices:
         box = region_box(volume, settings)
@@ -150,7 +155,7 @@ def surfaces_steps(
     if not several:
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
-        working = make_surfaces_steps(volume, [request], budget, all_needed=True)
+        working = make_surfaces_steps(volume, [request], budget, all_needed=True, maps=mapping)
         [surface] = yield from stages.run(making, working)
         assert isinstance(surface, MadeSurface), "an error is raised"
         return surface_of(volume, surface, writer)
@@ -158,7 +163,8 @@ def surfaces_steps(
 
     requested = None if ALL in choices else labels
     sink_of = (lambda _: HOLD) if writer is None else writer.sink_of
-    finished = yield from stages.run(making, reconstruct_labels_steps(volume, settings, requested, budget, sink_of))
+    labelling = reconstruct_labels_steps(volume, settings, requested, budget, sink_of, mapping)
+    finished = yield from stages.run(making, labelling)
     files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
     return Surfaces(
         volume.name, tuple(finished.surfaces), structure_names(finished.surfaces), tuple(finished.left_out), files=files

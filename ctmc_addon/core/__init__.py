@@ -75,10 +75,9 @@ from .measures import (
     Place as Place,
     columns_in as columns_in,
     combined as combined,
-    distance_phrases as distance_phrases,
+    maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
-    one_way_text as one_way_text,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
@@ -120,17 +119,15 @@ from .settings import (
 from .sinks import HOLD as HOLD, Hold as Hold, Sink as Sink, Write as Write
 from .smoothing.choices import done_smoothing as done_smoothing, has_width as has_width
 from .smoothing.methods import SMOOTHINGS as SMOOTHINGS, smoothing_of as smoothing_of, used_settings as used_settings
-from .surfaces.extract import (
-    reconstruct as reconstruct,
-    reconstruct_steps as reconstruct_steps,
-    result_and_full_steps as result_and_full_steps,
-)
+from .surfaces.extract import reconstruct_steps as reconstruct_steps, result_and_full_steps as result_and_full_steps
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
-from .surfaces.make import make_surfaces_steps as make_surfaces_steps
+from .surfaces.make import make_surfaces_steps as make_surfaces_steps, reconstruct as reconstruct
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .units import (
     Unit as Unit,
+    distance_phrases as distance_phrases,
     length_text as length_text,
+    one_way_text as one_way_text,
     specks_text as specks_text,
     unit_of as unit_of,
     volume_text as volume_text,
@@ -138,6 +135,19 @@ from .units import (
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
+    from .change.compare import (
+        ChangeRow as ChangeRow,
+        LabelChanges as LabelChanges,
+        compare_labels as compare_labels,
+        compare_labels_steps as compare_labels_steps,
+    )
+    from .change.limits import ChangeLimits as ChangeLimits, Status as Status
+    from .change.table import (
+        CHANGE_HEADS as CHANGE_HEADS,
+        change_cells as change_cells,
+        change_csv as change_csv,
+        written_columns as written_columns,
+    )
     from .files.structures import (
         Structure as Structure,
         write_structures as write_structures,

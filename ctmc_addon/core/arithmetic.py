@@ -68,3 +68,41 @@ def arctangents(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
     for number in range(TERMS, -1, -1):
         sums = 1.0 / (2 * number + 1) - sums * square
     return np.asarray(8.0 * eighth * sums)
+
+
+LN_2 = 0.6931471805599453
+SERIES_TERMS = 24  # Of both series; at their ends the next one is below 1e-17 of the sum.
+
+
+def power_of_two(exponent: float) -> float:
+    """Return 2 to the power of a number from -1000 to 1000, by the series of the exponential function.
+
+    Examples
+    --------
+    >>> power_of_two(-3.0), round(power_of_two(0.5), 12)
+    (0.125, 1.414213562373)
+    """
+    whole = math.floor(exponent + 0.5)
+    part = (exponent - whole) * LN_2  # at most 0.35
+    total = 1.0
+    for number in range(SERIES_TERMS, 0, -1):
+        total = 1.0 + total * part / number
+    return math.ldexp(total, whole)
+
+
+def natural_logarithm(number: float) -> float:
+    """Return the natural logarithm of a number above 0, by the series of the inverse hyperbolic tangent.
+
+    Examples
+    --------
+    >>> natural_logarithm(1.0), round(natural_logarithm(10.0), 12)
+    (0.0, 2.302585092994)
+    """
+    share, exponent = math.frexp(number)  # from 0.5 to 1
+    if share < 0.7:
+        share, exponent = 2 * share, exponent - 1
+    ratio = (share - 1.0) / (share + 1.0)  # at most 0.18
+    square, total = ratio * ratio, 0.0
+    for odd in range(2 * SERIES_TERMS + 1, 0, -2):
+        total = total * square + 1.0 / odd
+    return exponent * LN_2 + 2.0 * ratio * total

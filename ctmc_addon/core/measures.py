@@ -14,10 +14,11 @@ from enum import Flag, auto
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
-from .units import UNITS, length_text, number_text, sizes_text, specks_text, unit_of, volume_text
+from .units import UNITS, length_text, number_text, one_way_text, sizes_text, volume_text
 
 if TYPE_CHECKING:
-    from .mesh.distance.surface_distance import OneWayDistance, SurfaceDistance
+    from .maps.surface_map import SurfaceMap
+    from .mesh.distance.surface_distance import SurfaceDistance
     from .mesh.measures import Measures
     from .volume.statistics.inside import InsideValues
 
@@ -71,6 +72,8 @@ class FinishedSurface:
     largest_diameter_mm : float
     inside : InsideValues
         The gray values inside.
+    maps : mapping of str to SurfaceMap
+        Maps on its vertices by name; each is a measure of its own (`map_measure`).
     """
 
     measures: Measures | None = None
@@ -81,6 +84,7 @@ class FinishedSurface:
     distance: SurfaceDistance | None = None
     largest_diameter_mm: float | None = None
     inside: InsideValues | None = None
+    maps: Mapping[str, SurfaceMap] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -120,7 +124,7 @@ class Measure:
         """Return the value for JSON; None where it is not known, or infinite, which JSON does not have."""
         value: Any = surface
         for step in self.of.split("."):
-            value = None if value is None else getattr(value, step)
+            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
         if isinstance(value, float) and not math.isfinite(value):
             return None
         if is_dataclass(value) and not isinstance(value, type):
@@ -161,7 +165,7 @@ class Measure:
     def head(self) -> str:
         """The head of a column or line for a person, such as 'volume', 'mean HU' and 'Euler number'."""
         lower = self.label.lower().replace("euler", "Euler")
-        return f"{lower} {HU}" if self.unit == HU else lower
+        return f"{lower} {HU}" if self.unit == HU and not self.columns else lower
 
     def table_cells(self, value: Any, unit: str = HU) -> dict[str, Any]:
         """Return the parts of a value by their columns in the table of structures, whose volumes are in ml.
@@ -173,9 +177,9 @@ class Measure:
         >>> measure("volume_mm3").table_cells(5000.0), measure("mean_hu").table_cells(40.0, "gray")
         ({'volume_ml': 5.0}, {'mean_gray': 40.0})
         """
-        if self.unit == HU:
+        if self.unit == HU and not self.columns:
             return {self.name.replace("hu", unit.lower()): value}
-        if self.unit not in ("mm2", "mm3"):
+        if self.unit not in ("mm2", "mm3") or self.columns:
             return self.cells(value)
         largest = UNITS[self.unit][0]
         return {self.name.replace(self.unit, largest.name): None if value is None else value / largest.size}
@@ -191,45 +195,10 @@ def _collapsed_text(collapsed: Mapping[str, float]) -> str:
     return f"{collapsed['count']:,}{volume}"
 
 
-def one_way_text(way: OneWayDistance) -> str:
-    """Return the largest distance of one way, with the one that 95 % stay within, in one unit.
-
-    Examples
-    --------
-    >>> from .mesh.distance.surface_distance import OneWayDistance
-    >>> one_way_text(OneWayDistance(0.05, 0.194, 0.5824)), one_way_text(OneWayDistance(largest=0.0123))
-    ('0.582 mm (95 %: 0.194)', '12.3 um (95 %: 0)')
-    """
-    unit = unit_of(way.largest, "mm")
-    most, within = (number_text(number / unit.size, 3) for number in (way.largest, way.percentile_95))
-    return f"{most} {unit.name} (95 %: {within})"
-
-
 def _way_text(way: Mapping[str, float]) -> str:
     from .mesh.distance.surface_distance import OneWayDistance
 
     return one_way_text(OneWayDistance(**way))
-
-
-def distance_phrases(distance: SurfaceDistance) -> list[str]:
-    """Return both ways of a distance in words, and the components that are not among them.
-
-    Examples
-    --------
-    >>> from .mesh.distance.surface_distance import LostComponents, OneWayDistance, SurfaceDistance
-    >>> ways = OneWayDistance(0.05, 0.194, 0.5824), OneWayDistance(0.1, 0.39, 3.8)
-    >>> for phrase in distance_phrases(SurfaceDistance(*ways, LostComponents(562, 1.9))):
-    ...     print(phrase)
-    to the full surface at most 0.582 mm (95 %: 0.194)
-    from the full surface at most 3.8 mm (95 %: 0.39)
-    562 specks removed (1.9 mm3 in total)
-    """
-    phrases = [
-        f"to the full surface at most {one_way_text(distance.to_full)}",
-        f"from the full surface at most {one_way_text(distance.from_full)}",
-    ]
-    lost = distance.lost
-    return phrases + ([specks_text(lost.count, lost.volume)] if lost.count else [])
 
 
 MEASURES = (
@@ -341,9 +310,73 @@ MEASURES = (
 GRAY_VALUES = tuple(each for each in MEASURES if each.unit == HU)
 
 
-def measures_in(place: Place) -> tuple[Measure, ...]:
-    """Return the measures that a place shows, in their order."""
-    return tuple(each for each in MEASURES if each.where & place)
+_MAP_COLUMNS = {
+    "min": "minimum",
+    "p5": "percentile_5",
+    "median": "median",
+    "mean": "mean",
+    "p95": "percentile_95",
+    "max": "maximum",
+    "share_without": "share_without",
+    "share_below": "share_below",
+    "share_above": "share_above",
+}
+"""The columns of a map, behind its name, and the parts of its statistics."""
+
+
+def map_measure(name: str, unit: str) -> Measure:
+    """Return the measure of a map: its statistics.
+
+    Parameters
+    ----------
+    name, unit : str
+        Those of the map.
+
+    Examples
+    --------
+    >>> list(map_measure("thickness_mm", "mm").cells(None))[:3]
+    ['thickness_mm_min', 'thickness_mm_p5', 'thickness_mm_median']
+    """
+    return Measure(
+        name,
+        name,
+        unit,
+        of=f"maps.{name}.statistics",
+        where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH,
+        shown=partial(_statistics_text, unit=unit),
+        columns={f"{name}_{column}": part for column, part in _MAP_COLUMNS.items()},
+    )
+
+
+def _statistics_text(statistics: Mapping[str, float | None], unit: str) -> str:
+    """Return the numbers of a map in a line.
+
+    Examples
+    --------
+    >>> parts = {"minimum": 1.0, "percentile_5": 1.1, "median": 2.0, "mean": 2.25, "percentile_95": 2.9, "maximum": 3.0}
+    >>> _statistics_text({**parts, "share_without": 0.5, "share_below": 0.25}, "mm")
+    'median 2 mm, mean 2.25, 1 to 3 (90 %: 1.1 to 2.9), 50 % without a value, 25 % below'
+    """
+    if statistics["median"] is None:
+        return "no value"
+    numbers = {part: number_text(value) for part, value in statistics.items() if value is not None}
+    text = (
+        f"median {numbers['median']}{f' {unit}' if unit else ''}, mean {numbers['mean']}, {numbers['minimum']} to "
+        f"{numbers['maximum']} (90 %: {numbers['percentile_5']} to {numbers['percentile_95']})"
+    )
+    shares = {"without a value": "share_without", "below": "share_below", "above": "share_above"}
+    known = {words: statistics.get(part) for words, part in shares.items()}
+    return ", ".join([text, *(f"{100 * share:.3g} % {words}" for words, share in known.items() if share)])
+
+
+def measures_in(place: Place, maps: Iterable[tuple[str, str]] = ()) -> tuple[Measure, ...]:
+    """Return the measures that a place shows, in their order; those of maps, given by name and unit, come last."""
+    return tuple(each for each in (*MEASURES, *(map_measure(*about) for about in maps)) if each.where & place)
+
+
+def maps_of(surfaces: Iterable[FinishedSurface]) -> dict[str, str]:
+    """Return the units of all maps of surfaces, by name."""
+    return {name: each.unit for surface in surfaces for name, each in surface.maps.items()}
 
 
 def measure(name: str) -> Measure:
@@ -353,18 +386,18 @@ def measure(name: str) -> Measure:
 
 def values_in(place: Place, surface: FinishedSurface) -> dict[str, Any]:
     """Return the values of a surface that a place shows, by the names of the measures."""
-    return {each.name: each.value(surface) for each in measures_in(place)}
+    return {each.name: each.value(surface) for each in measures_in(place, maps_of([surface]).items())}
 
 
-def columns_in(place: Place, first: Iterable[str] = ()) -> tuple[str, ...]:
-    """Return the columns of a place: `first` in this order, then all the rest.
+def columns_in(place: Place, first: Iterable[str] = (), maps: Iterable[tuple[str, str]] = ()) -> tuple[str, ...]:
+    """Return the columns of a place: `first` in this order, then all the rest, those of maps last.
 
     Examples
     --------
     >>> columns_in(Place.LABELS, ["label", "volume_mm3"])[:3]
     ('label', 'volume_mm3', 'faces')
     """
-    return tuple(dict.fromkeys([*first, *(column for each in measures_in(place) for column in each.cells(None))]))
+    return tuple(dict.fromkeys([*first, *(column for each in measures_in(place, maps) for column in each.cells(None))]))
 
 
 def combined(about: Measure, values: Sequence[Any]) -> Any:

@@ -10,12 +10,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..version import VERSION
+from .maps.surface_map import SurfaceMap
 from .measures import FinishedSurface, Place, values_in
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import Surface, TriangleMesh
 from .settings import ReconstructionSettings
 
 if TYPE_CHECKING:
+    from .maps.surface_map import SurfaceMap
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
 
@@ -83,6 +85,8 @@ class Reconstruction:
         The labels that the surface borders on, with triangles and area.
     alpha_choice : AlphaChoice or None
         Choice of alpha from the surface; None if alpha was given.
+    maps : tuple of SurfaceMap
+        Values on the vertices of the mesh.
     """
 
     mesh: TriangleMesh
@@ -108,6 +112,7 @@ class Reconstruction:
     components: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
+    maps: tuple[SurfaceMap, ...] = ()
 
     @property
     def measures(self) -> Measures:
@@ -123,6 +128,7 @@ class Reconstruction:
             removed_components=self.removed_components,
             collapsed_components={"count": self.collapsed_components, "mm3": self.collapsed_mm3},
             self_intersections=self.self_intersections,
+            maps={each.name: each for each in self.maps},
         )
 
     def report(self) -> dict[str, Any]:
@@ -144,5 +150,6 @@ class Reconstruction:
             "stages": [stage._asdict() for stage in self.stages],
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
+            "maps": [each.about() for each in self.maps],
             "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }

@@ -12,7 +12,8 @@ from dataclasses import dataclass
 from typing import Any
 
 from .files.atomic_write import csv_text
-from .measures import UNKNOWN, FinishedSurface, Place, measures_in
+from .maps.surface_map import SurfaceMap
+from .measures import UNKNOWN, FinishedSurface, Measure, Place, maps_of, measures_in
 from .mesh.diameter import largest_diameter_steps
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import TriangleMesh
@@ -50,9 +51,13 @@ class StructureRow:
 
     def columns(self, unit: str = "hu") -> dict[str, Any]:
         """Return the columns by their contents; `unit` of the gray values is part of the names."""
-        measured = [each.table_cells(each.value(self.surface), unit) for each in measures_in(Place.TABLE)]
+        measured = [each.table_cells(each.value(self.surface), unit) for each in _measures_of(self.surface)]
         own = {"name": self.name, "label": self.label, f"threshold_{unit}": self.threshold}
         return own | {head: cell for cells in measured for head, cell in cells.items()}
+
+
+def _measures_of(surface: FinishedSurface) -> tuple[Measure, ...]:
+    return measures_in(Place.TABLE, maps_of([surface]).items())
 
 
 def measure_structures(
@@ -103,7 +108,7 @@ def measure_structures_steps(
     stages = Stages(dict.fromkeys(called, 1))
     for name, result in zip(called, results, strict=True):
         measuring = structure_row_steps(
-            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels
+            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels, result.maps
         )
         rows.append((yield from stages.run(name, measuring)))
     return rows
@@ -117,6 +122,7 @@ def structure_row_steps(
     threshold: float,
     ct: Volume | None = None,
     labels: Volume | None = None,
+    maps: tuple[SurfaceMap, ...] = (),
 ) -> Steps[StructureRow]:
     """Return the row of a surface in mm whose measures are known, and of the gray values inside.
 
@@ -131,6 +137,7 @@ def structure_row_steps(
         Threshold that was used.
     ct, labels : Volume, optional
         As in `measure_structures`.
+    maps : tuple of SurfaceMap
     """
     diameter = yield from largest_diameter_steps(mesh.vertices)
     inside = yield from _inside_steps(settings, threshold, ct, labels)
@@ -138,7 +145,9 @@ def structure_row_steps(
         name=name,
         label=settings.label,
         threshold=threshold if settings.label is None else None,
-        surface=FinishedSurface(measures=measures, largest_diameter_mm=diameter, inside=inside),
+        surface=FinishedSurface(
+            measures=measures, largest_diameter_mm=diameter, inside=inside, maps={each.name: each for each in maps}
+        ),
     )
 
 
@@ -154,26 +163,29 @@ def _inside_steps(
     return (yield from inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
 
 
-def table_heads(kind: ValueKind | str = ValueKind.HU) -> tuple[str, ...]:
+def table_heads(kind: ValueKind | str = ValueKind.HU, rows: Sequence[StructureRow] = ()) -> tuple[str, ...]:
     """Return the names of the columns, with their units; `kind` is that of the CT's values.
+
+    Rows with maps have the columns of these last.
 
     Examples
     --------
     >>> table_heads("gray value")[2:5]
     ('threshold_gray', 'volume_ml', 'area_cm2')
     """
-    return tuple(StructureRow("", None, None, FinishedSurface()).columns(_unit(kind)))
+    every = [StructureRow("", None, None, FinishedSurface()), *rows]
+    return tuple(dict.fromkeys(head for row in every for head in row.columns(_unit(kind))))
 
 
 def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> str:
     """Return the table as CSV; unknown values stay empty."""
     lines = [{head: _written(cell) for head, cell in row.columns(_unit(kind)).items()} for row in rows]
-    return csv_text(lines, table_heads(kind))
+    return csv_text(lines, table_heads(kind, rows))
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
     """Return the table for a person, its heads first; unknown values are a dash."""
-    return [table_heads(kind), *(tuple(map(_shown, row.columns(_unit(kind)).values())) for row in rows)]
+    return [table_heads(kind, rows), *(tuple(map(_shown, row.columns(_unit(kind)).values())) for row in rows)]
 
 
 def _unit(kind: ValueKind | str) -> str:

@@ -21,7 +21,10 @@ ALL = "all"
 
 
 def structures_of(
-    results: Sequence[Reconstruction], names: Sequence[str] = (), opacities: Sequence[float | None] = ()
+    results: Sequence[Reconstruction],
+    names: Sequence[str] = (),
+    opacities: Sequence[float | None] = (),
+    shown: str = "",
 ) -> list[Structure]:
     """Return a structure of each result.
 
@@ -36,6 +39,8 @@ def structures_of(
         Name of each; by default that of its label, or of the volume.
     opacities : sequence of float or None
         Opacity of each, from 0 to 1; None is opaque. By default as `opacities_of` has them.
+    shown : str
+        Name of the map whose colors are shown; empty for plain colors.
 
     Examples
     --------
@@ -57,8 +62,11 @@ def structures_of(
     for name, result, share in zip(called, results, shares, strict=True):
         color = structure_color(result.settings.label, result.label_color, result.label_name).rgb
         mesh, measures = result.mesh, result.measures
-        shown = 1.0 if share is None else share
-        out.append(Structure(name, mesh.vertices, mesh.faces, color, shown, mesh.normals, measures.enclosed_volume))
+        opacity = 1.0 if share is None else share
+        volume = measures.enclosed_volume
+        out.append(
+            Structure(name, mesh.vertices, mesh.faces, color, opacity, mesh.normals, volume, tuple(result.maps), shown)
+        )
     return out
 
 
@@ -154,7 +162,11 @@ def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
 
 
 def save_structures(
-    path: str | os.PathLike[str], results: Sequence[Reconstruction], names: Sequence[str] = (), space: str = "ras"
+    path: str | os.PathLike[str],
+    results: Sequence[Reconstruction],
+    names: Sequence[str] = (),
+    space: str = "ras",
+    shown: str = "",
 ) -> None:
     """Write surfaces to one file with names, colors and opacity, whole or not at all; the suffix chooses the format.
 
@@ -168,6 +180,8 @@ def save_structures(
         Name of each; by default that of its label, or of the volume.
     space : {"ras", "lps"}
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
+    shown : str
+        Name of the map whose colors are shown; empty for plain colors.
 
     Raises
     ------
@@ -176,4 +190,4 @@ def save_structures(
     """
     from .files.structures import write_structures
 
-    write_structures(path, structures_of(results, names), space)
+    write_structures(path, structures_of(results, names, shown=shown), space)

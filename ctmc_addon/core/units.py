@@ -4,7 +4,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from .mesh.distance.surface_distance import OneWayDistance, SurfaceDistance
 
 DIGITS = 4
 
@@ -97,3 +100,38 @@ def specks_text(count: int, volume_mm3: float) -> str:
     """
     volume = volume_text(float(f"{volume_mm3:.3g}"))
     return f"1 speck removed ({volume})" if count == 1 else f"{count:,} specks removed ({volume} in total)"
+
+
+def one_way_text(way: OneWayDistance) -> str:
+    """Return the largest distance of one way, with the one that 95 % stay within, in one unit.
+
+    Examples
+    --------
+    >>> from .mesh.distance.surface_distance import OneWayDistance
+    >>> one_way_text(OneWayDistance(0.05, 0.194, 0.5824)), one_way_text(OneWayDistance(largest=0.0123))
+    ('0.582 mm (95 %: 0.194)', '12.3 um (95 %: 0)')
+    """
+    unit = unit_of(way.largest, "mm")
+    most, within = (number_text(number / unit.size, 3) for number in (way.largest, way.percentile_95))
+    return f"{most} {unit.name} (95 %: {within})"
+
+
+def distance_phrases(distance: SurfaceDistance) -> list[str]:
+    """Return both ways of a distance in words, and the components that are not among them.
+
+    Examples
+    --------
+    >>> from .mesh.distance.surface_distance import LostComponents, OneWayDistance, SurfaceDistance
+    >>> ways = OneWayDistance(0.05, 0.194, 0.5824), OneWayDistance(0.1, 0.39, 3.8)
+    >>> for phrase in distance_phrases(SurfaceDistance(*ways, LostComponents(562, 1.9))):
+    ...     print(phrase)
+    to the full surface at most 0.582 mm (95 %: 0.194)
+    from the full surface at most 3.8 mm (95 %: 0.39)
+    562 specks removed (1.9 mm3 in total)
+    """
+    phrases = [
+        f"to the full surface at most {one_way_text(distance.to_full)}",
+        f"from the full surface at most {one_way_text(distance.from_full)}",
+    ]
+    lost = distance.lost
+    return phrases + ([specks_text(lost.count, lost.volume)] if lost.count else [])

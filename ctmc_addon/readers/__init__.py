@@ -14,7 +14,7 @@ from typing import Any
 
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
-from .dicom.labels.classes import label_class
+from .dicom.labels.classes import DOSE, label_class, object_class
 from .dicom.listing import series_names
 from .file_formats import (
     files_below,
@@ -27,7 +27,7 @@ from .file_formats import (
     suffixes_of_text,
     volume_stem,
 )
-from .labels.nearby_labels import labels_beside
+from .labels.nearby_labels import labels_beside, volumes_beside
 from .options import ReadingOptions, checked_flip, checked_spacing, options_of
 from .registry import (
     FOLDER,
@@ -42,12 +42,14 @@ from .registry import (
     open_steps,
 )
 from .result import Series, VolumeSource, checked_budget, checked_stride, out_of_memory, unreadable
+from .surface_files import SURFACE_SUFFIXES, read_surface_steps
 
 __all__ = [
     "FOLDER_SUFFIXES",
     "FORMATS",
     "KNOWN_SUFFIXES",
     "PAGE_SUFFIXES",
+    "SURFACE_SUFFIXES",
     "VOLUME_SUFFIXES",
     "ReadingOptions",
     "Series",
@@ -64,6 +66,7 @@ __all__ = [
     "natural_key",
     "open_volume",
     "open_volume_steps",
+    "read_surface_steps",
     "read_volume",
     "read_volume_steps",
     "segmentation_names",
@@ -74,6 +77,7 @@ __all__ = [
     "volume_name",
     "volume_place",
     "volume_stem",
+    "volumes_beside",
 ]
 
 PathLike = str | os.PathLike[str]
@@ -283,14 +287,16 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     if masks_in_files is not None:
         return masks_in_files
     labels = [file for file in files if label_class(file)]
-    if len(labels) == 1:
-        return (yield from open_volume_steps(labels[0]))
-    if labels:
-        names = ", ".join(file.relative_to(folder).as_posix() for file in labels[:5])
-        raise ReadError(
-            f"the folder {folder.name} has {len(labels)} segmentations or structure sets ({names}"
-            f"{' and more' if len(labels) > 5 else ''}); choose one of them"
-        )
+    doses = [file for file in files if object_class(file) == DOSE]
+    for found, what in ((labels, "segmentations or structure sets"), (doses, "doses")):
+        if len(found) == 1:
+            return (yield from open_volume_steps(found[0]))
+        if found:
+            names = ", ".join(file.relative_to(folder).as_posix() for file in found[:5])
+            raise ReadError(
+                f"the folder {folder.name} has {len(found)} {what} ({names}"
+                f"{' and more' if len(found) > 5 else ''}); choose one of them"
+            )
     volumes += sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
     folders = [entry.name for entry in inner if image_folder.images_in(entry)]
     hint = "choose the folder that holds the slices"

@@ -11,11 +11,11 @@ import pytest
 
 bpy = pytest.importorskip("bpy")
 
-from ctmc_addon.blender.figure.distance_map import distance_material
 from ctmc_addon.blender.figure.page.axes import depth_ink, page_ink
 from ctmc_addon.blender.figure.rendering.illustration import outline_material
 from ctmc_addon.blender.figure.spec import ColorScale, FigureStyle
 from ctmc_addon.blender.figure.styles import transparent_material
+from ctmc_addon.blender.maps.material import map_material, map_nodes
 from ctmc_addon.blender.materials import add_edges, flat_material, surface_material
 from ctmc_addon.blender.rulers import wire_material
 from ctmc_addon.blender.scene.background import BACKGROUNDS, studio_world
@@ -29,6 +29,7 @@ from ctmc_addon.blender.tissue import tissue_material
 from ctmc_addon.blender.volume.appearance import APPEARANCES, volume_material
 
 RED = (0.75, 0.125, 0.0625)
+RISE = ColorScale("rise_mm", "rise", "mm", (-1.0, 2.5), "coolwarm")
 SQUARE = np.array([[-1, -2, 0], [1, -2, 0], [1, 2, 0], [-1, 2, 0.0]])
 
 
@@ -148,12 +149,24 @@ LINKS = {
     ),
     "letter": (lambda: depth_ink(RED, None, [1.0, 2.0]), BY_DEPTH + "Emission.Emission > MixShader.Shader"),
     "room of a letter": (lambda: page_ink(None, [1.0, 2.0]), BY_DEPTH + "Holdout.Holdout > MixShader.Shader"),
-    "distances": (
-        lambda: distance_material(ColorScale(2.5)),
+    "nodes of a map": (
+        lambda: map_nodes(RISE),
         """
     Attribute.Fac > Math.Value
+    NodeGroupInput.Low [mm] > Math.Value_001
+    NodeGroupInput.High [mm] > Math.Value
+    Math.Value > Math.Value
+    Math.Value > Math.Value_001
     Math.Value > ValToRGB.Fac
-    ValToRGB.Color > Emission.Color
+    Math.Value > Mix.Factor_Float
+    ValToRGB.Color > Mix.B_Color
+    Mix.Result_Color > NodeGroupOutput.Color
+""",
+    ),
+    "map": (
+        lambda: map_material(RISE),
+        """
+    Group.Color > Emission.Color
     LayerWeight.Facing > MapRange.Value
     MapRange.Result > Emission.Strength
     Emission.Emission > OutputMaterial.Surface
@@ -373,8 +386,10 @@ def test_values_are_in_the_sockets_that_are_meant():
         assert reds == pytest.approx(levels)
     [noise] = nodes_of(tissue_material("tissue", RED, "bone", 0.01, 0.25).node_tree, "TexNoise")
     assert input_of(noise, "Scale").default_value == pytest.approx(1 / 0.012)
-    [share] = nodes_of(distance_material(ColorScale(2.5)).node_tree, "Math")
-    assert (share.operation, share.use_clamp, input_of(share, "Value_001").default_value) == ("DIVIDE", True, 2.5)
+    [group] = nodes_of(map_material(RISE).node_tree, "Group")
+    assert [input_of(group, called).default_value for called in ("Low [mm]", "High [mm]")] == [-1.0, 2.5]
+    [share] = [node for node in nodes_of(group.node_tree, "Math") if node.operation == "DIVIDE"]
+    assert share.use_clamp
     least, rise = nodes_of(tissue_material("clear", RED, "organ", 0.01, 0.25).node_tree, "Value")
     assert [output_of(node, "Value").default_value for node in (least, rise)] == [0.25, 0.25]
 

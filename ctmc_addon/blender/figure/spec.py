@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ...core import Described, SettingsError, Unit, setting, unit_of
+from ...core.units import UNITS
 from ..colors import GRAY, INK, RED, YELLOW, Color
 from .comparison import Comparison as Comparison
 
@@ -49,7 +50,7 @@ class Engine:
 ENGINES = {
     "cycles": Engine("CYCLES", "Cycles", "on the processor, which works on any machine"),
     "eevee": Engine("BLENDER_EEVEE", "EEVEE", "needs a graphics card, else slow"),
-    "workbench": Engine("BLENDER_WORKBENCH", "Workbench", "the viewport's solid look, quickly; shows no distance map"),
+    "workbench": Engine("BLENDER_WORKBENCH", "Workbench", "the viewport's solid look, quickly; shows no map"),
 }
 
 
@@ -175,15 +176,58 @@ PAGES = {"figure": Page(), "sheet": Page(170.0), "turntable": Page(120.0, 150.0,
 
 @dataclass(frozen=True)
 class ColorScale:
-    """Colors of distances from 0 to `limit_mm`; `beyond` if some distances are larger."""
+    """The colors of a map, and their bar.
 
-    limit_mm: float
-    beyond: bool = False
+    Parameters
+    ----------
+    name : str
+        The attribute of the vertices.
+    title, unit : str
+        Written above the bar.
+    range : (low, high) float
+        Values of the first and the last color.
+    ramp : str
+        Of `RAMPS`.
+    below, above : bool
+        Whether some values lie beyond the range.
+    gaps : bool
+        Whether some vertices have no value.
+    """
+
+    name: str
+    title: str
+    unit: str
+    range: tuple[float, float]
+    ramp: str
+    below: bool = False
+    above: bool = False
+    gaps: bool = False
 
     @property
-    def unit(self) -> Unit:
-        """Return the unit in which the distances are shown."""
-        return unit_of(self.limit_mm, "mm")
+    def shown_unit(self) -> Unit:
+        """Return the unit of the bar."""
+        largest = max(map(abs, self.range))
+        return unit_of(largest, self.unit) if self.unit in UNITS else Unit(self.unit, 1.0, 0.0)
+
+    @property
+    def heading(self) -> str:
+        """Return the title with the unit."""
+        return ", ".join(filter(None, (self.title, self.shown_unit.name)))
+
+    def label(self, share: float) -> str:
+        """Return the text of the value at a share of the bar, 0 to 1.
+
+        Examples
+        --------
+        >>> scale = ColorScale("gap_mm", "gap", "mm", (-2.0, 4.0), "magma", above=True)
+        >>> [scale.label(share) for share in (0.0, 0.5, 1.0)], scale.heading
+        (['-2', '1', '≥ 4'], 'gap, mm')
+        """
+        low, high = self.range
+        beyond = "≤ " if share == 0.0 and self.below else "≥ " if share == 1.0 and self.above else ""
+        value = low + share * (high - low)
+        rounded = round(value / self.shown_unit.size, 12) + 0.0  # Neither -0 nor 1e-17 in the middle.
+        return f"{beyond}{rounded:.4g}"
 
 
 @dataclass(frozen=True)
@@ -240,8 +284,8 @@ class FigureStyle(Described):
 
     Parameters
     ----------
-    distances : ColorScale or None
-        Colors for the distances on the surfaces, instead of the style's.
+    colors : ColorScale or None
+        Colors of a map on the surfaces, instead of the style's.
     samples : int or None
         Samples of Cycles, without denoising; None takes as many as the noise needs.
 
@@ -305,7 +349,7 @@ class FigureStyle(Described):
     columns: int | None = setting(
         None, "Cells side by side in a sheet", label="Columns", low=1, type=int, start=2, without="as they fit"
     )
-    distances: ColorScale | None = None
+    colors: ColorScale | None = None
     samples: int | None = None
 
     @property

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ...core import OutputError
 from ...core.volume import finish_of
 from ..colors import Color
+from ..maps.material import blocks_of, map_material
 from ..materials import (
     add_edges,
     clear_shader,
@@ -26,7 +27,6 @@ from ..materials import (
 from ..surface import mesh_data as meshes
 from ..surface.provenance import read_provenance, settings_of
 from ..viewport.shaders import can_draw
-from .distance_map import DISTANCE, distance_material
 from .page.slice_pictures import SlicePictures
 from .rendering.illustration import glass_material, opaque_material
 from .spec import ENGINES, STYLES, FigureStyle, Page, ShownSurface
@@ -43,13 +43,13 @@ EDGE_WIDTH = "ctmc_edge_width"  # Attribute of the triangles.
 RADII_MM, SHARES = (0.08, 0.45), (0.04, 0.3)
 
 
-def require_engine(engine: str, distances: bool = False) -> None:
+def require_engine(engine: str, colors: bool = False) -> None:
     """Raise `OutputError` for an engine that does not work here; Blender would end the process.
 
-    With `distances` the engine must show a distance map.
+    With `colors` the engine must show a map.
     """
-    if engine == "workbench" and distances:
-        raise OutputError("workbench shows no distance map; choose cycles or eevee")
+    if engine == "workbench" and colors:
+        raise OutputError("workbench shows no map; choose cycles or eevee")
     if engine == "cycles":
         if not hasattr(bpy.types.Scene, "cycles"):
             raise OutputError(
@@ -91,12 +91,14 @@ def assign_materials(
     """Assign a surface its material on a page whose millimeter is `unit` scene units; return new data-blocks.
 
     The caps of a surface that was cut open keep their `pictures`. A ray sees the first `layers` transparent surfaces.
+    A transparent surface shows no map.
     """
     face, line = shown_color(obj, shown, style), style.edge if shown.opacity == 1.0 else None
     mesh = obj.data
     width = 0.0
-    if style.distances is not None and DISTANCE in mesh.attributes:
-        material = distance_material(style.distances)
+    colors = style.colors if style.colors is not None and style.colors.name in mesh.attributes else None
+    if colors is not None and shown.opacity == 1.0:
+        material = map_material(colors)
     elif shown.opacity < 1.0:
         obj.visible_shadow = False  # or walls that touch would speckle each other
         material = transparent_material(face, shown.opacity, layers, style)
@@ -105,7 +107,7 @@ def assign_materials(
     else:
         material = surface_material(NAME, face)
         _make_matte(material)
-    if line and shown.opacity == 1.0 and not (style.distances is not None and DISTANCE in mesh.attributes):
+    if line and colors is None:
         widths = edge_widths(obj, unit, unit / page.pixels_per_mm)
         width = float(np.median(widths))
         if style.engine == "cycles":  # The other engines have geometry for edges.
@@ -113,7 +115,7 @@ def assign_materials(
             add_edges(material, line, EDGE_WIDTH)
     pictures.keep_caps(mesh, material)
     mesh.update()
-    added: list[bpy.types.ID] = [material]
+    added: list[bpy.types.ID] = [material] if colors is None or shown.opacity < 1.0 else blocks_of(material)
     if line and width and style.engine != "cycles":
         added.append(_add_edge_geometry(obj, line, width))
     return added

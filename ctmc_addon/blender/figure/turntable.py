@@ -24,6 +24,7 @@ from ...core import VERSION, OutputError, Step, Steps
 from ...core.files.atomic_write import create_folder, refused, whole_file, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import remove_leftovers
+from ..maps import map_values
 from ..surface import mesh_data as meshes
 from .page.axes import PIVOT
 from .page.compose import FigureScene, all_positions, center_of, compose_steps
@@ -205,6 +206,8 @@ def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) ->
     for copy in figure.copies[0]:
         surfaces.update(meshes.read_positions(copy.data).tobytes())
         surfaces.update(meshes.read_triangles(copy.data).tobytes())
+        if style.colors is not None and style.colors.name in copy.data.attributes:
+            surfaces.update(map_values(copy.data, style.colors.name).tobytes())
     for obj in figure.scene.objects:
         if obj.type == "FONT":
             surfaces.update(obj.data.body.encode())

@@ -16,6 +16,7 @@ import numpy as np
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, finish
 from ...core.volume import finish_of, transform_normals
 from ..colors import Color, color_of
+from ..maps import drop_missing, forget_maps, write_map
 from ..scene.ct_box import link_beside_ct
 from ..tissue import tissue_material
 from . import mesh_data as meshes
@@ -83,6 +84,8 @@ def add_reconstruction(
     fit_modifier(obj)
     shade(obj, result, placement)
     write_provenance(obj, provenance_of_result(result, placement, fingerprint))
+    for surface_map in result.maps:
+        write_map(mesh, surface_map)
     return obj
 
 
@@ -109,6 +112,7 @@ def update_reconstruction(
     for material in old.materials:
         mesh.materials.append(material)
     obj.data = mesh
+    drop_missing(obj)
     if result.surface is not None:
         add_alpha(obj, result.surface, result.settings.alpha_number, placement)
     if old_keys is not None and mesh.shape_keys is not None:
@@ -116,6 +120,8 @@ def update_reconstruction(
     _update_decimate(obj, result, before)
     fit_modifier(obj)
     shade(obj, result, placement)
+    for surface_map in result.maps:
+        write_map(mesh, surface_map)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
     write_provenance(obj, replace(provenance_of_result(result, kept, fingerprint), drawn=before.drawn))
@@ -139,6 +145,7 @@ def apply_shape_and_modifiers(obj: bpy.types.Object) -> None:
     mesh, _ = evaluated_copy(obj)
     keep_positions_mm(mesh, vertices)
     obj.data = mesh
+    forget_maps(obj)
     for modifier in [modifier for modifier in other_modifiers(obj) if modifier.show_viewport]:
         obj.modifiers.remove(modifier)
     if light_modifier(obj) is not None and is_large(len(mesh.polygons)):

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw a color bar with its numbers in the lower left of a 3D viewport."""
+"""Draw the colors of a map with their values in the lower left of a 3D viewport."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-
 import bpy
 
+from ...core.maps.ramps import NO_VALUE, rgb_of, stops_of
+from ..figure.spec import ColorScale
 from .overlay import FONT
 
 BAR = (16.0, 150.0)  # Width and height, pixels at Blender's usual size.
@@ -14,43 +14,59 @@ LEFT, BOTTOM, GAP, LETTERS = 70.0, 40.0, 6.0, 12.0
 TICKS = 4
 
 
-def draw_legend(title: str, colors: Sequence[str], largest: float, unit: str) -> None:
-    """Draw a color bar from 0 at the bottom to `largest` at the top.
+def draw_legend(title: str, scale: ColorScale, no_value: str = "") -> None:
+    """Draw a color bar with the lowest value at the bottom.
 
     Parameters
     ----------
     title : str
-    colors : sequence of str
-        sRGB, such as 'fde725'.
-    largest : float
-    unit : str
+    scale : ColorScale
+    no_value : str
+        Text next to the color of what has no value; empty to leave it out.
     """
     import blf
+
+    pixel = bpy.context.preferences.system.ui_scale
+    left, bottom, width, height = LEFT * pixel, BOTTOM * pixel, BAR[0] * pixel, BAR[1] * pixel
+    if no_value:
+        _draw_band([rgb_of(NO_VALUE)] * 2, left, bottom, width, width)
+        bottom += 2 * width
+    _draw_band(stops_of(scale.ramp), left, bottom, width, height)
+    blf.size(FONT, LETTERS * pixel)
+    blf.color(FONT, 1.0, 1.0, 1.0, 1.0)
+    blf.enable(FONT, blf.SHADOW)
+    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
+    right = left + width + GAP * pixel
+    texts = [
+        (right, bottom + height * tick / TICKS - LETTERS * pixel / 3, scale.label(tick / TICKS))
+        for tick in range(TICKS + 1)
+    ]
+    unit = scale.shown_unit.name
+    texts[-1] = (*texts[-1][:2], f"{texts[-1][2]} {unit}".rstrip())
+    texts.append((left, bottom + height + 1.5 * LETTERS * pixel, title))
+    if no_value:
+        texts.append((right, BOTTOM * pixel + width / 2 - LETTERS * pixel / 3, no_value))
+    for x, y, text in texts:
+        blf.position(FONT, x, y, 0.0)
+        blf.draw(FONT, text)
+    blf.disable(FONT, blf.SHADOW)
+
+
+def _draw_band(
+    colors: list[tuple[float, float, float]], left: float, bottom: float, width: float, height: float
+) -> None:
+    """Draw sRGB colors in even steps from the bottom to the top of a rectangle."""
     import gpu
     from gpu_extras.batch import batch_for_shader
 
-    scale = bpy.context.preferences.system.ui_scale
-    left, bottom, width, height = LEFT * scale, BOTTOM * scale, BAR[0] * scale, BAR[1] * scale
     last = len(colors) - 1
     corners, shades = [], []
     for number, color in enumerate(colors):
         y = bottom + height * number / last
         corners += [(left, y), (left + width, y)]
-        shades += [(*(int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)), 1.0)] * 2
+        shades += [(*color, 1.0)] * 2
     triangles = [(at + a, at + b, at + c) for at in range(0, 2 * last, 2) for a, b, c in ((0, 1, 2), (1, 3, 2))]
     shader = gpu.shader.from_builtin("SMOOTH_COLOR")
     batch = batch_for_shader(shader, "TRIS", {"pos": corners, "color": shades}, indices=triangles)
     gpu.state.depth_test_set("NONE")
     batch.draw(shader)
-    blf.size(FONT, LETTERS * scale)
-    blf.color(FONT, 1.0, 1.0, 1.0, 1.0)
-    blf.enable(FONT, blf.SHADOW)
-    blf.shadow(FONT, 5, 0.0, 0.0, 0.0, 1.0)
-    for tick in range(TICKS + 1):
-        share = tick / TICKS
-        text = f"{largest * share:.3g}" + (f" {unit}" if tick == TICKS else "")
-        blf.position(FONT, left + width + GAP * scale, bottom + height * share - LETTERS * scale / 3, 0.0)
-        blf.draw(FONT, text)
-    blf.position(FONT, left, bottom + height + 1.5 * LETTERS * scale, 0.0)
-    blf.draw(FONT, title)
-    blf.disable(FONT, blf.SHADOW)

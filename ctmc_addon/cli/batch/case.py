@@ -57,6 +57,7 @@ from .files import (
     identity,
     input_key,
     is_otsu,
+    maps_of_task,
     options_of,
     put_output,
     record_path,
@@ -150,6 +151,7 @@ class CaseWork:
     def __init__(self, task: Mapping[str, Any], unfinished: Path, ask: Ask | None = None) -> None:
         self.task = task
         self.budget = Budget(task["threads"]) if ask is None else announced_budget(task, ask)
+        self.maps = maps_of_task(task)
         self.unfinished = unfinished
         self.source: Path | None = None
         self.volume: Volume | None = None
@@ -165,15 +167,24 @@ class CaseWork:
         choices, absent = _present_labels(volume, settings, output["labels"])
         reading = Stage("Reading", time.perf_counter() - start)
         thumbnail = self.unfinished / f"{name}.png" if task["thumbnails"] and _can_render() else None
-        outputs = Outputs(figure=thumbnail, space=task["space"], thumbnail=THUMBNAIL, **self.output_fields(output))
+        outputs = Outputs(
+            figure=thumbnail,
+            space=task["space"],
+            thumbnail=THUMBNAIL,
+            maps=bool(self.maps),
+            shown_map=self.maps.shown,
+            **self.output_fields(output),
+        )
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
             if choices:
-                surfaces = finish(surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes))
+                surfaces = finish(
+                    surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes, maps=self.maps)
+                )
             else:
                 surfaces = self.surface(volume, settings, output["beside"], writer, written_bytes)
             surfaces, _ = finish(written_steps(surfaces, outputs))
-        files = outputs.surface_files(surfaces)
+        files = outputs.surface_files(surfaces) + ([outputs.map_table] if outputs.map_table else [])
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
         if len(output["labels"]) > 1 and not surfaces.are_several:  # the one that the case has: a row of labels.csv too
             surfaces = replace(surfaces, names=surfaces.titles)
@@ -226,7 +237,8 @@ class CaseWork:
             requests = [
                 SurfaceRequest(each, sink, written_bytes=written_bytes) for each, sink in zip(every, sinks, strict=True)
             ]
-            outcomes = finish(make_surfaces_steps(volume, requests, self.budget))
+            maps = finish(self.maps.request_steps(volume, self.budget)) if self.maps else None
+            outcomes = finish(make_surfaces_steps(volume, requests, self.budget, maps=maps))
             self.outcomes = dict(zip((each.label for each in every), outcomes, strict=True))
         else:
             writer = None  # it was held
@@ -269,9 +281,10 @@ class CaseWork:
             require_batch(self.task)  # or its hidden folder would come again
             own = create_folder(self.unfinished)
             pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
+            table = {"map_table": own / f"{name}-maps.csv"} if self.task.get("map_table") and self.maps else {}
             if output["labels"] and suffix in SUFFIXES:
-                return {"folder": create_folder(own / name), "suffix": suffix, "surfaces": pages}
-        return {"surfaces": (own / f"{name}{suffix}", *pages)}
+                return {"folder": create_folder(own / name), "suffix": suffix, "surfaces": pages, **table}
+        return {"surfaces": (own / f"{name}{suffix}", *pages), **table}
 
     def read(self, settings: ReconstructionSettings, several: bool) -> Volume:
         """Return the volume that the label is in, kept for the outputs to come."""

@@ -19,6 +19,7 @@ from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, S
 from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
+from ..map_flags import NO_MAPS, AskedMaps
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # Folders are searched for cases to this depth.
@@ -56,10 +57,15 @@ class Case:
     path: Path
     reading: ReadingOptions
     outputs: tuple[Output, ...]
+    maps: AskedMaps = NO_MAPS
 
 
 def collect(
-    inputs: Sequence[str], settings: Mapping[str, Any], reading: ReadingOptions, aside: Path | None = None
+    inputs: Sequence[str],
+    settings: Mapping[str, Any],
+    reading: ReadingOptions,
+    aside: Path | None = None,
+    maps: AskedMaps = NO_MAPS,
 ) -> list[Case]:
     """Return the cases in the order of the inputs, those of a folder in natural order.
 
@@ -73,6 +79,8 @@ def collect(
         Of every case; a manifest's own win.
     aside : path, optional
         A folder to pass over: the output's, where it lies within an input's.
+    maps : AskedMaps
+        Of every case; a manifest's own are added.
 
     Raises
     ------
@@ -85,7 +93,7 @@ def collect(
     # A glob or a folder's list brings the labels of LiTS along; they belong to their volumes.
     labels = {readers.segmentation_sibling(source.path) for source in sources if not source.where}
     sources = [source for source in sources if source.where or source.path not in labels]
-    cases = [_case_of(source, settings, reading) for source in sources]
+    cases = [_case_of(source, settings, reading, maps) for source in sources]
     _require_different_files(cases)
     return cases
 
@@ -160,7 +168,7 @@ def _volume_files(folder: Path) -> list[Path]:
     return [file for file in volumes if file not in labels]
 
 
-def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions) -> Case:
+def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions, maps: AskedMaps) -> Case:
     """Return the case of an input: a surface for each of its labels, or one."""
     values = overridden(settings, source.settings)
     choices = choices_of(values)
@@ -181,8 +189,8 @@ def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpt
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
     for output in outputs:
-        _require_file_name(output.name, source.where)
-    return Case(source.name, source.path, replace(reading, **source.reading), outputs)
+        require_file_name(output.name, source.where)
+    return Case(source.name, source.path, replace(reading, **source.reading), outputs, maps.of_case(source.maps))
 
 
 def _require_different_files(cases: Sequence[Case]) -> None:
@@ -199,7 +207,7 @@ def _require_different_files(cases: Sequence[Case]) -> None:
             seen[key] = case
 
 
-def _require_file_name(name: str, where: str) -> None:
+def require_file_name(name: str, where: str) -> None:
     """Refuse a name that is not a valid file name on every system; `where` is its place in a manifest, if any."""
     remedy = "choose another name" if where else "name the case in a manifest's column 'case'"
     line = f"{where}: " if where else ""

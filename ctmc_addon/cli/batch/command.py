@@ -34,7 +34,9 @@ from ...core.files.input_files import add_inputs, plan_output
 from ...core.files.mesh_files import PAGE, SPACES, SURFACE_SUFFIXES
 from ..arguments import add_quiet, add_reading, add_settings, at_least, given_settings, reading_of
 from ..blender_host import has_blender, require_blender
+from ..commands.change import add_limits
 from ..commands.reconstruct import source_of
+from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs
 from ..surfaces import open_words
 from ..terminal import Progress, listing, require_empty, table
@@ -57,6 +59,7 @@ from .files import (
     thumbnail_path,
     unfinished_folder,
 )
+from .pairs.command import run_pairs
 from .process import ENDED, Event, Events, run_here
 from .summary import LABELS_FILE, SUMMARY_FILES, SummaryRow, amount, counts, write_summary, write_summary_if_possible
 
@@ -102,6 +105,9 @@ def add_parser(commands: Any) -> None:
         action="store_true",
         help="measure mean HU inside each label; also reads the CT beside the labels (LiTS)",
     )
+    group.add_argument(
+        "--map-table", action="store_true", help="also write CASE-maps.csv: every vertex, mm, and the values there"
+    )
     again = group.add_mutually_exclusive_group()
     again.add_argument(
         "--resume", action="store_true", help="make only outputs that are missing, failed or out of date"
@@ -110,6 +116,15 @@ def add_parser(commands: Any) -> None:
     group.add_argument(
         "--verify", action="store_true", help="detect changed inputs by content hash instead of size and date"
     )
+    add_maps(parser)
+    group = parser.add_argument_group("pairs")
+    group.add_argument(
+        "--pairs",
+        action="store_true",
+        help="compare labels at two times: INPUT is a .csv with the columns case, before, after, label, days and any "
+        "setting; writes CASE/change.csv and changes.csv",
+    )
+    add_limits(group)
     group = parser.add_argument_group("work")
     group.add_argument(
         "--jobs", type=at_least(1), metavar="N", help="cases at once (default: as processors and memory allow)"
@@ -129,8 +144,12 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Collect the cases, make what is left to make, and print the table; an error if any case failed."""
+    if args.pairs:
+        run_pairs(args)
+        return
     folder = Path(args.output)
-    cases = collect(args.inputs, given_settings(args), reading_of(args), folder)
+    maps = asked_maps(args, manifest=True).in_folder(Path.cwd())
+    cases = collect(args.inputs, given_settings(args), reading_of(args), folder, maps)
     if not args.scheduler:  # on a cluster the workers need it, not this machine
         _require_blender_for(cases, args.output_format)
     if not (args.resume or args.overwrite):
@@ -242,6 +261,8 @@ def _task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> di
         "space": args.space,
         "html": args.html,
         "hu": args.hu,
+        "maps": case.maps.plain() if case.maps else None,
+        "map_table": args.map_table,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,
         "threads": args.threads,

@@ -25,6 +25,7 @@ from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
 from ..arguments import label_for_checks
+from ..map_flags import NO_MAPS, AskedMaps
 
 WAITING, RUNNING = "waiting", "running"
 DONE, ABSENT, FAILED = "done", "absent", "failed"  # A case that does not have the label is absent.
@@ -209,8 +210,15 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "format": task["format"],
         "space": task["space"],
         # A page or a measure more than is asked for does no harm.
-        **{name: True for name in ("html", "hu") if task.get(name)},
+        **{name: True for name in ("html", "hu", "map_table") if task.get(name)},
+        **({"asked_maps": maps.named()} if (maps := maps_of_task(task)) else {}),
+        **({"pair": task["pair"]} if "pair" in task else {}),
     }
+
+
+def maps_of_task(task: Mapping[str, Any]) -> AskedMaps:
+    """Return the maps that a task asks for."""
+    return AskedMaps.from_plain(task["maps"]) if task.get("maps") else NO_MAPS
 
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:
@@ -342,7 +350,7 @@ def without_folders(text: str, task: Mapping[str, Any]) -> str:
     >>> without_folders("/home/a b/x.nii is empty; see C:\\scans\\y.nii, 1/2 mm", {"input": "/home/a b/x.nii"})
     'x.nii is empty; see y.nii, 1/2 mm'
     """
-    paths = [Path(task[key]) for key in ("input", "folder") if task.get(key)]
+    paths = [Path(task[key]) for key in ("input", "after", "folder") if task.get(key)]
     for path in sorted(
         {*paths, *(path.parent for path in paths), *(path.resolve() for path in paths)},
         key=lambda path: -len(str(path)),

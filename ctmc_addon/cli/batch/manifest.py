@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Read a CSV manifest: a line for each case, with its input, its name and its own settings.
 
-Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, and how
-the input is read. An empty cell means what holds for all cases.
+Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, how the input is
+read, and maps by their flags. An empty cell means what holds for all cases.
 """
 
 from __future__ import annotations
@@ -18,11 +18,13 @@ from typing import Any
 from ...core import SETTINGS, ReadError, Setting, SettingsError, descriptions
 from ...core.files.input_files import add_inputs
 from ...readers import ReadingOptions, stem
-from ..arguments import flag_of, label_choices
+from ..arguments import UsageError, flag_of, label_choices
 from ..described_flags import value_reader
+from ..map_flags import KINDS, NO_MAPS, AskedMaps, limit_of
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
+LIMIT_COLUMN = "map-limit"
 LONGEST_PLACE = 20  # A message shows this many letters before a byte that is not UTF-8.
 SWITCHES = {"true": True, "yes": True, "1": True, "false": False, "no": False, "0": False}
 
@@ -35,11 +37,55 @@ class CaseInput:
     name: str
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, Any] = field(default_factory=dict)
+    maps: AskedMaps = NO_MAPS
     where: str = ""  # Such as 'cases.csv, line 3'; empty without a manifest.
 
 
+@dataclass(frozen=True)
+class ManifestRow:
+    """The cells of a row that are not empty, by the names of their columns.
+
+    Parameters
+    ----------
+    own : mapping
+        Columns of this kind of manifest, such as input and case.
+    settings, reading : mapping
+    maps : AskedMaps
+    where : str
+        Such as 'cases.csv, line 3'.
+    """
+
+    own: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    reading: Mapping[str, Any]
+    maps: AskedMaps
+    where: str
+
+
+INPUT_COLUMNS: Mapping[str, Parse] = {"input": str, "case": str}
+
+
 def manifest_inputs(path: Path) -> list[CaseInput]:
+    """Read the rows of a manifest as inputs; errors are those of `manifest_rows`."""
+    inputs = []
+    for row in manifest_rows(path, INPUT_COLUMNS, {"input": "it names each case's file or folder"}):
+        input_path = input_of(row, "input", path.parent)
+        name = row.own.get("case", stem(input_path))
+        maps = row.maps.in_folder(path.parent)
+        inputs.append(CaseInput(input_path, name, row.settings, row.reading, maps, row.where))
+    return inputs
+
+
+def manifest_rows(path: Path, own: Mapping[str, Parse], required: Mapping[str, str]) -> list[ManifestRow]:
     """Read the rows of a manifest.
+
+    Parameters
+    ----------
+    path : Path
+    own : mapping of str to function
+        Columns beside those of settings and reading, and what reads their cells.
+    required : mapping of str to str
+        Columns that there must be, and what they do, for messages.
 
     Raises
     ------
@@ -55,21 +101,21 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
         raise ReadError(f"{_not_utf8(error.object, error.start, path.name)}; save it as 'CSV UTF-8'") from error
     except OSError as error:
         raise ReadError(f"{path.name} cannot be read ({error.strerror}); check its permissions") from error
-    inputs: list[CaseInput] = []
+    rows: list[ManifestRow] = []
     columns: list[tuple[str, str, Parse]] = []
     for where, cells in _rows_of(text, path.name):
         if not any(cells):
             continue
         if not columns:
-            columns = [_column_of(cell, where) for cell in cells]
-            _require_columns([column[1] for column in columns], where)
+            columns = [_column_of(cell, where, own) for cell in cells]
+            _require_columns([column[1] for column in columns], where, required)
         elif len(cells) > len(columns) and any(cells[len(columns) :]):
             raise ReadError(f"{where} has {len(cells)} cells and there are {len(columns)} columns; quote a comma")
         else:
-            inputs.append(_input_of(columns, cells, path.parent, where))
-    if not inputs:
+            rows.append(_row_of(columns, cells, where))
+    if not rows:
         raise ReadError(f"{path.name} names no case; it needs a line of columns and a line for each case")
-    return inputs
+    return rows
 
 
 def _not_utf8(content: bytes, at: int, name: str) -> str:
@@ -95,19 +141,24 @@ def _rows_of(text: str, name: str) -> Iterator[tuple[str, list[str]]]:
         yield f"{name}, line {lines.line_num}", [cell.strip() for cell in cells]
 
 
-def _column_of(title: str, where: str) -> tuple[str, str, Parse]:
+def _column_of(title: str, where: str, own: Mapping[str, Parse]) -> tuple[str, str, Parse]:
     """Return a column by its title: its kind ('', 'settings' or 'reading'), its name and the parser of its cells."""
-    columns: dict[str, tuple[str, str, Parse]] = {"input": ("", "input", str), "case": ("", "case", str)}
+    columns: dict[str, tuple[str, str, Parse]] = {name: ("", name, parse) for name, parse in own.items()}
     for name, about in SETTINGS.items():
         columns[name] = columns[_underscored(_word_of(name))] = ("settings", name, _parse_of(name, about))
     columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
+    for name in (*KINDS, LIMIT_COLUMN):
+        columns[_underscored(name)] = ("maps", name, str)
+    for kind in KINDS.values():
+        for name, about in descriptions(kind.options).items() if kind.options else ():
+            columns[name] = ("options", name, _parse_of(name, about))
     for name, about in READING.items():
         columns[name] = ("reading", name, _parse_of(name, about))
     column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
         raise ReadError(
-            f"{where}: unknown column '{title}'; the columns are input, case, "
-            f"{', '.join([*map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING)])}"
+            f"{where}: unknown column '{title}'; the columns are "
+            f"{', '.join([*own, *map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING), *KINDS])}"
         )
     return column
 
@@ -128,17 +179,18 @@ def _underscored(title: str) -> str:
     return title.lstrip("-").replace("-", "_")
 
 
-def _require_columns(names: list[str], where: str) -> None:
-    """Refuse a manifest without inputs or with a column twice."""
-    if "input" not in names:
-        raise ReadError(f"{where}: there is no column 'input'; it names each case's file or folder")
+def _require_columns(names: list[str], where: str, required: Mapping[str, str]) -> None:
+    """Refuse a manifest without a column that is needed or with a column twice."""
+    for name, purpose in required.items():
+        if name not in names:
+            raise ReadError(f"{where}: there is no column '{name}'; {purpose}")
     for name in names:
         if names.count(name) > 1:
             raise ReadError(f"{where}: column '{_word_of(name)}' appears twice; keep one")
 
 
-def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: Path, where: str) -> CaseInput:
-    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}}
+def _row_of(columns: list[tuple[str, str, Parse]], cells: list[str], where: str) -> ManifestRow:
+    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}, "maps": {}, "options": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:
             continue
@@ -146,12 +198,43 @@ def _input_of(columns: list[tuple[str, str, Parse]], cells: list[str], folder: P
             values[kind][name] = parse(cell)
         except argparse.ArgumentTypeError as error:
             raise SettingsError(f"{where}: {_word_of(name)} cannot be '{cell}'; {error}") from error
-    if "input" not in values[""]:
-        raise ReadError(f"{where}: the input is missing; give a file or a folder")
-    path = folder / values[""]["input"]
+    maps = _maps_of(values["maps"], values["options"], where)
+    return ManifestRow(values[""], values["settings"], values["reading"], maps, where)
+
+
+def input_of(row: ManifestRow, name: str, folder: Path) -> Path:
+    """Return the path in a column of a row, from the manifest's folder; raise `ReadError` if there is none."""
+    if name not in row.own:
+        raise ReadError(f"{row.where}: the {name} is missing; give a file or a folder")
+    path = folder / row.own[name]
     if not path.exists():
-        raise ReadError(f"{where}: there is no file or folder {values['']['input']!r}; check the path")
-    return CaseInput(path, values[""].get("case", stem(path)), values["settings"], values["reading"], where)
+        raise ReadError(f"{row.where}: there is no file or folder {row.own[name]!r}; check the path")
+    return path
+
+
+def _maps_of(cells: Mapping[str, str], options: Mapping[str, Any], where: str) -> AskedMaps:
+    """Return the maps of a row; several of one column are separated by '|'."""
+    quantities: list[tuple[str, str]] = []
+    limits: list[tuple[str, float | None, float | None]] = []
+    for name, cell in cells.items():
+        parts = [part.strip() for part in cell.split("|")]
+        if name == LIMIT_COLUMN:
+            try:
+                limits += map(limit_of, parts)
+            except UsageError as error:
+                raise SettingsError(f"{where}: {error}") from error
+        elif KINDS[name].metavar:
+            quantities += [(name, part) for part in parts]
+        elif _switch_of(name, cell, where):
+            quantities.append((name, ""))
+    return AskedMaps(tuple(quantities), dict(options), tuple(limits))
+
+
+def _switch_of(name: str, cell: str, where: str) -> bool:
+    try:
+        return _switch(cell)
+    except argparse.ArgumentTypeError as error:
+        raise SettingsError(f"{where}: {name} cannot be '{cell}'; {error}") from error
 
 
 def _parse_of(name: str, about: Setting) -> Parse:

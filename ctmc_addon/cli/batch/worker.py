@@ -33,6 +33,7 @@ from ...core import (
 from ...core.files.input_files import own_input_files
 from .case import CHANGING_FOLDERS, do_case
 from .files import own_unfinished_folder, remove_own_unfinished
+from .pairs.case import do_pair
 
 COMMAND = "batch-case"
 MARK = "ctmc-batch-case "  # Every line for the batch begins with this, because Blender prints on standard output too.
@@ -68,7 +69,8 @@ def _do_cases(batch: _BatchPipe) -> None:
         reset_peak_bytes()
         try:
             with own_input_files():
-                do_case(task, unfinished, batch.ask if task.get("asks") else None)
+                make = do_pair if "pair" in task else do_case
+                make(task, unfinished, batch.ask if task.get("asks") else None)
         finally:
             shutil.rmtree(unfinished, ignore_errors=True)
         gc.collect()  # what refers to itself holds volumes, too

@@ -6,7 +6,7 @@ from __future__ import annotations
 import argparse
 import math
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -82,14 +82,24 @@ def facts_of(
         "label_groups": list(source.label_groups),
         "label_file": None if sibling is None else sibling.name,
         "labels_found": _labels_found(source) if volume.kind != ValueKind.LABEL and sibling is None else [],
+        "volumes_found": _volumes_found(source) if volume.kind in (ValueKind.HU, ValueKind.GRAY) else [],
         "notes": list(volume.notes),
     }
 
 
 def _labels_found(source: readers.VolumeSource) -> list[str]:
     """Return the files and folders of labels near a CT, as paths from its own."""
+    return _from_its_own(source, readers.labels_beside)
+
+
+def _volumes_found(source: readers.VolumeSource) -> list[str]:
+    """Return the doses and PET near a CT, as paths from its own."""
+    return _from_its_own(source, readers.volumes_beside)
+
+
+def _from_its_own(source: readers.VolumeSource, beside: Callable[[Path], Sequence[Path]]) -> list[str]:
     place = readers.volume_place(source.path).absolute()
-    return [Path(os.path.relpath(path, place)).as_posix() for path in readers.labels_beside(place)]
+    return [Path(os.path.relpath(path, place)).as_posix() for path in beside(place)]
 
 
 def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:
@@ -152,4 +162,5 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
     if facts["label_file"]:
         lines.append(("label file", f"{facts['label_file']} beside it"))
     lines += titled("labels found", facts["labels_found"])
+    lines += titled("dose, PET found", facts["volumes_found"])
     return listing([*lines, *titled("notes", [with_flags(note) for note in facts["notes"]])])

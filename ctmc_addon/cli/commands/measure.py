@@ -16,14 +16,18 @@ from ...core import (
     Steps,
     Volume,
     measure_structures_steps,
+    structures_of,
     table_cells,
     table_csv,
 )
 from ...core.files.atomic_write import require_writable, write_text
+from ...core.files.map_table import write_map_table
 from ...core.volume import ValueKind, samples_on_grid
 from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels, with_flags
+from ..map_flags import add_maps, asked_maps
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
+from .change import add_change, require_no_change, run_change
 from .reconstruct import fetched_steps, head_of, needed_steps, source_of
 
 STAGES = {"Reading": 3, "Reading the CT": 1, "Reconstructing": 6, "Measuring": 2}
@@ -36,9 +40,10 @@ def add_parser(commands: Any) -> None:
         help="measure structures: volume, area, diameter, HU",
         description="Measure structures: volume, area, components, largest diameter, mean and standard deviation "
         "of the gray values inside. Makes surfaces as `ctmc reconstruct` does, with the same "
-        "settings, but writes none.",
+        "settings, but writes none. With AFTER, another label volume of the same patient, compare components.",
     )
     add_input(parser)
+    add_change(parser)
     parser.add_argument("-o", "--output", metavar="FILE.csv", help="one row per structure, with units in the header")
     parser.add_argument(
         "--ct",
@@ -47,14 +52,24 @@ def add_parser(commands: Any) -> None:
         "another order or direction (default: INPUT, if it is a CT with a label file beside it)",
     )
     add_settings(parser, many=("label",))
+    add_maps(parser, shown=False)
+    parser.add_argument(
+        "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
+    )
     add_work(parser)
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, measure, print and write."""
+    if args.after:
+        run_change(args)
+        return
+    require_no_change(args)
     settings, choices = settings_and_labels(args)
+    maps = asked_maps(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
+    map_table = require_writable(args.map_table, (".csv",)) if args.map_table else None
     if settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
     if args.ct and not choices:
@@ -65,18 +80,20 @@ def run(args: argparse.Namespace) -> None:
         volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
         ct = progress.finish(stages.run(reading_ct, _ct_steps(args, volume, settings)))
         budget = Budget(args.threads)
-        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget)))
+        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget, maps=maps)))
         measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles)
         rows = progress.finish(stages.run(measuring, measure))
     kind = ValueKind.HU if ct is None else ct.kind
     if output is not None:
         write_text(output, table_csv(rows, kind))
+    if map_table is not None:
+        write_map_table(map_table, structures_of(surfaces.results, surfaces.titles))
     opened = sum(not result.measures.closed for result in surfaces.results)
     facts = titled("note", [with_flags(note) for note in surfaces.notes])
     if opened:
         facts.insert(0, ("surfaces", open_words(len(rows), opened)))
-    if output is not None:
-        facts.append(("written", output.name))
+    if output is not None or map_table is not None:
+        facts.append(("written", ", ".join(path.name for path in (output, map_table) if path is not None)))
     print(f"{head_of(volume)}\n\n{table(table_cells(rows, kind))}" + (f"\n\n{listing(facts)}" if facts else ""))
 
 

@@ -15,6 +15,7 @@ from ...core import (
     AUTO,
     Budget,
     LabelError,
+    Measure,
     Place,
     Reconstruction,
     ReconstructionSettings,
@@ -24,6 +25,7 @@ from ...core import (
     Steps,
     Volume,
     length_text,
+    maps_of,
     measures_in,
     reads_at_once,
     require_opacities,
@@ -46,6 +48,7 @@ from ..arguments import (
     with_flags,
 )
 from ..blender_host import require_blender
+from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs, surface_output, written_steps
 from ..surfaces import Surfaces, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
@@ -83,6 +86,10 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="picture of the surface, in the style illustration")
     add_opacity(group, "opacity", "default: by anatomical name, a single surface opaque")
+    group.add_argument(
+        "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
+    )
+    add_maps(parser)
     add_work(group)
     group.add_argument(
         "--scheduler",
@@ -95,6 +102,11 @@ def add_parser(commands: Any) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
     settings, choices = settings_and_labels(args)
+    maps = asked_maps(args)
+    if maps and settings.simplifies and settings.simplifier == "decimate":
+        raise UsageError("maps are made on surfaces of the built-in simplifier; leave out --simplifier decimate")
+    if maps and (asks_all_times(args) or args.scheduler):
+        raise UsageError("maps are made here and of one time; leave out --scheduler, and give a single --time")
     if asks_all_times(args):
         suffix = Path(args.output).suffix.lower()
         require_one_each(choices, suffix if suffix in mesh_files.SURFACE_SUFFIXES else "", args.figure, args.scheduler)
@@ -103,6 +115,9 @@ def run(args: argparse.Namespace) -> None:
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
         opacity=tuple(args.opacity),
+        maps=bool(maps),
+        shown_map=maps.shown,
+        map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
         **surface_output(
             args.output,
             f".{args.format}",
@@ -133,7 +148,7 @@ def run(args: argparse.Namespace) -> None:
         budget = Budget(args.threads, workers=workers)
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         room = outputs.require_room_for
-        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room)
+        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room, maps)
         making = measured_steps(making, outputs)
         surfaces = progress.finish(stages.run("Reconstructing", making))
         stage = Stage("Reading", stages.seconds["Reading"])
@@ -304,7 +319,7 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
     total = sum(stage.seconds for stage in result.stages)
-    measured = {each.name: (each.head, each.text(report[each.name])) for each in measures_in(Place.TERMINAL)}
+    measured = {each.name: (each.head, each.text(report[each.name])) for each in _measures_in(Place.TERMINAL, [result])}
     if report["full_faces"] != report["faces"]:
         head, faces = measured["faces"]
         measured["faces"] = (head, f"{faces} of {report['full_faces']}")
@@ -321,6 +336,10 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
 
+def _measures_in(place: Place, results: Sequence[Reconstruction]) -> tuple[Measure, ...]:
+    return measures_in(place, maps_of(result.finished for result in results).items())
+
+
 def _given_of(result: Reconstruction) -> ReconstructionSettings:
     """Return the settings that were given: with alpha as `auto` where it was chosen."""
     return result.settings if result.alpha_choice is None else replace(result.settings, alpha=AUTO)
@@ -334,7 +353,7 @@ def head_of(volume: Volume) -> str:
 def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
     shared, chose = _given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
-    measures = measures_in(Place.SURFACES)
+    measures = _measures_in(Place.SURFACES, surfaces.results)
     head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]
     numbers = surfaces.times or [result.settings.label for result in surfaces.results]

@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...blender.figure.spec import Cell
+from ...blender.figure.spec import Cell, FigureStyle
 from ...core import Budget, Reconstruction, Stages
 from ..arguments import Parser, settings_and_labels
 from ..blender_host import quiet_steps, require_blender
@@ -33,7 +33,8 @@ def add_parser(commands: Any) -> None:
     )
     common.add_common(parser, "FILE.png; its folder is created if needed", "figure")
     common.add_surfaces(parser)
-    common.add_map(parser)
+    common.add_distance_map(parser)
+    common.add_map_colors(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.with_output_folders(run))
     sheet.add_flags(parser.add_command("sheet", sheet.DESCRIPTION))
@@ -46,6 +47,7 @@ def run(args: argparse.Namespace) -> None:
     distances = common.map_of(args)
     if distances.deviation:
         settings, choices = common.only_one(args, "a distance map"), ()
+    maps = common.maps_of(args, settings)
     common.require_surfaces(args, choices)
     require_blender("a figure")
     from ...blender.figure.page.sheet import deviation_figure_steps
@@ -55,14 +57,15 @@ def run(args: argparse.Namespace) -> None:
     page, style = common.page_of(args), common.style_of(args)
     target = Path(args.output)
     require_png(target)
-    require_engine(style.engine, distances.deviation)
+    require_engine(style.engine, distances.deviation or bool(maps))
     blend = common.blend_of(args, target)
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, Budget(args.threads))
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps)
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
+        style = common.in_colors(style, surfaces.results, maps)
         results: Sequence[Reconstruction] = surfaces.results
         if distances.deviation:
             figure = deviation_figure_steps(
@@ -72,7 +75,9 @@ def run(args: argparse.Namespace) -> None:
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
-                    style = replace(style, caption=common.caption_of(results, volume.kind, args.names or ()))
+                    style = replace(
+                        style, caption=common.caption_of(results, volume.kind, args.names or (), _shown_of(style))
+                    )
                 figure = figure_steps([Cell(shown)], target, page, style, blend, scene, own_process=True)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
     facts = [
@@ -81,3 +86,7 @@ def run(args: argparse.Namespace) -> None:
         ("triangles", f"{sum(len(result.mesh.faces) for result in results):,}"),
     ]
     print(common.summary(facts, surfaces.notes, [target, blend]))
+
+
+def _shown_of(style: FigureStyle) -> str:
+    return "" if style.colors is None else style.colors.name

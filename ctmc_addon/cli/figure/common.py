@@ -38,6 +38,7 @@ from ..arguments import (
 )
 from ..blender_host import objects_of, silence
 from ..described_flags import add_described, add_flag
+from ..map_flags import AskedMaps, add_maps, asked_maps
 from ..surfaces import Surfaces, may_be_several
 from ..terminal import dimensions, listing, titled
 
@@ -106,20 +107,58 @@ def with_output_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[
     return run_there
 
 
-def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str] = ()) -> str:
-    """Return in a line what is shown."""
+def caption_of(
+    results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str] = (), shown_map: str = ""
+) -> str:
+    """Return in a line what is shown; of a single surface with a map, its numbers too."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
     unit = "HU" if kind == ValueKind.HU else ""
     settings = [result.settings for result in results]
-    return figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
+    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
+    maps = [each for each in first.maps if each.name == shown_map] if len(results) == 1 else []
+    if not maps:
+        return caption
+    from ...blender.figure.map_colors import statistics_text
+
+    return f"{caption}; {statistics_text(maps[0])}"
 
 
-def add_map(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for colors of distances."""
+def add_distance_map(parser: argparse.ArgumentParser) -> None:
+    """Add the flags for colors of distances to full resolution."""
     group = parser.add_argument_group("distance map")
     add_described(group, DistanceMapSettings)
+
+
+def add_map_colors(parser: argparse.ArgumentParser) -> None:
+    """Add the flags for maps, of which one is shown; --deviation has a figure of its own."""
+    add_maps(parser, without=("deviation",))
+
+
+def maps_of(args: argparse.Namespace, settings: ReconstructionSettings) -> AskedMaps:
+    """Return the maps that the flags ask for.
+
+    Raises
+    ------
+    UsageError
+        If maps cannot be made on these surfaces, or the colors are those of --deviation.
+    """
+    maps = asked_maps(args)
+    if maps and settings.simplifies and settings.simplifier == "decimate":
+        raise UsageError("maps are made on surfaces of the built-in simplifier; leave out --simplifier decimate")
+    if maps and values_of(args, DistanceMapSettings).get("deviation"):
+        raise UsageError("a figure shows one map; leave out --deviation, or the other maps")
+    return maps
+
+
+def in_colors(style: FigureStyle, results: Sequence[Reconstruction], maps: AskedMaps) -> FigureStyle:
+    """Return a style that shows the map that the flags choose; without maps the same."""
+    if not maps:
+        return style
+    from ...blender.figure.map_colors import style_with_map
+
+    return style_with_map(style, results, maps.shown)
 
 
 def add_blend(parser: argparse.ArgumentParser) -> None:

@@ -29,7 +29,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     common.add_common(parser, "FILE.png; its folder is created if needed", "sheet")
     group = parser.add_argument_group("settings to compare")
     add_described(group, Comparison, readers={"strides": sides_of})
-    common.add_map(parser)
+    common.add_distance_map(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.with_output_folders(run))
 

@@ -33,6 +33,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="continue this turntable if it was interrupted")
     again.add_argument("--overwrite", action="store_true", help="replace an existing turntable")
+    common.add_map_colors(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.with_output_folders(run))
 
@@ -40,6 +41,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render every frame, write the video, and print what came out."""
     settings, choices = settings_and_labels(args)
+    maps = common.maps_of(args, settings)
     common.require_surfaces(args, choices)
     require_blender("a turntable")
     from ...blender.figure.styles import require_engine
@@ -48,7 +50,7 @@ def run(args: argparse.Namespace) -> None:
     with flags_checked():
         turn = Turn(**common.values_of(args, Turn))
     page, style = common.page_of(args), common.style_of(args)
-    require_engine(style.engine)
+    require_engine(style.engine, bool(maps))
     target = Path(args.output)
     require_turntable(target, page, args.resume, args.overwrite)
     if args.resume and is_finished_video(target):
@@ -58,9 +60,10 @@ def run(args: argparse.Namespace) -> None:
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, Budget(args.threads))
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps)
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
+        style = common.in_colors(style, surfaces.results, maps)
         with common.shown_of(args, style, surfaces) as (scene, shown, _):
             video = turntable_steps(
                 Cell(shown), target, page, style, turn, blend, scene, args.resume, args.overwrite, True

@@ -10,7 +10,7 @@ LPS+ (DICOM's) x runs to the left and y to the back.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import IO
 
@@ -21,6 +21,7 @@ from ..arrays import Floats
 from ..errors import OutputError
 from ..mesh.face_normals import vertex_normals
 from .atomic_write import whole_file
+from .map_names import NamedValues, require_values, words_of
 
 SPACES = {  # Names of spaces and the directions of their axes.
     "ras": "x to the patient's right, y to the front, z to the head",
@@ -32,10 +33,15 @@ BLENDER_SUFFIXES = (".blend",)  # Files that Blender writes, in blender/export.p
 ROWS_AT_ONCE = 1 << 16
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
+PLY_VERTEX = ("x", "y", "z", "nx", "ny", "nz")  # Properties of a vertex, before those of maps.
 
 
 def write_mesh(
-    path: str | os.PathLike[str], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None
+    path: str | os.PathLike[str],
+    vertices: Floats,
+    faces: NDArray[np.int32],
+    normals: Floats | None = None,
+    maps: Sequence[NamedValues] = (),
 ) -> None:
     """Write a surface to an STL or PLY, whole or not at all; the suffix chooses the format.
 
@@ -46,11 +52,14 @@ def write_mesh(
     faces : (F, 3) int32
     normals : (V, 3) float32 or None
         For a PLY; without them it gets the means of the triangles'.
+    maps : sequence of SurfaceMap
+        Each becomes a float property of a PLY's vertices, with NaN where there is no value; spaces in names become
+        `_`. An STL holds none.
 
     Raises
     ------
     OutputError
-        For another suffix, or a place that cannot be written to.
+        For another suffix, a map of another surface, or a place that cannot be written to.
     """
     target = Path(path)
     writer = WRITERS.get(target.suffix.lower())
@@ -59,12 +68,19 @@ def write_mesh(
             f"{target.name or 'an empty name'} is neither .stl nor .ply; {', '.join(STRUCTURE_SUFFIXES)} are written "
             "by save_structures, a .blend by the command line and the panel"
         )
+    require_values("the surface", len(vertices), maps)
     with whole_file(target) as temporary, temporary.open("wb") as file:
-        writer(file, vertices, faces, normals)
+        writer(file, vertices, faces, normals, maps)
 
 
-def _write_stl(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
-    """A binary STL; every facet with its own normal, whatever the `normals` of the vertices."""
+def _write_stl(
+    file: IO[bytes],
+    vertices: Floats,
+    faces: NDArray[np.int32],
+    normals: Floats | None = None,
+    maps: Sequence[NamedValues] = (),
+) -> None:
+    """A binary STL; every facet with its own normal, whatever the `normals` and `maps` of the vertices."""
     write_stl_head(file, len(faces))
     for part in parts_of(len(faces)):
         write_stl_facets(file, vertices.take(faces[part], axis=0))
@@ -91,20 +107,26 @@ def write_stl_facets(file: IO[bytes], corners: Floats) -> None:
     file.write(rows.view(np.uint8).data)
 
 
-def _write_ply(file: IO[bytes], vertices: Floats, faces: NDArray[np.int32], normals: Floats | None = None) -> None:
+def _write_ply(
+    file: IO[bytes],
+    vertices: Floats,
+    faces: NDArray[np.int32],
+    normals: Floats | None = None,
+    maps: Sequence[NamedValues] = (),
+) -> None:
     """A binary PLY with a normal at every vertex: the surface's own, else the mean of its triangles'."""
-    write_ply_head(file, len(vertices), len(faces))
+    write_ply_head(file, len(vertices), len(faces), words_of((each.name for each in maps), PLY_VERTEX))
     if normals is None:
         normals = vertex_normals(vertices, faces)
     for part in parts_of(len(vertices)):
-        write_ply_vertices(file, vertices[part], normals[part])
+        write_ply_vertices(file, vertices[part], normals[part], [each.values[part] for each in maps])
     for part in parts_of(len(faces)):
         write_ply_faces(file, faces[part])
 
 
-def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int) -> None:
-    """The beginning of a binary PLY: its vertices follow, then its faces."""
-    properties = "".join(f"property float {name}\n" for name in ("x", "y", "z", "nx", "ny", "nz"))
+def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int, map_names: Sequence[str] = ()) -> None:
+    """The beginning of a binary PLY: its vertices follow, each with its values of maps, then its faces."""
+    properties = "".join(f"property float {name}\n" for name in (*PLY_VERTEX, *map_names))
     file.write(
         "ply\nformat binary_little_endian 1.0\ncomment CTMC surface, mm\n"
         f"element vertex {vertex_count}\n{properties}"
@@ -112,9 +134,10 @@ def write_ply_head(file: IO[bytes], vertex_count: int, face_count: int) -> None:
     )
 
 
-def write_ply_vertices(file: IO[bytes], vertices: Floats, normals: Floats) -> None:
-    """Vertices of a binary PLY, (n, 3), and their normals."""
-    file.write(np.concatenate([vertices, normals], axis=1).astype("<f4", copy=False).tobytes())
+def write_ply_vertices(file: IO[bytes], vertices: Floats, normals: Floats, values: Sequence[Floats] = ()) -> None:
+    """Vertices of a binary PLY, (n, 3), their normals, and their values of maps, (n,) each."""
+    columns = [vertices, normals, *(each[:, None] for each in values)]
+    file.write(np.concatenate(columns, axis=1).astype("<f4", copy=False).tobytes())
 
 
 def write_ply_faces(file: IO[bytes], faces: NDArray[np.int32]) -> None:
@@ -139,7 +162,7 @@ def parts_of(count: int) -> Iterator[slice]:
     return (slice(start, start + ROWS_AT_ONCE) for start in range(0, count, ROWS_AT_ONCE))
 
 
-WRITERS: dict[str, Callable[[IO[bytes], Floats, NDArray[np.int32], Floats | None], None]] = {
+WRITERS: dict[str, Callable[[IO[bytes], Floats, NDArray[np.int32], Floats | None, Sequence[NamedValues]], None]] = {
     ".stl": _write_stl,
     ".ply": _write_ply,
 }

@@ -6,6 +6,8 @@ from __future__ import annotations
 from .angle import SmallestAngle
 from .deviation import Deviation
 from .distance import DistanceTo
+from .painted import Painted
 from .quantity import Quantity
+from .thickness import Gap, Thickness
 
-QUANTITIES: tuple[type[Quantity], ...] = (DistanceTo, Deviation, SmallestAngle)
+QUANTITIES: tuple[type[Quantity], ...] = (Painted, Thickness, Gap, DistanceTo, Deviation, SmallestAngle)

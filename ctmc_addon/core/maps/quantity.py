@@ -89,6 +89,8 @@ class Quantity(ABC):
         The color ramp, unless another is chosen.
     options : type, optional
         A `Described` dataclass whose fields become flags; all quantities of this flag share them.
+    needs_full : bool
+        Whether it asks for the full surface.
     """
 
     flag: ClassVar[str]
@@ -97,6 +99,7 @@ class Quantity(ABC):
     label: ClassVar[str]
     ramp: ClassVar[str] = "viridis"
     options: ClassVar[type[Described] | None] = None
+    needs_full: ClassVar[bool] = False
 
     @property
     @abstractmethod

@@ -36,7 +36,7 @@ NO_VALUE = "a0a0a0"
 
 def stops_of(ramp: str) -> list[tuple[float, float, float]]:
     """Return the colors of a ramp as sRGB from 0 to 1."""
-    return [_rgb(color) for color in RAMPS[ramp].split()]
+    return [rgb_of(color) for color in RAMPS[ramp].split()]
 
 
 def colors_of(values: Floats, range_: tuple[float, float], ramp: str) -> Bytes:
@@ -62,7 +62,7 @@ def colors_of(values: Floats, range_: tuple[float, float], ramp: str) -> Bytes:
     share[~there] = 0.0
     along = np.linspace(0.0, 1.0, len(stops))
     colors = np.stack([np.interp(share, along, stops[:, channel]) for channel in range(3)], axis=1)
-    colors[~there] = np.array(_rgb(NO_VALUE)) * 255
+    colors[~there] = np.array(rgb_of(NO_VALUE)) * 255
     return (colors + 0.5).astype(np.uint8)
 
 
@@ -72,6 +72,7 @@ def linear(color: tuple[float, float, float]) -> tuple[float, float, float, floa
     return red, green, blue, 1.0
 
 
-def _rgb(color: str) -> tuple[float, float, float]:
+def rgb_of(color: str) -> tuple[float, float, float]:
+    """Return the sRGB of a color such as 'fde725', from 0 to 1."""
     red, green, blue = (int(color[at : at + 2], 16) / 255 for at in (0, 2, 4))
     return red, green, blue

@@ -12,7 +12,7 @@ import numpy as np
 
 from ..arrays import Bytes, Doubles, Floats
 from ..mesh.triangle_mesh import TriangleMesh
-from ..mesh.vectors import cross
+from ..mesh.vectors import cross, dot
 from .ramps import DIVERGING, colors_of
 
 Point = tuple[float, float, float]
@@ -106,9 +106,9 @@ class SurfaceMap:
 
 def vertex_areas(mesh: TriangleMesh) -> Doubles:
     """Return a third of the area of the triangles around each vertex, (V,) float64, in the square of the unit."""
-    corners = mesh.vertices.astype(np.float64)[mesh.faces]
-    normals = cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    areas = np.sqrt((normals * normals).sum(axis=1)) / 6
+    first, second, third = (mesh.vertices[mesh.faces[:, at]].T.astype(np.float64) for at in range(3))
+    normals = cross(second - first, third - first)
+    areas = np.sqrt(dot(normals, normals)) / 6
     count = len(mesh.vertices)
     shares = np.zeros(count)
     for at in range(3):
@@ -164,17 +164,23 @@ def range_of(values: Floats, ramp: str) -> tuple[float, float]:
         return 0.0, 1.0
     low, high = (float(each) for each in np.percentile(known, INNER))
     if ramp in DIVERGING:
-        most = _step_up(max(abs(low), abs(high)))
+        most = step_up(max(abs(low), abs(high)))
         return -most, most
     if low >= 0 and low < high / 2:
-        return 0.0, _step_up(high)
-    step = _step_up(max(high - low, abs(high) * 1e-6)) / 10
+        return 0.0, step_up(high)
+    step = step_up(max(high - low, abs(high) * 1e-6)) / 10
     return _rounded(math.floor(low / step) * step), _rounded(math.ceil(high / step) * step)
 
 
-def _step_up(value: float) -> float:
-    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`."""
-    power = 10.0 ** math.floor(math.log10(max(value, 1e-9)))
+def step_up(value: float) -> float:
+    """Return the smallest of 1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8 times a power of ten that is not below `value`.
+
+    Examples
+    --------
+    >>> step_up(0.31), step_up(7.0)
+    (0.4, 8.0)
+    """
+    power = float("1e" + f"{max(value, 1e-9):.15e}".partition("e")[2])
     steps = (1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8, 10)
     return _rounded(next(step * power for step in steps if step * power >= value * (1 - 1e-6)))
 

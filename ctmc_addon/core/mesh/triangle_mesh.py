@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..files import mesh_files
+from ..files.map_names import NamedValues
 from ..progress import Step, WithResult, finish
 from .measures import Measures, measures_steps
 
@@ -85,7 +86,7 @@ class TriangleMesh:
         normals = None if self.normals is None else self.normals * turn
         return TriangleMesh(self.vertices * turn, self.faces, normals)
 
-    def save(self, path: str | os.PathLike[str], space: str = "ras") -> None:
+    def save(self, path: str | os.PathLike[str], space: str = "ras", maps: Sequence[NamedValues] = ()) -> None:
         """Write a surface in RAS+ mm to a binary STL or PLY, whole or not at all; the suffix chooses the format.
 
         Parameters
@@ -94,14 +95,16 @@ class TriangleMesh:
             Ends in .stl or .ply; its folder exists.
         space : {"ras", "lps"}
             Axes of the file.
+        maps : sequence of SurfaceMap
+            Each becomes a float property of a PLY's vertices; an STL holds none.
 
         Raises
         ------
         OutputError
-            For another suffix, or a place that cannot be written to.
+            For another suffix, a map of another surface, or a place that cannot be written to.
         """
         turned = self.in_space(space)
-        mesh_files.write_mesh(path, turned.vertices, turned.faces, turned.normals)
+        mesh_files.write_mesh(path, turned.vertices, turned.faces, turned.normals, maps)
 
 
 @dataclass(frozen=True, eq=False)

@@ -22,7 +22,7 @@ from ..mesh.pieces.kept_pieces import KeptPieces
 from ..mesh.pieces.spool import Spool, SpooledPieces
 from ..mesh.triangle_mesh import Pieces, Surface, at_alpha_steps
 from ..planning.plan import required_steps
-from ..progress import Steps, WithResult, finish
+from ..progress import Steps, WithResult
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
@@ -49,32 +49,6 @@ T = TypeVar("T")
 MOST_SAMPLED = 1 << 19  # Vertices in the sample that shows whether a face was reconstructed.
 
 
-def reconstruct(volume: Volume, settings: ReconstructionSettings, budget: Budget | None = None) -> Reconstruction:
-    """Make a surface from a volume.
-
-    Parameters
-    ----------
-    volume : Volume
-        Volume in memory, or in a file that is read a slab at a time. The surface has the same bytes.
-    settings : ReconstructionSettings
-    budget : Budget, optional
-        Threads and memory; by default what the machine has. The result does not depend on them.
-
-    Raises
-    ------
-    CtmcError
-        With one sentence for the user: no surface at these settings, NaN voxels, too little memory.
-
-    Examples
-    --------
-    >>> distance = np.sqrt(((np.indices((24, 24, 24)) - 11.5) ** 2).sum(axis=0))
-    >>> result = reconstruct(Volume(-distance, np.eye(4)), ReconstructionSettings(threshold=-9))
-    >>> result.mesh.closed, round(result.mesh.volume / (4 / 3 * np.pi * 9**3), 2)
-    (True, 0.99)
-    """
-    return finish(reconstruct_steps(volume, settings, budget))
-
-
 def reconstruct_steps(
     volume: Volume,
     settings: ReconstructionSettings,
@@ -82,7 +56,7 @@ def reconstruct_steps(
     sink: Sink = HOLD,
     scope: Scope | None = None,
 ) -> Steps[Reconstruction]:
-    """`reconstruct` as steps; closing the generator cancels.
+    """Make a surface from a volume, as steps; closing the generator cancels.
 
     Parameters
     ----------

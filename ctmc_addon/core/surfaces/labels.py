@@ -12,6 +12,8 @@ from typing import NamedTuple
 
 from ..errors import LabelError, MeshError, ThresholdError
 from ..machine.budget import Budget
+from ..maps.quantity import Quantity
+from ..maps.request import MapRequest
 from ..progress import Stages, Steps, finish
 from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
@@ -42,7 +44,11 @@ class LabelSurfaces(NamedTuple):
 
 
 def reconstruct_labels(
-    volume: Volume, settings: ReconstructionSettings, labels: Sequence[int] | None = None, budget: Budget | None = None
+    volume: Volume,
+    settings: ReconstructionSettings,
+    labels: Sequence[int] | None = None,
+    budget: Budget | None = None,
+    maps: Sequence[Quantity] | MapRequest = (),
 ) -> LabelSurfaces:
     """Make a surface of each of several labels.
 
@@ -57,6 +63,8 @@ def reconstruct_labels(
         By default all but 0; labels without a surface are then left out and reported.
     budget : Budget, optional
         Threads and memory; by default what the machine has. The result does not depend on it.
+    maps : sequence of Quantity or MapRequest
+        Maps to make on every surface.
 
     Raises
     ------
@@ -72,7 +80,7 @@ def reconstruct_labels(
     >>> [result.label_name for result in reconstruct_labels(volume, ReconstructionSettings()).surfaces]
     ['box', 'bar']
     """
-    return finish(reconstruct_labels_steps(volume, settings, labels, budget))
+    return finish(reconstruct_labels_steps(volume, settings, labels, budget, maps=MapRequest.of(maps)))
 
 
 def reconstruct_labels_steps(
@@ -81,6 +89,7 @@ def reconstruct_labels_steps(
     labels: Sequence[int] | None = None,
     budget: Budget | None = None,
     sink_of: Callable[[int], Sink] = lambda _: HOLD,
+    maps: MapRequest | None = None,
 ) -> Steps[LabelSurfaces]:
     """`reconstruct_labels` as steps; closing the generator cancels.
 
@@ -93,7 +102,7 @@ def reconstruct_labels_steps(
     looking = chosen_labels_steps(volume, choices, region_box(volume, settings), budget.threads)
     chosen = yield from stages.run(finding, looking)
     requests = [SurfaceRequest(replace(settings, threshold=None, label=label), sink_of(label)) for label in chosen]
-    working = make_surfaces_steps(volume, requests, budget, all_needed=labels is not None)
+    working = make_surfaces_steps(volume, requests, budget, all_needed=labels is not None, maps=maps)
     surfaces, errors = [], {}
     for label, outcome in zip(chosen, (yield from stages.run(making, working)), strict=True):
         if isinstance(outcome, MadeSurface):

@@ -12,8 +12,13 @@ from dataclasses import replace
 
 from ..errors import CtmcError, LabelError, MemoryLimitError
 from ..machine.budget import Budget
+from ..maps.quantity import Quantity
+from ..maps.request import MapRequest
+from ..mesh.triangle_mesh import TriangleMesh
 from ..planning.plan import advised_steps
-from ..progress import Stages, Steps, equal_part
+from ..progress import Stages, Steps, equal_part, finish
+from ..reconstruction import Reconstruction
+from ..settings import ReconstructionSettings
 from ..sinks import HOLD
 from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps
 from ..volume.volume import Volume
@@ -26,6 +31,45 @@ Outcome = MadeSurface | CtmcError
 LARGEST = (1 << 31) - 1  # Interfaces store their two labels as int32.
 
 
+def reconstruct(
+    volume: Volume,
+    settings: ReconstructionSettings,
+    budget: Budget | None = None,
+    maps: Sequence[Quantity] | MapRequest = (),
+) -> Reconstruction:
+    """Make a surface from a volume.
+
+    Parameters
+    ----------
+    volume : Volume
+        Volume in memory, or in a file that is read a slab at a time. The surface has the same bytes.
+    settings : ReconstructionSettings
+    budget : Budget, optional
+        Threads and memory; by default what the machine has. The result does not depend on them.
+    maps : sequence of Quantity or MapRequest
+        Maps to make on the surface, such as `[Thickness(), DistanceTo("portal vein")]`.
+
+    Raises
+    ------
+    CtmcError
+        With one sentence for the user: no surface at these settings, NaN voxels, too little memory.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> distance = np.sqrt(((np.indices((24, 24, 24)) - 11.5) ** 2).sum(axis=0))
+    >>> result = reconstruct(Volume(-distance, np.eye(4)), ReconstructionSettings(threshold=-9))
+    >>> result.mesh.closed, round(result.mesh.volume / (4 / 3 * np.pi * 9**3), 2)
+    (True, 0.99)
+    """
+    if not maps:
+        return finish(reconstruct_steps(volume, settings, budget))
+    making = make_surfaces_steps(volume, [SurfaceRequest(settings)], budget, all_needed=True, maps=MapRequest.of(maps))
+    [made] = finish(making)
+    assert isinstance(made, MadeSurface), "an error is raised"
+    return made.result
+
+
 def make_surfaces_steps(
     volume: Volume | None,
     requests: Sequence[SurfaceRequest],
@@ -33,6 +77,7 @@ def make_surfaces_steps(
     *,
     labels: Volume | None = None,
     all_needed: bool = False,
+    maps: MapRequest | None = None,
 ) -> Steps[list[Outcome]]:
     """Make surfaces.
 
@@ -48,6 +93,8 @@ def make_surfaces_steps(
         Volume of the labels; by default `volume`.
     all_needed : bool
         Whether to raise the first error; otherwise it is returned instead of its surface.
+    maps : MapRequest, optional
+        Maps to make on every surface; all are held.
 
     Returns
     -------
@@ -62,6 +109,8 @@ def make_surfaces_steps(
         As `reconstruct`.
     """
     budget = budget or Budget()
+    if maps is not None and maps.quantities:
+        return (yield from _with_maps_steps(volume, requests, budget, labels, all_needed, maps))
     outcomes: dict[int, Outcome] = {}
     groups = _groups(requests)
     for number, group in enumerate(groups):
@@ -73,6 +122,46 @@ def make_surfaces_steps(
         if errors and all_needed:
             raise errors[0]
     return [outcomes[at] for at in range(len(requests))]
+
+
+def _with_maps_steps(
+    volume: Volume | None,
+    requests: Sequence[SurfaceRequest],
+    budget: Budget,
+    labels: Volume | None,
+    all_needed: bool,
+    maps: MapRequest,
+) -> Steps[list[Outcome]]:
+    """Make surfaces, then the maps on those that could be made."""
+    from ..maps.make import MAPPING, full_settings, mapped_steps
+
+    stages = Stages({"Surfaces": 2, MAPPING: 1})
+    needs_full = any(quantity.needs_full for quantity in maps.quantities)
+    fuller = [replace(each, needs_full=each.needs_full or needs_full, sink=HOLD) for each in requests]
+    making = make_surfaces_steps(volume, fuller, budget, labels=labels, all_needed=all_needed)
+    outcomes = yield from stages.run("Surfaces", making)
+    surfaces = {at: outcome for at, outcome in enumerate(outcomes) if isinstance(outcome, MadeSurface)}
+    results = [surface.result for surface in surfaces.values()]
+    fulls = [surface.full for surface in surfaces.values() if surface.full is not None]
+    held = [(result.settings, result.mesh) for result in results]
+    held += [(full_settings(full.settings), full.mesh) for full in fulls]
+
+    def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
+        for own, mesh in held:
+            if own == settings:
+                return mesh
+        source = volume if settings.label is None else labels or volume
+        [made] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(made, MadeSurface), "an error is raised"
+        held.append((settings, made.result.mesh))
+        return made.result.mesh
+
+    source = volume if labels is None or requests[0].settings.label is None else labels
+    assert source is not None, "maps are made with the volume"
+    mapped = yield from stages.run(MAPPING, mapped_steps(source, results, maps, budget, surface_steps))
+    for at, result in zip(surfaces, mapped, strict=True):
+        outcomes[at] = MadeSurface(result, surfaces[at].full if requests[at].needs_full else None)
+    return outcomes
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:

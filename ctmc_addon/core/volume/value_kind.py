@@ -13,16 +13,32 @@ class ValueKind(StrEnum):
     --------
     >>> ValueKind("gray value") is ValueKind("grey value") is ValueKind.GRAY
     True
+    >>> ValueKind.DOSE.unit, ValueKind.SUV.unit, ValueKind.SUV.plural
+    ('Gy', 'g/ml', 'SUVbw')
     """
 
     HU = "HU"
+    SUV = "SUVbw"
+    """Uptake of a tracer in PET, by body weight."""
+    DOSE = "Gy"
+    """Dose of radiotherapy."""
     GRAY = "gray value"
     LABEL = "label"
 
     @property
     def plural(self) -> str:
         """Return the kind in the plural, for a message."""
-        return str(self) if self is ValueKind.HU else f"{self}s"
+        return str(self) if self.unit else f"{self}s"
+
+    @property
+    def unit(self) -> str:
+        """Return the unit of the values; empty where they have none."""
+        return {ValueKind.HU: "HU", ValueKind.SUV: "g/ml", ValueKind.DOSE: "Gy"}.get(self, "")
+
+    @property
+    def column(self) -> str:
+        """Return the word that stands in the name of a table's column."""
+        return {ValueKind.HU: "hu", ValueKind.SUV: "suv", ValueKind.DOSE: "gy"}.get(self, "gray")
 
     @classmethod
     def _missing_(cls, value: object) -> ValueKind | None:

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import CtmcError, ReadError, finish, own_output, requests, say
-from ..dicom.header import ImageFile, read_header
-from ..dicom.labels.classes import SEGMENTATION, label_class
+from ..dicom.header import ImageFile, read_dose_header, read_header
+from ..dicom.labels.classes import DOSE, SEGMENTATION, object_class
 from ..dicom.labels.segmentation_header import header_steps
 from ..dicom.pixels import stored_frames
 from ..optional_imports import needed, quiet
@@ -82,9 +82,10 @@ def decoded(path: Path, frame: int) -> NDArray[Any]:
 @lru_cache(1)
 def header_of(path: Path) -> ImageFile:
     """Return the header, kept for a file's next frame."""
-    if label_class(path) == SEGMENTATION:
+    kind = object_class(path)
+    if kind == SEGMENTATION:
         return finish(header_steps(path)).image
-    header = read_header(path)
+    header = (read_dose_header if kind == DOSE else read_header)(path)
     if not isinstance(header, ImageFile):
         raise ReadError(f"{path.name} has changed since it was opened; read it again")
     return header

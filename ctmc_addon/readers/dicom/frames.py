@@ -81,9 +81,9 @@ def _geometry(dataset: Any, groups: tuple[Any, ...], top_level_place: bool) -> F
     slope = value_of("PixelValueTransformationSequence", "RescaleSlope")
     intercept = value_of("PixelValueTransformationSequence", "RescaleIntercept")
     return FrameGeometry(
-        _numbers(value_of("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
-        _numbers(value_of("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
-        _numbers(value_of("PixelMeasuresSequence", "PixelSpacing"), 2, sys.float_info.max),
+        numbers_of(value_of("PlanePositionSequence", "ImagePositionPatient", top_level_place), 3),
+        numbers_of(value_of("PlaneOrientationSequence", "ImageOrientationPatient"), 6),
+        numbers_of(value_of("PixelMeasuresSequence", "PixelSpacing"), 2, sys.float_info.max),
         1.0 if slope is None else float(slope),
         0.0 if intercept is None else float(intercept),
         str(value_of("PixelValueTransformationSequence", "RescaleType") or ""),
@@ -98,7 +98,7 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> _Moment:
     delay = value_of("CardiacSynchronizationSequence", "NominalCardiacTriggerDelayTime", False)
     phase = value_of("CardiacSynchronizationSequence", "NominalPercentageOfCardiacPhase", False)
     delay = phase if delay is None else delay
-    trigger = _numbers([dataset.get("TriggerTime", None) if delay is None else delay], 1)
+    trigger = numbers_of([dataset.get("TriggerTime", None) if delay is None else delay], 1)
     times = (str(dataset.get("AcquisitionTime", None) or ""), str(dataset.get("ContentTime", None) or ""))
     started = str(value_of("FrameContentSequence", "FrameReferenceDateTime", False) or "")
     return _Moment(
@@ -109,7 +109,7 @@ def _moment(dataset: Any, value_of: Callable[..., Any]) -> _Moment:
     )
 
 
-def _numbers(value: Any, count: int, most: float = MOST_MM) -> tuple[float, ...] | None:
+def numbers_of(value: Any, count: int, most: float = MOST_MM) -> tuple[float, ...] | None:
     """Return `count` numbers of at most `most`, or None if the file has other values."""
     if value is None or isinstance(value, str) or not hasattr(value, "__len__") or len(value) != count:
         return None

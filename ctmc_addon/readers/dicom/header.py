@@ -19,6 +19,7 @@ from ..file_formats import suffix
 from ..optional_imports import needed, quiet
 from ..registry import BY_FILE_NAME, BY_SUFFIX
 from .deflated import DEFLATED, unpacks_without_end
+from .dose_frames import dose_frames, dose_remarks
 from .frames import FrameGeometry, WrongGroups, frame_geometries
 from .labels.classes import label_class
 from .pixel_format import Pixels, missing_pixels, padding_ends, unusable_number
@@ -37,11 +38,13 @@ KEYWORDS = (
     *("PixelPaddingValue", "PixelPaddingRangeLimit", "RescaleIntercept", "RescaleSlope", "RescaleType"),
     *("ModalityLUTSequence", "SharedFunctionalGroupsSequence", "PerFrameFunctionalGroupsSequence"),
     *("ExtendedOffsetTable", "ExtendedOffsetTableLengths"),
+    *("GridFrameOffsetVector", "DoseGridScaling", "DoseUnits", "DoseType", "DoseSummationType"),
     *CALLED_KEYWORDS,
     *PIXEL_KEYWORDS,
 )
 LONGEST_CALLED = 64  # Letters of a description that are shown.
 LONGEST_VALUE = 1 << 16  # Longer values, in bytes, are skipped until they are needed; pixels are.
+DOSE_MODALITY = "RTDOSE"
 EXPORT = "export it again"  # The remedy where the header is wrong, not the copy of the file.
 
 
@@ -72,6 +75,13 @@ class ImageFile:
     lookup: bool  # True for a modality look-up table instead of slope and intercept.
     pixels: Pixels
     frames: tuple[FrameGeometry, ...]
+    float_values: bool = False  # True where values are float32, whatever the slopes.
+    remarks: tuple[str, ...] = ()  # Of a dose, for notes.
+
+    @property
+    def is_float(self) -> bool:
+        """Return whether values are float32."""
+        return self.float_values or self.pixels.floating
 
 
 class Slice(NamedTuple):
@@ -185,6 +195,12 @@ def read_header(path: Path) -> ImageFile | Broken | None:
     return Broken(path, "", stray=True)
 
 
+def read_dose_header(path: Path) -> ImageFile | Broken | None:
+    """Return the header of a DICOM dose (RTDOSE), whose frames have their places and Gy; None for other objects."""
+    with path.open("rb") as file:
+        return _parsed(path, file, _has_preamble(file), DOSE_MODALITY)
+
+
 def is_multi_frame(path: Path) -> bool:
     """Return whether a DICOM file is a volume by itself."""
     if path.name.upper() == "DICOMDIR":
@@ -194,7 +210,7 @@ def is_multi_frame(path: Path) -> bool:
     return isinstance(header, ImageFile) and len(header.frames) > 1
 
 
-def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken | None:
+def _parsed(path: Path, file: IO[bytes], preamble: bool, modality: str = "") -> ImageFile | Broken | None:
     series, is_image = "", False
     unreadable: tuple[type[Exception], ...] = (*pydicom_errors(), MemoryError)  # MemoryError: a length of 4 GB
     try:
@@ -211,7 +227,7 @@ def _parsed(path: Path, file: IO[bytes], preamble: bool) -> ImageFile | Broken |
         if not kind or (kind[0].isdigit() and not series):  # cut off before or within it
             return Broken(path, series, stray=not preamble)
         is_image = "Image Storage" in kind and "Segmentation" not in kind
-        if str(elements.get("Modality", "")) in NOT_SLICES or "Rows" not in elements:
+        if str(elements.get("Modality", "")) in NOT_SLICES - {modality} or "Rows" not in elements:
             return Broken(path, series) if is_image and "Rows" not in elements else None
         keywords = [keyword for keyword in PIXEL_KEYWORDS if keyword in elements]
         if not keywords:
@@ -271,7 +287,8 @@ def _image_file(path: Path, elements: _DatasetValues, series: str, pixels: Pixel
     modality = str(elements.get("Modality", None) or "")
     unit = str(elements.get("RescaleType", None) or "HU").upper()
     options = pixels.options
-    frames = frame_geometries(elements, options["number_of_frames"])
+    is_dose = modality == DOSE_MODALITY
+    frames = (dose_frames if is_dose else frame_geometries)(elements, options["number_of_frames"])
     return ImageFile(
         path=path,
         series=series,
@@ -289,6 +306,8 @@ def _image_file(path: Path, elements: _DatasetValues, series: str, pixels: Pixel
         lookup=bool(elements.get("ModalityLUTSequence", None)),
         pixels=pixels,
         frames=frames,
+        float_values=is_dose,
+        remarks=dose_remarks(elements) if is_dose else (),
     )
 
 

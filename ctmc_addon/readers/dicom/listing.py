@@ -42,7 +42,7 @@ def listed(series: Mapping[str, Sequence[Slice]], path: Path) -> tuple[Series, .
         image = slices[0].image
         sizes = Counter((ct_slice.image.columns, ct_slice.image.rows) for ct_slice in slices)
         positions = {ct_slice.geometry.position for ct_slice in slices} - {None}
-        dtype = np.dtype(output_types([ct_slice.geometry for ct_slice in slices], image.pixels.floating)[0])
+        dtype = np.dtype(output_types([ct_slice.geometry for ct_slice in slices], image.is_float)[0])
         times, default_time, spacing_mm = _times_and_spacing(slices, path)
         lines.append(
             Series(

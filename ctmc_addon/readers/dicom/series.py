@@ -22,7 +22,18 @@ from ..options import ReadingOptions
 from ..registry import FORMATS
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..value_kind import is_mask_steps
-from .header import Broken, ImageFile, Slice, has_other_suffix, kind_in_words, may_be_dicom, read_header
+from .dose_frames import GY
+from .header import (
+    DOSE_MODALITY,
+    Broken,
+    ImageFile,
+    Slice,
+    has_other_suffix,
+    kind_in_words,
+    may_be_dicom,
+    read_dose_header,
+    read_header,
+)
 from .listing import is_placed, is_scout, largest_group, listed, turning
 from .mask_series import masks_among_steps
 from .pixel_format import high_bit_notes
@@ -30,9 +41,12 @@ from .pixels import check_codec
 from .slices import values_steps
 from .stack_geometry import Stack, stack_up
 from .times import times_of
+from .uptake import uptake_steps
 
 MOST_LISTED = 12  # More series are counted, not listed.
 SHORTEST = 132  # A DICOM file has at least the bytes of its preamble.
+PET_MODALITY = "PT"
+SHORTEST_CT = 10  # Slices; a PET of more slices than a CT is passed over, but not for a scout.
 STEEPEST = 1e9  # A larger RescaleSlope or RescaleIntercept is damage.
 
 
@@ -63,6 +77,11 @@ class DicomSource(VolumeSource):
         super().__init__(path, listed(content.series, path), files, volume_stem(named_path))
         self.masks: frozenset[str] = frozenset()
 
+    @property
+    def _has_ct(self) -> bool:
+        """Return whether a series other than a PET is long enough to be read instead of one."""
+        return any(line.modality != PET_MODALITY and line.slices >= SHORTEST_CT for line in self.series)
+
     def find_masks_steps(self) -> Steps[None]:
         """Find the masks among the series with the most slices, which their CT shares with them."""
         most = max(map(self._extent, self.series), default=None)
@@ -83,7 +102,7 @@ class DicomSource(VolumeSource):
             matching = [line for line in self.series if requested.casefold() in names[line]]
         return max(matching, key=self._preference, default=None)
 
-    def _preference(self, line: Series) -> tuple[bool, int, bool, int]:
+    def _preference(self, line: Series) -> tuple[bool, bool, int, bool, int]:
         """Return the sort key of a series; the highest is read by default."""
         return (*self._extent(line), line.uid not in self.masks, -line.number)
 
@@ -94,9 +113,13 @@ class DicomSource(VolumeSource):
         taken = times_of(slices)[self.selected_time(options.series, options.time)[0] - 1]
         return list(dict.fromkeys(ct_slice.image.path for ct_slice in taken))
 
-    def _extent(self, line: Series) -> tuple[bool, int]:
-        """Return whether slices of a series have positions, without which they make no volume, and their number."""
-        return any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid]), line.slices
+    def _extent(self, line: Series) -> tuple[bool, bool, int]:
+        """Return whether slices of a series have positions, without which they make no volume, and their number.
+
+        A PET is read only if it is asked for or there is no CT, which may have fewer slices.
+        """
+        is_placed_somewhere = any(ct_slice.geometry.position for ct_slice in self.content.series[line.uid])
+        return is_placed_somewhere, line.modality != PET_MODALITY or not self._has_ct, line.slices
 
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
         """Read the series with the most slices, or the one that `request` names."""
@@ -119,17 +142,26 @@ class DicomSource(VolumeSource):
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
                 check_codec(image)
+        kind, said = ValueKind.GRAY, meaning(slices)
+        if all(ct_slice.image.hounsfield for ct_slice in slices):
+            kind = ValueKind.HU
+        elif slices[0].image.modality == DOSE_MODALITY:
+            is_gray = all(ct_slice.geometry.unit == GY for ct_slice in slices)
+            kind, said = ValueKind.DOSE if is_gray else ValueKind.GRAY, list(slices[0].image.remarks)
+        elif slices[0].image.modality == PET_MODALITY:
+            uptake = yield from uptake_steps(slices, self.content.series[uid])
+            slices, said = uptake.slices, uptake.notes
+            kind = ValueKind.SUV if uptake.is_suv else kind
         stack, own_spacing = _stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
         notes += _damaged_notes(damaged, self.content.series[uid], stack)
         stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
         decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
-        kind = ValueKind.HU if all(ct_slice.image.hounsfield for ct_slice in ordered) else ValueKind.GRAY
         mask = 0
-        if not request.mask:
+        if not request.mask and kind in (ValueKind.HU, ValueKind.GRAY):
             mask = yield from stages.run("Looking at the values", is_mask_steps(values))
-        notes += [*([] if mask or request.mask else meaning(ordered)), *stack.notes, *padding_notes]
+        notes += [*([] if mask or request.mask else said), *stack.notes, *padding_notes]
         notes += high_bit_notes(ct_slice.image.pixels for ct_slice in ordered)
         names = {mask: self.name} if mask else {}
         return RawValues(
@@ -156,7 +188,9 @@ class DicomSource(VolumeSource):
         count = len(self.series)
         if self.masks:
             return line.uid, [f"{count} series found: series {line.number}, which is not a mask, was read"]
-        return line.uid, [f"{count} series found: series {line.number}, with the most slices, was read"]
+        longest = max(other.slices for other in self.series)
+        why = "with the most slices" if line.slices == longest else "which is not a PET"
+        return line.uid, [f"{count} series found: series {line.number}, {why}, was read"]
 
 
 def _stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tuple[Stack, str]:
@@ -224,6 +258,28 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     return DicomSource(
         path, _sorted_out([header for header in headers if header.series == own.series or isinstance(header, Broken)])
     )
+
+
+def open_dose_steps(path: Path) -> Steps[DicomSource]:
+    """Read the header of a dose (RTDOSE), which is a volume by itself.
+
+    Parameters
+    ----------
+    path : Path
+
+    Raises
+    ------
+    ReadError
+        If the file is damaged, or its frames have no place.
+    """
+    yield from imported_steps("pydicom", "pydicom", "DICOM")
+    with quiet():
+        own = read_dose_header(path)
+    if own is None:
+        raise ReadError(f"{path.name} holds an RT Dose without a grid of doses; choose a dose that has one")
+    if isinstance(own, Broken):
+        raise truncated(own)
+    return DicomSource(path, _sorted_out([own]))
 
 
 def headers_steps(files: Sequence[Path]) -> Steps[list[ImageFile | Broken]]:

@@ -119,7 +119,7 @@ def values_steps(
     MemoryLimitError
         If they do not fit.
     """
-    types = output_types([one.geometry for one in slices], any(one.image.pixels.floating for one in slices))
+    types = output_types([one.geometry for one in slices], any(one.image.is_float for one in slices))
     if not whole:
         dtype, seen = yield from _type_steps(slices, types)
         return _DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)

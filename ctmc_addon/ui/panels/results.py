@@ -20,9 +20,9 @@ from ..properties.preferences import machine
 from ..state import measurements, surfaces
 from ..state.measurements import Measurement
 from ..translations import translate, translate_sentence
-from ..viewport import deviation
 from .ct.slice import draw_cuts
 from .layout import PagePanel, begin, block, draw_shape_change, draw_status, draw_table, draw_text, fold
+from .maps import draw_maps
 from .scene.rulers import draw_rulers
 from .table import TABLE, draw_measurements, measure_text
 
@@ -80,9 +80,6 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     for action, (label, _) in ACTIONS.items():
         row.operator("ctmc.pick_component", text=label).action = action
     layout.operator("ctmc.measure", icon="DRIVER_DISTANCE")
-    column = layout.column(align=True)
-    column.operator("ctmc.deviation_map", icon="COLOR")
-    column.operator("ctmc.deviation_view", icon="SHADING_SOLID", depress=deviation.is_shown_on(obj))
     layout.operator("ctmc.export", text="Export ...", icon="EXPORT")
     if provenance is not None:
         draw_shape_change(layout, context, obj)
@@ -175,6 +172,7 @@ def _draw_more(room: Any, context: bpy.types.Context) -> None:
 
 
 FOLDS = (
+    ("maps", "Maps", draw_maps),
     ("cuts", "Cut", draw_cuts),
     ("rulers", "Distances and Angles", draw_rulers),
     ("measurements", "Measurements", draw_measurements),

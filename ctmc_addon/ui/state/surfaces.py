@@ -88,9 +88,14 @@ def _of_scene(scene: bpy.types.Scene) -> bpy.types.Object | None:
     return obj if is_surface(obj) and obj.library is None else None
 
 
+def of_results(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the surface that Results shows: the active one, else the last one."""
+    return _of_scene(scene) or session.object_of(session.of(scene).last_surface)
+
+
 def active_color(scene: bpy.types.Scene) -> Color:
     """Return the color of the surface that Results shows; bone without one."""
-    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    obj = of_results(scene)
     return BONE if obj is None else material_color(obj)
 
 
@@ -103,7 +108,7 @@ def recolor_active(scene: bpy.types.Scene, color: Color) -> None:
 
 def active_opacity(scene: bpy.types.Scene) -> float:
     """Return the opacity of the surface that Results shows; 1 without one."""
-    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    obj = of_results(scene)
     return 1.0 if obj is None else material_opacity(obj)
 
 
@@ -121,7 +126,7 @@ def can_be_light(obj: bpy.types.Object) -> bool:
 
 def is_active_light(scene: bpy.types.Scene) -> bool:
     """Return whether the surface that Results shows has a share of its triangles in the viewport."""
-    obj = _of_scene(scene) or session.object_of(session.of(scene).last_surface)
+    obj = of_results(scene)
     return obj is not None and shown_faces(obj) is not None
 
 

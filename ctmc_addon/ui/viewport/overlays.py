@@ -35,7 +35,7 @@ from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
 from ..state import structures, volumes
 from ..state.tools import tool_of
-from . import deviation, drawn
+from . import drawn, maps
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -153,7 +153,7 @@ def _draw_on_top() -> None:
     """Draw legend and letters over everything."""
     context = bpy.context
     if context.space_data.overlay.show_overlays:
-        deviation.draw(context)
+        maps.draw(context)
     volume = _scene_volume(context)
     if volume is None or not context.scene.ctmc_view.show_letters:
         return

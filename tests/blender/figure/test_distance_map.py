@@ -10,19 +10,14 @@ from shapes import distance_mm
 bpy = pytest.importorskip("bpy")
 Image = pytest.importorskip("PIL.Image")
 
-from ctmc_addon.blender.figure.distance_map import (
-    DISTANCE_COLORS,
-    RIM,
-    color_scale,
-    colors_of,
-    distance_map_steps,
-    linear,
-    rounded_up,
-)
+from ctmc_addon.blender.figure.distance_map import DISTANCE_RAMP, color_scale, distance_map_steps
 from ctmc_addon.blender.figure.page.sheet import deviation_figure_steps, sheet_steps
 from ctmc_addon.blender.figure.spec import Comparison, FigureStyle, Page
+from ctmc_addon.blender.maps.colors import vertex_colors
+from ctmc_addon.blender.maps.material import RIM
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, Volume, finish, length_text, one_way_text
 from ctmc_addon.core.errors import OutputError, SettingsError
+from ctmc_addon.core.maps.ramps import linear, stops_of
 from ctmc_addon.core.mesh import ReferenceSurface, SurfaceDistance
 
 SETTINGS = ReconstructionSettings(threshold=60.0)
@@ -112,10 +107,12 @@ def test_the_inside_of_a_large_triangle_is_measured_too(ball):
 def test_the_color_bar_ends_where_nearly_all_is_within(ball):
     measured = finish(distance_map_steps(ball(stride=(3, 3, 3)).mesh, ReferenceSurface(ball().mesh)))
     scale = color_scale([measured])
-    assert np.percentile(measured.distances_mm, 99) <= scale.limit_mm <= 1.3 * np.percentile(measured.distances_mm, 99)
-    assert scale.beyond == (measured.distances_mm.max() > scale.limit_mm)
-    assert color_scale([measured], 0.01).beyond
-    assert [rounded_up(value) for value in (0.011, 1.0, 9.0)] == [0.012, 1.0, 10.0]
+    low, high = scale.range
+    assert low == 0
+    assert np.percentile(measured.distances_mm, 99) <= high <= 1.3 * np.percentile(measured.distances_mm, 99)
+    assert scale.above == (measured.distances_mm.max() > high)
+    assert color_scale([measured], 0.01).above
+    assert (scale.below, scale.gaps) == (False, False)
 
 
 def test_colors_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
@@ -124,11 +121,9 @@ def test_colors_of_distances_are_those_of_the_bar(scene, volume, tmp_path):
     finish(deviation_figure_steps(volume, result, path, Page(60.0, 80.0), FigureStyle()))
     with Image.open(path) as image:
         picture = np.asarray(image, np.float64) / 255
-    assert linear("ffffff") == (1.0, 1.0, 1.0, 1.0)
     lower = picture[int(0.6 * len(picture)) :]
-    for color in (DISTANCE_COLORS[0], DISTANCE_COLORS[-1]):
-        exact = np.array([int(color[at : at + 2], 16) / 255 for at in (0, 2, 4)])
-        assert np.abs(lower - exact).max(axis=2).min() < 0.08, "the bar has both ends"
+    for color in (stops_of(DISTANCE_RAMP)[0], stops_of(DISTANCE_RAMP)[-1]):
+        assert np.abs(lower - color).max(axis=2).min() < 0.08, "the bar has both ends"
 
 
 def lightness(linear_rgb):
@@ -138,7 +133,8 @@ def lightness(linear_rgb):
 
 
 def test_no_distance_is_light_and_equal_steps_look_equal():
-    shown = lightness(colors_of(np.linspace(0.0, 1.0, len(DISTANCE_COLORS)), 1.0)[:, :3].astype(np.float64))
+    values = np.linspace(0.0, 1.0, len(stops_of(DISTANCE_RAMP))).astype(np.float32)
+    shown = lightness(vertex_colors(values, (0.0, 1.0), DISTANCE_RAMP)[:, :3].astype(np.float64))
     steps = -np.diff(shown)
     assert shown[0] > 95
     assert shown[-1] < 25
@@ -154,7 +150,7 @@ def test_what_is_right_is_light_on_every_side(scene, volume, tmp_path):
         picture = np.asarray(image, np.float64)[: image.height // 2] / 255
     inside = picture[picture[..., 3] == 1][:, :3] ** 2.2
     assert len(inside) > 300
-    assert lightness(inside).min() > 0.9 * lightness(RIM * np.array(linear(DISTANCE_COLORS[0])[:3]))
+    assert lightness(inside).min() > 0.9 * lightness(RIM * np.array(linear(stops_of(DISTANCE_RAMP)[0])[:3]))
     assert np.ptp(lightness(inside)) > 5, "the form is seen"
 
 
@@ -164,7 +160,7 @@ def test_the_same_surface_has_no_distance(scene, volume, tmp_path):
 
 
 def test_a_map_is_refused_where_it_cannot_be_drawn(scene, volume, tmp_path):
-    with pytest.raises(OutputError, match="workbench shows no distance map"):
+    with pytest.raises(OutputError, match="workbench shows no map"):
         sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, style=FigureStyle(engine="workbench"))
     with pytest.raises(SettingsError, match="must end between"):
         sheet(volume, tmp_path / "a.png", strides=[(1, 1)], deviation=True, limit_mm=0.0)

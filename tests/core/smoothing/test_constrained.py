@@ -35,7 +35,7 @@ from ctmc_addon.core.smoothing.constrained import (
 from ctmc_addon.core.smoothing.prepare import field_steps
 from ctmc_addon.core.smoothing.signed_distance import signed_distance_steps
 from ctmc_addon.core.smoothing.smooth_field import SmoothField, refined_affine
-from ctmc_addon.core.surfaces.extract import reconstruct
+from ctmc_addon.core.surfaces.make import reconstruct
 from ctmc_addon.core.volume.volume import Volume
 
 THICK = (0.75, 0.75, 5.0)

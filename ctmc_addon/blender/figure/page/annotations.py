@@ -17,10 +17,12 @@ import numpy as np
 from mathutils import Vector
 
 from ....core import length_text
+from ....core.maps.ramps import NO_VALUE, linear, rgb_of
 from ...colors import INK, Color
+from ...maps.material import blocks_of, map_material
+from ...maps.stored import write_values
 from ...materials import flat_material
 from ...surface import mesh_data as meshes
-from ..distance_map import distance_material, keep_distances
 from ..letters import CAP, text_curve
 from ..spec import WHITE, Box, ColorScale
 
@@ -208,11 +210,16 @@ def legend(board: Board, entries: Sequence[tuple[str, Color]], x: float, y: floa
 
 
 def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
-    """Draw a color bar in a box of the page, with its title above and its distances below."""
+    """Draw a color bar in a box of the page: its title above, values below, and a square for what has no value."""
     left, bottom, right, _ = box
     font = board.font_mm
-    inset = board.width_of(_last_label(scale)) / 2
-    left, right = left + inset, right - inset
+    if scale.gaps:
+        side = CAP * font
+        board.rectangle((left, bottom, left + side, bottom + side), linear(rgb_of(NO_VALUE))[:3])
+        board.text("no value", left + side + GAP_MM, bottom)
+        bottom += 1.2 * LEADING * font
+    ends = [board.width_of(scale.label(share)) / 2 for share in (0.0, 1.0)]
+    left, right = left + max(ends), right - max(ends)
     base = bottom + CAP * font + GAP_MM
     steps = 64
     across = np.repeat(np.linspace(0.0, right - left, steps + 1), 2)
@@ -221,18 +228,12 @@ def color_bar(board: Board, scale: ColorScale, box: Box) -> None:
     at = 2 * np.arange(steps, dtype=np.int32)
     faces = np.concatenate([np.stack([at, at + 2, at + 3], axis=1), np.stack([at, at + 3, at + 1], axis=1)])
     bar = meshes.new_mesh("CTMC Colors", corners, faces)
-    keep_distances(bar, np.repeat(np.linspace(0.0, scale.limit_mm, steps + 1), 2))
-    material = distance_material(scale)
-    board.blocks.append(material)
+    write_values(bar, scale.name, np.repeat(np.linspace(*scale.range, steps + 1), 2).astype(np.float32))
+    material = map_material(scale)
+    board.blocks += blocks_of(material)
     board.put("CTMC Colors", bar, left, base, material)
     for share in (0.0, 0.5, 1.0):
         x = left + share * (right - left)
         board.rectangle((x - 0.06, base - 0.5, x + 0.06, base))
-        label = _last_label(scale) if share == 1.0 else f"{share * scale.limit_mm / scale.unit.size:g}"
-        board.text(label, x, bottom, "CENTER")
-    board.text(f"distance, {scale.unit.name}", (left + right) / 2, base + font + 0.8, "CENTER")
-
-
-def _last_label(scale: ColorScale) -> str:
-    """Return the text of the largest distance, at the end of the color bar."""
-    return f"{'≥ ' if scale.beyond else ''}{scale.limit_mm / scale.unit.size:g}"
+        board.text(scale.label(share), x, bottom, "CENTER")
+    board.text(scale.heading, (left + right) / 2, base + font + 0.8, "CENTER")

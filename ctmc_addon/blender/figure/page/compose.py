@@ -146,7 +146,7 @@ def compose_steps(
     CtmcError
         If there is nothing to show, or the engine does not work here.
     """
-    require_engine(style.engine, style.distances is not None)
+    require_engine(style.engine, style.colors is not None)
     figure = FigureScene(bpy.data.scenes.new(NAME))
     try:
         for cell in cells:
@@ -194,7 +194,7 @@ def _add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene
 
 def _has_outlines(style: FigureStyle) -> bool:
     """Return whether surfaces get outlines; Workbench has no material that is transparent from behind."""
-    return style.style == "illustration" and style.distances is None and style.engine != "workbench"
+    return style.style == "illustration" and style.colors is None and style.engine != "workbench"
 
 
 def _add_outlines_steps(figure: FigureScene, cells: Sequence[Cell]) -> Steps[None]:
@@ -301,7 +301,7 @@ def _lights_of(style: FigureStyle, single_cell: bool) -> tuple[Mapping[str, Sun]
 
     A rim light stands behind the surfaces, so other cells behind one would shade it.
     """
-    if style.style != "illustration" or style.distances is not None:
+    if style.style != "illustration" or style.colors is not None:
         return SUNS, WORLD
     suns = {name: sun if single_cell or name == KEY else sun._replace(shadow=False) for name, sun in FINE_SUNS.items()}
     return suns, FROM_ALL_SIDES
@@ -367,9 +367,9 @@ def _annotate(
         scale_bar(board, length, page_mm, x, y)
         x += max(page_mm, board.width_of(length_text(length))) + 5.0
     named = [(shown, copy) for shown, copy in zip(cells[0].surfaces, figure.copies[0], strict=True) if shown.name]
-    if style.distances is not None:
+    if style.colors is not None:
         right = board.size_mm[0] - layout.margin - (2 * reach_mm(board.font_mm) + 6.0 if style.orientation else 0.0)
-        color_bar(board, style.distances, (x, y, right, y + layout.footer_mm))
+        color_bar(board, style.colors, (x, y, right, y + layout.footer_mm))
     elif layout.has_name_columns:
         draw_callouts(board, layout, _callouts_of(figure, cells[0], style, board))
     elif named:

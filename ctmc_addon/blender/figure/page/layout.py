@@ -106,7 +106,7 @@ def make_layout(
     across = _columns_of_legend(widths, inner, cap)
     above = footer_mm(0, style, font, reach_mm) + FOOTER_GAP_MM
     stacked = above + _legend_mm(math.ceil(len(names) / across), font)
-    if names and style.distances is None and stacked < footer:  # A long legend takes the page's width.
+    if names and style.colors is None and stacked < footer:  # A long legend takes the page's width.
         legend_columns, legend_above, footer = across, above, stacked
     below = (
         MARGIN_MM
@@ -166,7 +166,7 @@ def make_layout(
 
 def _name_columns_mm(names: Sequence[str], style: FigureStyle, board: Board, inner_mm: float) -> float:
     """Return the width of the columns of names left and right of a picture; 0 without such columns."""
-    if style.style != "illustration" or style.distances is not None or not 2 <= len(names) <= FEW_STRUCTURES:
+    if style.style != "illustration" or style.colors is not None or not 2 <= len(names) <= FEW_STRUCTURES:
         return 0.0
     wide = max(board.width_of(name) for name in names) + CAP * board.font_mm + LEADER_MM
     return wide if inner_mm - 2 * wide >= LEAST_SHARE * inner_mm else 0.0
@@ -210,8 +210,8 @@ def footer_mm(legend_rows: int, style: FigureStyle, font: float, reach_mm: float
     heights = [0.0]
     if style.scale_bar:
         heights.append(1.4 + font)
-    if style.distances is not None:
-        heights.append(3.0 * LEADING * font)
+    if style.colors is not None:
+        heights.append((4.2 if style.colors.gaps else 3.0) * LEADING * font)
     elif legend_rows:
         heights.append(_legend_mm(legend_rows, font))
     if style.orientation:

@@ -13,6 +13,8 @@ import string
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
+import numpy as np
+
 from ....core import (
     Budget,
     Reconstruction,
@@ -30,8 +32,9 @@ from ....core import (
     volume_text,
 )
 from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps
+from ...maps.stored import write_values
 from ...surface.objects import temporary_surfaces
-from ..distance_map import DistanceMap, color_scale, distance_map_steps, keep_distances
+from ..distance_map import DISTANCE, DistanceMap, color_scale, distance_map_steps
 from ..rendering.render import figure_steps
 from ..spec import Cell, Comparison, FigureStyle, Page, ShownSurface
 from .annotations import NO_BREAK
@@ -132,8 +135,8 @@ def sheet_steps(
     comparing = _cells_steps(volume, comparison.variants(settings, volume.spacing), reference, deviation, budget)
     compared, maps = yield from stages.run("Comparing", comparing)
     compared = [replace(cell, volume=bool(comparison.smoothings)) for cell in compared]
-    distances = color_scale(maps, limit_mm) if deviation else None
-    style = replace(style, columns=style.columns or comparison.columns, distances=distances)
+    colors = color_scale(maps, limit_mm) if deviation else None
+    style = replace(style, columns=style.columns or comparison.columns, colors=colors)
     results = [(cell.result, cell.lines) for cell in compared]
     size = yield from stages.run("Rendering", _rendered_steps(results, maps, path, page, style, blend, own_process))
     return size, compared
@@ -201,7 +204,7 @@ def deviation_figure_steps(
             f"{len(result.mesh.faces):,} triangles instead of {len(reference.mesh.faces):,}"
         )
     )
-    style = replace(style, distances=color_scale([distance_map], limit_mm), caption=caption)
+    style = replace(style, colors=color_scale([distance_map], limit_mm), caption=caption)
     rendering = _rendered_steps([(result, ())], [distance_map], path, page, style, blend, own_process)
     return (yield from stages.run("Rendering", rendering))
 
@@ -246,6 +249,6 @@ def _rendered_steps(
     ]
     with temporary_surfaces(surfaces) as (scene, objects):
         for obj, distance_map in zip(objects, maps, strict=False):
-            keep_distances(obj.data, distance_map.distances_mm)
+            write_values(obj.data, DISTANCE, distance_map.distances_mm.astype(np.float32))
         cells = [Cell((ShownSurface(obj),), lines) for obj, (_, lines) in zip(objects, results, strict=True)]
         return (yield from figure_steps(cells, path, page, style, blend, scene, own_process))

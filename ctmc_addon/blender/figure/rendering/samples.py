@@ -45,7 +45,7 @@ def set_samples(scene: bpy.types.Scene, style: FigureStyle, dpi: float) -> None:
     cycles = scene.cycles
     cycles.use_denoising = cycles.use_adaptive_sampling = False
     cycles.sampling_pattern = PATTERN
-    if style.samples is not None or style.style != "illustration" or style.distances is not None:
+    if style.samples is not None or style.style != "illustration" or style.colors is not None:
         cycles.samples = style.samples or _samples_of_edges(dpi)
     elif can_denoise():
         small = scene.render.resolution_x * scene.render.resolution_y <= SMALL_PIXELS

@@ -11,7 +11,7 @@ import json
 import math
 import re
 import statistics
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
@@ -19,7 +19,7 @@ from urllib.parse import quote
 from ....core import VERSION, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
 from ..files import DONE, THUMBNAILS
-from .rows import NOTES_BETWEEN, SummaryRow, counts, present_values
+from .rows import NOTES_BETWEEN, SummaryRow, counts, maps_of_rows, present_values
 
 TEMPLATE = files(__package__) / "template"
 RELOAD_SECONDS = 10  # An open page reloads itself this often while the batch runs.
@@ -38,7 +38,8 @@ def html_text(rows: Sequence[SummaryRow], over: bool) -> str:
 
 def _page_content(rows: Sequence[SummaryRow]) -> dict[str, Any]:
     """Return the data of the script: the rows of summary.json with texts and links, and totals of each label."""
-    shown = measures_in(Place.PAGE)
+    maps = maps_of_rows(rows)
+    shown = measures_in(Place.PAGE, maps.items())
     return {
         "title": counts(rows),
         "version": VERSION,
@@ -46,17 +47,17 @@ def _page_content(rows: Sequence[SummaryRow]) -> dict[str, Any]:
         "measures": [
             {"head": each.head, "columns": list(each.cells(None)), "number": each.name != "closed"} for each in shown
         ],
-        "surface_heads": [each.head for each in measures_in(Place.LABELS)],
-        "rows": [_page_row(row) for row in rows],
+        "surface_heads": [each.head for each in measures_in(Place.LABELS, maps.items())],
+        "rows": [_page_row(row, maps) for row in rows],
         "cohorts": [_cohort(group) for group in _by_label(rows)],
     }
 
 
-def _page_row(row: SummaryRow) -> dict[str, Any]:
+def _page_row(row: SummaryRow, maps: Mapping[str, str]) -> dict[str, Any]:
     """Return a row of summary.json with its texts for a person, and the links to its page and thumbnail."""
-    content = row.plain() | {"texts": [row.text(each) for each in measures_in(Place.PAGE)]}
+    content = row.plain() | {"texts": [row.text(each) for each in measures_in(Place.PAGE, maps.items())]}
     for surface, values in zip(content.get("surfaces", ()), row.surfaces, strict=True):
-        measured = [(each, values[each.name]) for each in measures_in(Place.LABELS)]
+        measured = [(each, values.get(each.name)) for each in measures_in(Place.LABELS, maps.items())]
         surface["texts"] = ["" if value is None else each.text(value) for each, value in measured]
     has_page = row.status == DONE and row.page
     content["page"] = quote(f"{row.case}{PAGE}") if has_page else None

@@ -40,6 +40,7 @@ class SummaryRow:
     surfaces: list[dict[str, Any]] = field(default_factory=list)  # Filled for a case with several labels.
     page: bool = False  # True if the case has a page.
     thumbnail: bool = False
+    maps: dict[str, str] = field(default_factory=dict)  # Units of the maps, by name.
     labels_as_one: bool = False  # Otsu's threshold made one surface of all labels
 
     def fill(self, record: Mapping[str, Any] | None, folder: Path | None = None) -> None:
@@ -50,9 +51,10 @@ class SummaryRow:
         self.status, self.seconds, self.error = record["status"], record["seconds"], record["error"]
         self.label = record.get("settings", {}).get("label")
         surfaces = record.get("surfaces", ())
-        kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS)))
+        self.maps = {each["name"]: each["unit"] for one in (surfaces or (record,)) for each in one.get("maps", ())}
+        kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS, self.maps.items())))
         self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
-        self.values = {each.name: _of_all(each, record) for each in measures_in(SHOWN)}
+        self.values = {each.name: _of_all(each, record) for each in measures_in(SHOWN, self.maps.items())}
         first = surfaces[0] if surfaces else record
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = first.get("spacing_mm") or (None, None, None)
         self.memory_bytes = record.get("memory_bytes")
@@ -63,8 +65,9 @@ class SummaryRow:
 
     def columns(self) -> dict[str, Any]:
         """Return the cells of the CSV and the JSON."""
-        measures = _columns(Place.BATCH, self.values)
-        return {name: measures[name] if name in measures else getattr(self, name) for name in COLUMNS}
+        measures = _columns(Place.BATCH, self.values, self.maps)
+        names = dict.fromkeys([*COLUMNS, *measures])
+        return {name: measures[name] if name in measures else getattr(self, name) for name in names}
 
     def plain(self) -> dict[str, Any]:
         """Return the row as the JSON has it: its cells, and those of each of several surfaces."""
@@ -72,8 +75,10 @@ class SummaryRow:
 
     def label_rows(self) -> list[dict[str, Any]]:
         """Return the cells of the CSV of labels and of the JSON, for each of several surfaces."""
-        cells = [surface | _columns(Place.LABELS, surface) for surface in self.surfaces]
-        return [{name: surface[name] for name in LABEL_COLUMNS} for surface in cells]
+        measures = [_columns(Place.LABELS, surface, self.maps) for surface in self.surfaces]
+        cells = [surface | own for surface, own in zip(self.surfaces, measures, strict=True)]
+        names = dict.fromkeys([*LABEL_COLUMNS, *(measures[0] if measures else ())])
+        return [{name: surface[name] for name in names} for surface in cells]
 
     def text(self, about: Measure) -> str:
         """Return a measure for a person; a dash for the volume of a surface that has none."""
@@ -95,9 +100,15 @@ OWN_OF_LABELS = ("label", "name")
 LABEL_COLUMNS = columns_in(Place.LABELS, (*OWN_OF_LABELS, "faces", "volume_mm3", "area_mm2", "components", "closed"))
 
 
-def _columns(place: Place, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the measures of a place by column."""
-    return {column: cell for each in measures_in(place) for column, cell in each.cells(values.get(each.name)).items()}
+def _columns(place: Place, values: Mapping[str, Any], maps: Mapping[str, str]) -> dict[str, Any]:
+    """Return the measures of a place by column, those of maps last."""
+    measures = measures_in(place, maps.items())
+    return {column: cell for each in measures for column, cell in each.cells(values.get(each.name)).items()}
+
+
+def maps_of_rows(rows: Sequence[SummaryRow]) -> dict[str, str]:
+    """Return the units of the maps of all rows, by name."""
+    return {name: unit for row in rows for name, unit in row.maps.items()}
 
 
 def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:

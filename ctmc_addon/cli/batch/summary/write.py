@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -35,11 +35,11 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
     labels = [{"case": row.case, **surface} for row in rows for surface in row.label_rows()]
     files: list[tuple[Callable[..., None], str, tuple[Any, ...]]] = [
         (write_json, AS_JSON, ([row.plain() for row in rows],)),
-        (write_csv, AS_CSV, ([row.columns() for row in rows], COLUMNS)),
+        (write_csv, AS_CSV, _with_all_columns([row.columns() for row in rows], COLUMNS)),
         (write_text, AS_PAGE, (html_text(rows, over),)),
     ]
     if labels:
-        files.append((write_csv, LABELS_FILE, (labels, ("case", *LABEL_COLUMNS))))
+        files.append((write_csv, LABELS_FILE, _with_all_columns(labels, ("case", *LABEL_COLUMNS))))
     else:
         _remove_labels_file(folder)
     for write, name, content in files:
@@ -48,6 +48,14 @@ def write_summary(folder: Path, rows: Sequence[SummaryRow], over: bool) -> None:
         except OutputError:
             if over:
                 raise
+
+
+def _with_all_columns(
+    lines: Sequence[Mapping[str, Any]], first: Sequence[str]
+) -> tuple[list[dict[str, Any]], tuple[str, ...]]:
+    """Return lines with one set of columns: `first`, then those of any line, empty where a line has none."""
+    columns = tuple(dict.fromkeys([*first, *(name for line in lines for name in line)]))
+    return [{name: line.get(name) for name in columns} for line in lines], columns
 
 
 def _remove_labels_file(folder: Path) -> None:

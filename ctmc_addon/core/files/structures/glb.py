@@ -1,7 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Structures as a binary glTF 2.0: a node, a mesh and a material each, in meters, Y up.
 
-Khronos, glTF 2.0 specification: 3.4 (coordinates), 3.7.2 (meshes), 3.9 (materials), 4.4 (the binary file).
+Khronos, glTF 2.0 specification: 3.4 (coordinates), 3.6.2 (accessors), 3.7.2 (meshes), 3.9 (materials), 4.4 (the binary
+file). Colors of the map shown are COLOR_0, linear, times the material's white. Every map is an attribute `_NAME` of
+float32. glTF forbids NaN: `NO_VALUE` is written where there is no value, and the extras of the mesh say so.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from numpy.typing import NDArray
 
 from ...progress import Step, Steps
 from ...volume.labels.structure_colors import linear
+from ..map_names import words_of
 from .structure import Structure, total
 
 MM_PER_M = 1000.0
@@ -24,13 +27,15 @@ MOST_BYTES = (1 << 32) - 1
 ROUGHNESS = 0.45
 FLOAT, SHORT, INTEGER = 5126, 5123, 5125  # Component types.
 VERTICES, INDICES = 34962, 34963  # Targets of buffer views.
+NO_VALUE = float(np.finfo(np.float32).min)
 MOST_SHORT = 65535  # 16 bits number this many vertices; the last number is kept free, 3.7.2.1.
 
 
 def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
-    """Write a GLB: the base color is linear, as glTF has it; transparent structures are blended."""
+    """Write a GLB: colors are linear, as glTF has them; transparent structures are blended."""
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
+    meshes: list[dict[str, Any]] = []
     offset = 0
     for number, structure in enumerate(structures):
         positions = _positions(structure.vertices)
@@ -38,11 +43,15 @@ def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
         kind, bytes_each = (SHORT, 2) if len(positions) <= MOST_SHORT else (INTEGER, 4)
         vectors = {"componentType": FLOAT, "count": len(positions), "type": "VEC3"}
         indices = {"componentType": kind, "count": structure.faces.size, "type": "SCALAR"}
-        parts: tuple[tuple[dict[str, Any], int, int], ...] = (
+        scalars = {"componentType": FLOAT, "count": len(positions), "type": "SCALAR"}
+        meshes.append(_mesh(structure, number, len(accessors)))
+        parts: list[tuple[dict[str, Any], int, int]] = [
             ({**vectors, "min": low, "max": high}, positions.nbytes, VERTICES),
             (vectors, positions.nbytes, VERTICES),
             (indices, structure.faces.size * bytes_each, INDICES),
-        )
+            *[(vectors, positions.nbytes, VERTICES)] * (structure.shown_map is not None),
+            *[(scalars, 4 * len(positions), VERTICES)] * len(structure.maps),
+        ]
         for accessor, size, target in parts:
             views.append({"buffer": 0, "byteOffset": offset, "byteLength": size, "target": target})
             accessors.append({"bufferView": len(accessors), **accessor})
@@ -53,7 +62,7 @@ def write_glb_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
         "scene": 0,
         "scenes": [{"nodes": list(range(len(structures)))}],
         "nodes": [{"name": structure.name, "mesh": number} for number, structure in enumerate(structures)],
-        "meshes": [_mesh(structure, number) for number, structure in enumerate(structures)],
+        "meshes": meshes,
         "materials": [_material(structure) for structure in structures],
         "accessors": accessors,
         "bufferViews": views,
@@ -84,20 +93,47 @@ def _y_up(vectors: NDArray[Any]) -> NDArray[np.float32]:
 
 def _contents(structure: Structure) -> Iterator[NDArray[Any]]:
     """The arrays of a structure, in the order of their accessors."""
+    shown = structure.shown_map
     yield _positions(structure.vertices)
     yield _y_up(structure.vertex_normals())
     yield structure.faces.astype("<u2" if len(structure.vertices) <= MOST_SHORT else "<u4")
+    if shown is not None:
+        yield _linear_levels()[shown.colors]
+    for each in structure.maps:
+        yield np.where(np.isfinite(each.values), each.values, np.float32(NO_VALUE)).astype("<f4", copy=False)
 
 
-def _mesh(structure: Structure, number: int) -> dict[str, Any]:
-    first = 3 * number
-    primitive = {"attributes": {"POSITION": first, "NORMAL": first + 1}, "indices": first + 2, "material": number}
-    return {"name": structure.name, "primitives": [primitive]}
+def _linear_levels() -> NDArray[np.float32]:
+    """The linear share of each sRGB level, (256,); rounded, so that no machine's power function is in the file."""
+    return np.array([round(linear((level, level, level))[0], 5) for level in range(256)], "<f4")
+
+
+def _mesh(structure: Structure, number: int, first: int) -> dict[str, Any]:
+    """A mesh whose accessors begin at `first`, with all but the values of its maps."""
+    attributes = {"POSITION": first, "NORMAL": first + 1}
+    at = first + 3
+    if structure.shown_map is not None:
+        attributes["COLOR_0"] = at
+        at += 1
+    names = [f"_{word}" for word in words_of(each.name.upper() for each in structure.maps)]
+    attributes |= {name: at + order for order, name in enumerate(names)}
+    mesh = {
+        "name": structure.name,
+        "primitives": [{"attributes": attributes, "indices": first + 2, "material": number}],
+    }
+    if not structure.maps:
+        return mesh
+    maps = [
+        {**each.about(), "attribute": name, "no_value": NO_VALUE}
+        for each, name in zip(structure.maps, names, strict=True)
+    ]
+    return mesh | {"extras": {"maps": maps, "shown": "" if structure.shown_map is None else structure.shown}}
 
 
 def _material(structure: Structure) -> dict[str, Any]:
-    """The material; colors are rounded, so that no machine's power function is in the file."""
-    color = [*(round(share, 5) for share in linear(structure.rgb)), round(structure.opacity, 5)]
+    """The material, white where a map is shown; colors are rounded, so the file is the same on every machine."""
+    rgb = structure.rgb if structure.shown_map is None else (255, 255, 255)
+    color = [*(round(share, 5) for share in linear(rgb)), round(structure.opacity, 5)]
     shading = {"baseColorFactor": color, "metallicFactor": 0.0, "roughnessFactor": ROUGHNESS}
     material: dict[str, Any] = {"name": structure.name, "pbrMetallicRoughness": shading, "doubleSided": True}
     return material if structure.opacity == 1.0 else {**material, "alphaMode": "BLEND"}

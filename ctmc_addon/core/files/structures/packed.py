@@ -5,7 +5,8 @@ Triangles go block by block, so that those beside each other are written soon af
 order in which the triangles name them first. A corner is then written as the number of vertices named so far less its
 own number: 0 for a new vertex, small for one that was named lately (Chun, WebGL Models: End-to-End, in OpenGL
 Insights, 2012). Positions are differences from vertex to vertex. Both are stored as planes of
-bytes, so that Deflate finds long runs of zeros. `viewer.js` reads it.
+bytes, so that Deflate finds long runs of zeros. Values of a map are packed like one axis, in the order of the vertices.
+`viewer.js` reads both.
 """
 
 from __future__ import annotations
@@ -14,7 +15,8 @@ import zlib
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+
+from ...arrays import Floats, Indices, Ints
 
 LEVELS = 65535  # A position has this many levels along an axis.
 EDGE_SHARE = 256  # A step is at least a usual edge divided by this.
@@ -35,6 +37,8 @@ class Packed(NamedTuple):
         Bytes of a corner.
     content : bytes
         A zlib stream of: low bytes and high bytes of x, y and z of all vertices, then every plane of the corners.
+    order : (vertices,) int
+        Number in the mesh of each vertex.
     """
 
     vertices: int
@@ -43,9 +47,26 @@ class Packed(NamedTuple):
     step: tuple[float, ...]
     planes: int
     content: bytes
+    order: Indices
 
 
-def packed(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Packed:
+class PackedValues(NamedTuple):
+    """Values of a map in few bytes.
+
+    Parameters
+    ----------
+    low, step : float
+        A value is ``low + step * level``; level `LEVELS` is no value.
+    content : bytes
+        A zlib stream of low bytes and high bytes.
+    """
+
+    low: float
+    step: float
+    content: bytes
+
+
+def packed(vertices: Floats, faces: Ints) -> Packed:
     """Return a mesh in few bytes; a vertex moves by at most half a step, and one without triangles is left out.
 
     Parameters
@@ -69,26 +90,54 @@ def packed(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> Packed:
     low = points.min(axis=0)
     step = np.maximum((points.max(axis=0) - low) / LEVELS, edge / EDGE_SHARE)
     levels = np.rint((points - low) / step).astype(np.int32)
-    change = np.diff(levels, axis=0, prepend=0)
-    change = (change + (1 << 15)) % (1 << 16) - (1 << 15)  # levels are told modulo 65,536
-    zigzag = np.where(change < 0, -2 * change - 1, 2 * change).T  # (3, v): 0, -1, 1, -2 become 0, 1, 2, 3
-    content = b"".join(
-        [(zigzag >> (8 * place) & 255).astype(np.uint8).tobytes() for place in range(2)]
-        + [(codes >> (8 * place) & 255).astype(np.uint8).tobytes() for place in range(planes)]
-    )
+    content = b"".join(_planes(_changes(levels).T, 2) + _planes(codes, planes))
     return Packed(
-        len(order), len(faces), tuple(low.tolist()), tuple(step.tolist()), planes, zlib.compress(content, LEVEL)
+        len(order), len(faces), tuple(low.tolist()), tuple(step.tolist()), planes, zlib.compress(content, LEVEL), order
     )
 
 
-def _usual_edge(vertices: NDArray[np.float32], faces: NDArray[np.int32]) -> float:
+def packed_values(values: Floats) -> PackedValues:
+    """Return values of a map in few bytes; a value moves by at most half a step, 1/65,534 of their range.
+
+    Parameters
+    ----------
+    values : (v,) float32
+        In the order of the packed vertices; a value that is not finite becomes none.
+
+    Examples
+    --------
+    >>> packed_values(np.array([2, np.nan, 6], np.float32))[:2]
+    (2.0, 6.103701895199438e-05)
+    """
+    known = np.isfinite(values)
+    numbers = values[known].astype(np.float64)
+    low, high = (float(numbers.min()), float(numbers.max())) if len(numbers) else (0.0, 0.0)
+    step = (high - low) / (LEVELS - 1) or 1.0
+    levels = np.full(len(values), LEVELS, np.int32)
+    levels[known] = np.rint((numbers - low) / step)
+    return PackedValues(low, step, zlib.compress(b"".join(_planes(_changes(levels), 2)), LEVEL))
+
+
+def _changes(levels: Ints) -> Ints:
+    """Changes of levels from row to row: 0, -1, 1, -2 as 0, 1, 2, 3, modulo 65,536."""
+    change = np.diff(levels, axis=0, prepend=0)
+    change = (change + (1 << 15)) % (1 << 16) - (1 << 15)
+    return np.where(change < 0, -2 * change - 1, 2 * change)
+
+
+def _planes(codes: Ints, count: int) -> list[bytes]:
+    """The lowest bytes of all codes, then the next, `count` in all."""
+    return [(codes >> (8 * place) & 255).astype(np.uint8).tobytes() for place in range(count)]
+
+
+def _usual_edge(vertices: Floats, faces: Ints) -> float:
     """The median length of the triangles' first edges; 1 where it is 0."""
     edges = vertices[faces[:, 1]].astype(np.float64) - vertices[faces[:, 0]]
     squares = edges[:, 0] ** 2 + edges[:, 1] ** 2 + edges[:, 2] ** 2
     return float(np.sqrt(np.median(squares))) or 1.0
 
 
-def _block_by_block(vertices: NDArray[np.float32], faces: NDArray[np.int32], edge: float) -> NDArray[np.int32]:
+def _block_by_block(vertices: Floats, faces: Ints, edge: float) -> Ints:
     """The triangles by the block that they are in, and in it by their lowest vertex, which they begin with, (F, 3)."""
     lowest = faces.argmin(axis=1)
     turned = np.take_along_axis(faces, (lowest[:, None] + np.arange(3)) % 3, axis=1)

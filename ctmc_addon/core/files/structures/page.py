@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Structures as one HTML page that shows them without a network: turned, zoomed, cut, each with eye and opacity.
 
-The page holds three.js (MIT), the viewer of this folder, and every mesh in few bytes (`packed.py`). It may load
+The page holds three.js (MIT), the viewer of this folder, and every mesh and map in few bytes (`packed.py`). It may load
 nothing: its content security policy forbids it.
 """
 
@@ -15,9 +15,11 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from ...maps.ramps import NO_VALUE, RAMPS
+from ...maps.surface_map import SurfaceMap
 from ...progress import Step, Steps
 from ...units import volume_text
-from .packed import Packed, packed
+from .packed import Packed, PackedValues, packed, packed_values
 from .structure import Structure
 
 VIEWER = Path(__file__).with_name("viewer")
@@ -35,18 +37,24 @@ def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]
                 file.write(html.escape(path.stem).encode("utf-8", "replace"))
             elif piece == "structures":
                 for done, structure in enumerate(structures, 1):
-                    file.write(_element(structure).encode("utf-8", "replace"))
-                    yield Step(done / len(structures), f"Writing {structure.name}")
+                    message = f"Writing {structure.name}"
+                    mesh = packed(structure.vertices, structure.faces)
+                    file.write(_element("structure", _facts(structure, mesh), mesh.content))
+                    for each in structure.maps:
+                        yield Step((done - 0.5) / len(structures), message)
+                        values = packed_values(each.values[mesh.order])
+                        file.write(_element("map", _map_facts(each, values, done - 1), values.content))
+                    yield Step(done / len(structures), message)
             else:
                 file.write((VIEWER / piece).read_bytes())
 
 
-def _element(structure: Structure) -> str:
-    """Return a structure as an element of the page: its properties as an attribute, its mesh as text."""
-    mesh = packed(structure.vertices, structure.faces)
-    facts = html.escape(json.dumps(_facts(structure, mesh), separators=(",", ":"), ensure_ascii=False))
-    content = base64.b64encode(mesh.content).decode("ascii")
-    return f'<script type="application/octet-stream" class="structure" data-facts="{facts}">{content}</script>\n'
+def _element(kind: str, facts: dict[str, Any], content: bytes) -> bytes:
+    """Return a structure or map as an element of the page: its properties as an attribute, its content as text."""
+    escaped = html.escape(json.dumps(facts, separators=(",", ":"), ensure_ascii=False))
+    text = base64.b64encode(content).decode("ascii")
+    element = f'<script type="application/octet-stream" class="{kind}" data-facts="{escaped}">{text}</script>\n'
+    return element.encode("utf-8", "replace")
 
 
 def _facts(structure: Structure, mesh: Packed) -> dict[str, Any]:
@@ -60,4 +68,18 @@ def _facts(structure: Structure, mesh: Packed) -> dict[str, Any]:
         "low": mesh.low,
         "step": mesh.step,
         "planes": mesh.planes,
+        **({} if structure.shown_map is None else {"shown": structure.shown}),
+    }
+
+
+def _map_facts(each: SurfaceMap, values: PackedValues, structure: int) -> dict[str, Any]:
+    return {
+        "structure": structure,
+        "name": each.name,
+        "unit": each.unit,
+        "range": each.range,
+        "colors": RAMPS[each.ramp].split(),
+        "none": NO_VALUE,
+        "low": values.low,
+        "step": values.step,
     }

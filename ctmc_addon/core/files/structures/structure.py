@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 
 from ...arrays import Floats
 from ...errors import OutputError
+from ...maps.surface_map import SurfaceMap
 from ...mesh.face_normals import vertex_normals
 from ..file_names import file_key, printable
+from ..map_names import require_values
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,6 +36,10 @@ class Structure:
         Unit length, pointing outside; without them a file gets the means of the triangles'.
     volume_mm3 : float or None
         Volume of a closed surface; None for an open one.
+    maps : tuple of SurfaceMap
+        Values on the vertices.
+    shown : str
+        Name of the map whose colors are shown; `rgb` is shown where it is empty or no map has that name.
     """
 
     name: str
@@ -43,6 +49,13 @@ class Structure:
     opacity: float = 1.0
     normals: Floats | None = None
     volume_mm3: float | None = None
+    maps: tuple[SurfaceMap, ...] = ()
+    shown: str = ""
+
+    @property
+    def shown_map(self) -> SurfaceMap | None:
+        """The map whose colors are shown; None for the plain color."""
+        return next((each for each in self.maps if each.name == self.shown), None) if self.shown else None
 
     @property
     def closed(self) -> bool:
@@ -57,10 +70,12 @@ class Structure:
 def as_structures(structures: Iterable[Structure], target: str) -> list[Structure]:
     """Return structures as a file holds them: with names on one line, all different.
 
+    Structures that have a map of one name get one range and ramp for it, so that their colors compare.
+
     Raises
     ------
     OutputError
-        If one has no triangles, or an opacity beyond 0 to 1.
+        If one has no triangles, an opacity beyond 0 to 1, a map of another surface, or two maps of one name.
 
     Examples
     --------
@@ -76,10 +91,43 @@ def as_structures(structures: Iterable[Structure], target: str) -> list[Structur
             raise OutputError(f"{structure.name} has no triangles to write to {target}; leave it out")
         if not 0.0 <= structure.opacity <= 1.0:
             raise OutputError(f"the opacity {structure.opacity:g} of {structure.name} is not from 0 to 1")
+        require_values(structure.name, len(structure.vertices), structure.maps)
+        twice = _first_twice(each.name for each in structure.maps)
+        if twice is not None:
+            raise OutputError(f"{structure.name} has two maps called {twice}; give one of them another name")
         name = _unique(printable(structure.name) or "structure", taken)
         taken.add(file_key(name))
         out.append(replace(structure, name=name))
-    return out
+    return with_common_ranges(out)
+
+
+def with_common_ranges(structures: Sequence[Structure]) -> list[Structure]:
+    """Return structures whose maps of one name have one range, around all of theirs, and the ramp of the first."""
+    first: dict[str, SurfaceMap] = {}
+    for each in (each for structure in structures for each in structure.maps):
+        known = first.setdefault(each.name, each)
+        low, high = min(known.range[0], each.range[0]), max(known.range[1], each.range[1])
+        if (low, high) != known.range:
+            first[each.name] = replace(known, range=(low, high))
+
+    def common(each: SurfaceMap) -> SurfaceMap:
+        range_, ramp = first[each.name].range, first[each.name].ramp
+        return each if (each.range, each.ramp) == (range_, ramp) else replace(each, range=range_, ramp=ramp)
+
+    return [
+        replace(structure, maps=tuple(map(common, structure.maps))) if structure.maps else structure
+        for structure in structures
+    ]
+
+
+def _first_twice(names: Iterable[str]) -> str | None:
+    """Return the first name that comes a second time, or None."""
+    seen: set[str] = set()
+    for name in names:
+        if name in seen:
+            return name
+        seen.add(name)
+    return None
 
 
 def _unique(name: str, taken: set[str]) -> str:

@@ -2,7 +2,8 @@
 """Structures as a Wavefront OBJ with its MTL: an object and a material each, in millimeters.
 
 Paul Bourke's copies of the Wavefront specifications, paulbourke.net/dataformats/obj and /mtl. A name has no spaces
-there. Colors are sRGB shares of 1, as most programs read and write them.
+there. Colors are sRGB shares of 1, as most programs read and write them; those of a map follow the coordinates of a
+vertex, as MeshLab, Blender and others read them, and its material is white.
 """
 
 from __future__ import annotations
@@ -10,9 +11,13 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
+import numpy as np
+
 from ...progress import Step, Steps
 from ..mesh_files import parts_of
 from .structure import Structure
+
+WHITE = (255, 255, 255)
 
 
 def write_obj_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
@@ -40,7 +45,8 @@ def _word(structure: Structure) -> str:
 
 
 def _material(structure: Structure) -> str:
-    red, green, blue = (f"{level / 255:.4f}" for level in structure.rgb)
+    rgb = structure.rgb if structure.shown_map is None else WHITE
+    red, green, blue = (f"{level / 255:.4f}" for level in rgb)
     return (
         f"newmtl {_word(structure)}\nKa {red} {green} {blue}\nKd {red} {green} {blue}\nKs 0.2 0.2 0.2\nNs 40\n"
         f"d {structure.opacity:.4g}\nillum 2\n"
@@ -48,10 +54,14 @@ def _material(structure: Structure) -> str:
 
 
 def _vertex_lines(structure: Structure) -> Iterator[bytes]:
-    """The vertices, to a hundredth of a micrometer, some thousand lines at a time."""
+    """The vertices, to a hundredth of a micrometer, some thousand lines at a time; with colors of the map shown."""
+    colored = structure.shown_map
+    line = b"v %.5f %.5f %.5f\n" if colored is None else b"v %.5f %.5f %.5f %.4f %.4f %.4f\n"
     for part in parts_of(len(structure.vertices)):
         rows = structure.vertices[part].astype(float) + 0.0  # no -0
-        yield (b"v %.5f %.5f %.5f\n" * len(rows)) % tuple(rows.ravel().tolist())
+        if colored is not None:
+            rows = np.concatenate([rows, colored.colors[part] / 255.0], axis=1)
+        yield (line * len(rows)) % tuple(rows.ravel().tolist())
 
 
 def _face_lines(structure: Structure, first: int) -> Iterator[bytes]:

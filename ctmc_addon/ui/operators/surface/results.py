@@ -8,11 +8,14 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 
-from ....blender.figure.distance_map import paint_distances, painted_mm
+from ....blender.figure.distance_map import DISTANCE, DISTANCE_RAMP
+from ....blender.maps import show_map, write_map
 from ....blender.surface import as_shown, other_modifiers, own_mesh, require_editable, settings_of
 from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Stages, Steps, TriangleMesh, distance_phrases
 from ....core.files.file_names import file_name
+from ....core.maps.surface_map import SurfaceMap, statistics_of, vertex_areas
 from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps, vertex_distances_steps
 from ....readers import ReadingOptions
 from ....reporting.command_line import command_line
@@ -22,7 +25,7 @@ from ...properties.structures import called
 from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate, translate_phrase
-from ...viewport import deviation
+from ...viewport import maps as viewport_maps
 
 MAP_STAGES = {"Comparing with the full surface": 2, "Measuring": 1}
 
@@ -80,8 +83,7 @@ class CTMC_OT_deviation_map(jobs.LongOperator, bpy.types.Operator):
     bl_idname = "ctmc.deviation_map"
     bl_label = "Deviation Map"
     bl_description = (
-        "Write each vertex's distance to the full surface [mm] and a color into the mesh as attributes, and show the "
-        "colors in the viewport, with a legend"
+        "Add each vertex's distance to the full surface [mm] as a map, and show it in the viewport, with a legend"
     )
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
@@ -113,37 +115,15 @@ def deviation_steps(
         if obj is None or len(obj.data.vertices) != len(distances):
             raise MeshError("the surface was deleted or changed meanwhile; make the deviation map again")
         require_editable(obj)
-        paint_distances(obj.data, distances, measured.to_full.largest)
-        deviation.show()
+        largest = max(measured.to_full.largest, float(distances.max(initial=0.0)))
+        values = distances.astype(np.float32)
+        statistics = statistics_of(values, vertex_areas(mesh))
+        write_map(obj.data, SurfaceMap(DISTANCE, "mm", values, (0.0, largest or 1.0), DISTANCE_RAMP, statistics))
+        show_map(obj, DISTANCE)
+        viewport_maps.show()
         return f"{obj.name}: {', '.join(map(translate_phrase, distance_phrases(measured)))}"
 
     return conclude
-
-
-class CTMC_OT_deviation_view(bpy.types.Operator):
-    """Show or hide the colors of a deviation map."""
-
-    bl_idname = "ctmc.deviation_view"
-    bl_label = "Show Deviation"
-    bl_description = (
-        "Show the colors of the deviation map in the viewport, with a legend in mm; press again for "
-        "the previous shading"
-    )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        if painted_mm(context.view_layer.objects.active) is None and not deviation.is_switched_on():
-            cls.poll_message_set("Make a deviation map first")
-            return False
-        return True
-
-    def execute(self, _context: bpy.types.Context) -> set[str]:
-        if deviation.is_shown():
-            deviation.hide()
-        else:
-            deviation.show()
-        session.redraw_viewports()
-        return {"FINISHED"}
 
 
 class CTMC_OT_adopt_settings(bpy.types.Operator):
@@ -216,5 +196,5 @@ def command_text(scene: bpy.types.Scene) -> str:
 
 
 register, unregister = bpy.utils.register_classes_factory(
-    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_deviation_view, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
+    (CTMC_OT_measure, CTMC_OT_deviation_map, CTMC_OT_adopt_settings, CTMC_OT_copy_command)
 )

@@ -7,15 +7,17 @@
     en: { cut: "Cut", none: "No cut", x: "Left to right", y: "Back to front", z: "Foot to head", flip: "Other side",
       all: "All", nothing: "None", picture: "Picture", light: "Light / dark", open: "open", fit: "Fit",
       views: ["Front", "Back", "Right", "Left", "Head", "Foot"], sides: "RLAPHF", show: "Show or hide the list",
-      opacity: "Opacity", failed: "This browser cannot show 3D (WebGL 2)." },
+      opacity: "Opacity", map: "Map", plain: "Plain color", without: "no value",
+      failed: "This browser cannot show 3D (WebGL 2)." },
     de: { cut: "Schnitt", none: "Kein Schnitt", x: "Links nach rechts", y: "Hinten nach vorn", z: "Fuß nach Kopf",
       flip: "Andere Seite", all: "Alle", nothing: "Keine", picture: "Bild", light: "Hell / dunkel", open: "offen",
       fit: "Einpassen", views: ["Vorn", "Hinten", "Rechts", "Links", "Kopf", "Fuß"], sides: "RLVHKF",
-      show: "Liste zeigen oder verbergen", opacity: "Deckkraft",
+      show: "Liste zeigen oder verbergen", opacity: "Deckkraft", map: "Karte", plain: "Einfarbig", without: "kein Wert",
       failed: "Dieser Browser kann kein 3D zeigen (WebGL 2)." },
     zh: { cut: "剖切", none: "不剖切", x: "从左到右", y: "从后到前", z: "从足到头", flip: "另一侧", all: "全部", nothing: "无",
       picture: "图片", light: "亮 / 暗", open: "开放", fit: "适合窗口", views: ["前", "后", "右", "左", "头", "足"],
-      sides: "右左前后头足", show: "显示或隐藏列表", opacity: "不透明度", failed: "此浏览器无法显示三维（WebGL 2）。" },
+      sides: "右左前后头足", show: "显示或隐藏列表", opacity: "不透明度", map: "图", plain: "单色", without: "无值",
+      failed: "此浏览器无法显示三维（WebGL 2）。" },
   };
   const language = (navigator.language || "en").slice(0, 2);
   const W = WORDS[language] || WORDS.en;
@@ -26,19 +28,37 @@
     return made;
   };
 
-  // A mesh as packed.py writes it.
-  function geometryOf(facts, text) {
-    const raw = atob(text.trim()), bytes = new Uint8Array(raw.length);
+  // Meshes and maps as packed.py writes them.
+  const NONE = 65535;
+  function unpacked(source) {
+    const raw = atob(source.textContent.trim()), bytes = new Uint8Array(raw.length);
     for (let i = 0; i < raw.length; i++) bytes[i] = raw.charCodeAt(i);
-    const all = T.unzlibSync(bytes), count = facts.vertices, corners = 3 * facts.faces;
+    source.textContent = "";
+    return T.unzlibSync(bytes);
+  }
+  // Hands on each level of `count` that begin at `low`, with their high bytes at `high`.
+  function eachLevel(all, count, low, high, take) {
+    let level = 0;
+    for (let i = 0; i < count; i++) {
+      const code = all[low + i] | (all[high + i] << 8);
+      level = (level + (code & 1 ? -((code + 1) >> 1) : code >> 1)) & 65535;
+      take(i, level);
+    }
+  }
+  function valuesOf(facts, all) {
+    const values = new Float32Array(all.length / 2);
+    eachLevel(all, values.length, 0, values.length, (i, level) => {
+      values[i] = level === NONE ? NaN : facts.low + facts.step * level;
+    });
+    return values;
+  }
+  function geometryOf(facts, all) {
+    const count = facts.vertices, corners = 3 * facts.faces;
     const positions = new Float32Array(3 * count);
     for (let axis = 0; axis < 3; axis++) {
-      let level = 0;
-      for (let i = 0; i < count; i++) {
-        const code = all[axis * count + i] | (all[(3 + axis) * count + i] << 8);
-        level = (level + (code & 1 ? -((code + 1) >> 1) : code >> 1)) & 65535;
+      eachLevel(all, count, axis * count, (3 + axis) * count, (i, level) => {
         positions[3 * i + axis] = facts.low[axis] + facts.step[axis] * level;
-      }
+      });
     }
     const indices = new Uint32Array(corners);
     let named = 0;
@@ -74,8 +94,7 @@
   scene.add(group);
   const structures = [];
   for (const source of document.querySelectorAll("script.structure")) {
-    const facts = JSON.parse(source.dataset.facts), geometry = geometryOf(facts, source.textContent);
-    source.textContent = "";
+    const facts = JSON.parse(source.dataset.facts), geometry = geometryOf(facts, unpacked(source));
     const material = new T.MeshStandardMaterial({ color: facts.color, roughness: 0.42, metalness: 0 });
     // Glass is denser at its rim than in its middle.
     material.onBeforeCompile = (shader) => {
@@ -91,7 +110,13 @@
     mesh.renderOrder = size.length(); // what is inside is drawn before what is around it
     filled.visible = false;
     group.add(mesh, filled);
-    structures.push({ facts, mesh, filled, shown: true, opacity: facts.opacity });
+    structures.push({ facts, mesh, filled, shown: true, opacity: facts.opacity, maps: Object.create(null) });
+  }
+  const maps = Object.create(null); // by their names; those of one name have one range and ramp in all structures
+  for (const source of document.querySelectorAll("script.map")) {
+    const facts = JSON.parse(source.dataset.facts);
+    structures[facts.structure].maps[facts.name] = valuesOf(facts, unpacked(source));
+    maps[facts.name] = facts;
   }
   const box = new T.Box3();
   for (const structure of structures) box.union(structure.mesh.geometry.boundingBox);
@@ -191,6 +216,54 @@
     redraw();
   }
 
+  // The map that is shown: its colors, legend, and the value under the mouse.
+  let map = null;
+  const legend = document.getElementById("legend"), note = document.getElementById("value");
+  function showMap(name) {
+    map = maps[name] || null;
+    for (const { facts, mesh, maps: own } of structures) {
+      const values = map && own[name];
+      if (values) mesh.geometry.setAttribute("color", new T.BufferAttribute(MAPS.colorsOf(values, map), 3));
+      else mesh.geometry.deleteAttribute("color");
+      mesh.material.color.set(values ? "#ffffff" : facts.color);
+      Object.assign(mesh.material, { vertexColors: !!values, needsUpdate: true });
+    }
+    legend.hidden = !map;
+    note.hidden = true;
+    if (map) {
+      const { unit, range: [low, high], colors, none } = map, bar = legend.querySelector("div i");
+      legend.querySelector("b").textContent = MAPS.titleOf(name, unit);
+      bar.style.background = `linear-gradient(to top, ${colors.map((code) => `#${code}`).join(", ")})`;
+      const ticks = [0, 0.25, 0.5, 0.75, 1].map((share) => {
+        const tick = element("li", null, { textContent: MAPS.numberText(low + share * (high - low)) });
+        tick.style.bottom = `${100 * share}%`;
+        return tick;
+      });
+      legend.querySelector("ol").replaceChildren(...ticks);
+      legend.querySelector("p i").style.background = `#${none}`;
+      legend.querySelector("p span").textContent = W.without;
+    }
+    redraw();
+  }
+  const valueAt = (x, y) => (map ? MAPS.valueAt(x, y, map.name, structures, camera, cut.axis ? plane : null) : null);
+  let mouse = null;
+  function showValue(event) {
+    const idle = mouse === null;
+    mouse = event;
+    if (idle) requestAnimationFrame(() => {
+      const { clientX: x, clientY: y, buttons, type } = mouse, turning = buttons && type === "pointermove";
+      const value = turning ? null : valueAt(x, y);
+      mouse = null;
+      note.hidden = value === null;
+      if (value === null) return;
+      note.textContent = Number.isNaN(value) ? W.without : `${MAPS.numberText(value)} ${map.unit}`.trim();
+      note.style.left = `${Math.min(x + 14, window.innerWidth - note.offsetWidth - 4)}px`;
+      note.style.top = `${Math.max(4, y - 30)}px`;
+    });
+  }
+  for (const kind of ["pointermove", "pointerdown"]) canvas.addEventListener(kind, showValue);
+  canvas.addEventListener("pointerleave", () => { note.hidden = true; });
+
   const head = element("header", panel);
   element("b", head, { textContent: document.title, title: document.title });
   const body = element("div", panel, { className: "body" });
@@ -217,6 +290,20 @@
     density.oninput = () => { structure.opacity = +density.value; apply(); };
     rows.push(show);
   });
+  if (Object.keys(maps).length) {
+    const choosing = element("div", body, { className: "tools" });
+    const choice = element("select", choosing, { ariaLabel: W.map, id: "map" });
+    element("option", choice, { value: "", textContent: W.plain });
+    for (const { name, unit } of Object.values(maps)) {
+      element("option", choice, { value: `=${name}`, textContent: MAPS.titleOf(name, unit) });
+    }
+    choice.onchange = () => showMap(choice.value.slice(1));
+    const first = structures.find(({ facts }) => facts.shown);
+    if (first) {
+      choice.value = `=${first.facts.shown}`;
+      showMap(first.facts.shown);
+    }
+  }
   const tools = element("div", body, { className: "tools" });
   element("button", tools, { textContent: W.all, onclick: () => { rows.forEach((show) => show(true)); apply(); } });
   element("button", tools, { textContent: W.nothing, onclick: () => { rows.forEach((show) => show(false)); apply(); } });
@@ -239,5 +326,5 @@
 
   apply();
   lookFrom([-0.4, 1, 0.2]);
-  window.CTMC = { structures, camera, controls, cut, apply, draw, lookFrom };
+  window.CTMC = { structures, camera, controls, cut, apply, draw, lookFrom, maps, showMap, valueAt };
 })();

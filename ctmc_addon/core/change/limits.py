@@ -1,0 +1,106 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Limits that decide how a component has changed.
+
+A volume that differs by 25 % or more has changed: NELSON (van Klaveren et al. 2009, doi:10.1056/NEJMoa0906085) and the
+British Thoracic Society (Callister et al. 2015, doi:10.1136/thoraxjnl-2015-207168). RECIST 1.1 (Eisenhauer et al. 2009,
+doi:10.1016/j.ejca.2008.10.026) asks for 20 % more or 30 % less diameter, which of a ball is 73 % more or 66 % less
+volume. A few voxels are the noise of drawing: no change, whatever their share.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ..described import Described, setting
+from .components import Component
+
+IN_VIEW = 0.5  # A component is in a volume's field of view if that holds this share of its samples.
+
+
+class Status(StrEnum):
+    """How a component has changed."""
+
+    NEW = "new"
+    GONE = "gone"
+    GROWN = "grown"
+    SHRUNK = "shrunk"
+    STABLE = "stable"
+    MERGED = "merged"
+    SPLIT = "split"
+    OUTSIDE = "outside"
+    """Without a match, and not in the field of view of the other volume: nobody knows."""
+
+
+@dataclass(frozen=True)
+class ChangeLimits(Described):
+    """Limits of a change.
+
+    Examples
+    --------
+    >>> print(ChangeLimits(percent=73).sentence)
+    Grown or shrunk: by 73 % of the volume or more, and by more than 8 voxels. Matched: an overlap of at least 5 % of \
+the smaller component.
+    """
+
+    percent: float = setting(
+        25.0,
+        "Share of its volume by which a component has grown or shrunk. Larger = more components are stable",
+        label="Change",
+        unit="%",
+        low=0.0,
+        flag="change-percent",
+    )
+    voxels: int = setting(
+        8,
+        "A component that differs by no more than this many voxels, of the coarser grid, is stable",
+        label="Voxels",
+        unit="voxels",
+        low=0,
+        type=int,
+        flag="change-voxels",
+    )
+    overlap_percent: float = setting(
+        5.0,
+        "Smallest overlap of two components that are one, as a share of the smaller. Larger = fewer are merged or "
+        "split by chance; 0 = any",
+        label="Overlap",
+        unit="%",
+        low=0.0,
+        high=100.0,
+        flag="overlap-percent",
+    )
+
+    @property
+    def sentence(self) -> str:
+        """The limits in words."""
+        overlap = f"an overlap of at least {self.overlap_percent:g} % of the smaller component"
+        return (
+            f"Grown or shrunk: by {self.percent:g} % of the volume or more, and by more than {self.voxels} voxels. "
+            f"Matched: {overlap if self.overlap_percent else 'any overlap'}."
+        )
+
+    def status(
+        self, before: Sequence[Component], after: Sequence[Component], voxel_mm3: float, in_view: bool
+    ) -> Status:
+        """Return the status of components that are matched.
+
+        Parameters
+        ----------
+        before, after : sequence of Component
+            One of both may be empty.
+        voxel_mm3 : float
+            Volume of a voxel of the coarser grid.
+        in_view : bool
+            Whether components without a match are in the field of view of the other volume.
+        """
+        if not (before and after):
+            return Status.OUTSIDE if not in_view else Status.NEW if after else Status.GONE
+        if len(before) > 1 or len(after) > 1:
+            return Status.SPLIT if len(after) > len(before) else Status.MERGED
+        [first], [last] = before, after
+        change = last.volume_mm3 - first.volume_mm3
+        if abs(change) * 100 < self.percent * first.volume_mm3 or abs(change) <= self.voxels * voxel_mm3:
+            return Status.STABLE
+        return Status.GROWN if change > 0 else Status.SHRUNK

@@ -1,0 +1,85 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The table of changes: a row for each component, with units in the names of the columns."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from ..files.atomic_write import csv_text
+from ..measures import UNKNOWN
+from ..units import number_text
+from .compare import ChangeRow
+
+DIGITS = 9  # A number in a CSV has this many digits.
+ML = 1000.0  # mm3
+TERMINAL = 11  # The terminal shows this many columns; files have the positions too.
+CHANGE_HEADS = (
+    "name",
+    "label",
+    "status",
+    "before",
+    "after",
+    "volume_before_ml",
+    "volume_after_ml",
+    "change_percent",
+    "largest_diameter_before_mm",
+    "largest_diameter_after_mm",
+    "doubling_time_days",
+    "x_mm",
+    "y_mm",
+    "z_mm",
+)
+
+
+def change_columns(row: ChangeRow) -> dict[str, Any]:
+    """Return the columns of a row by their names.
+
+    `before` and `after` are the numbers of components, the largest of its volume first: '1', or '2+3' where several
+    are one row.
+    """
+    first, last = row.volume_before_mm3, row.volume_after_mm3
+    numbers = ("+".join(str(each.number) for each in components) for components in (row.before, row.after))
+    values = (
+        row.name,
+        row.label,
+        str(row.status),
+        *numbers,
+        None if first is None else first / ML,
+        None if last is None else last / ML,
+        row.percent,
+        row.diameter_before_mm,
+        row.diameter_after_mm,
+        row.doubling_time_days,
+        *row.center_mm,
+    )
+    return dict(zip(CHANGE_HEADS, values, strict=True))
+
+
+def written_columns(row: ChangeRow) -> dict[str, Any]:
+    """Return the columns of a row as files have them; unknown values are None."""
+    return {
+        head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in change_columns(row).items()
+    }
+
+
+def change_csv(rows: Sequence[ChangeRow]) -> str:
+    """Return the rows as CSV; unknown values stay empty."""
+    return csv_text([written_columns(row) for row in rows], CHANGE_HEADS)
+
+
+def change_cells(rows: Sequence[ChangeRow]) -> list[tuple[str, ...]]:
+    """Return the table for a person, its heads first; unknown values are a dash."""
+    heads = tuple(
+        head.removesuffix("_percent").replace("largest_", "").replace("_", " ") for head in CHANGE_HEADS[:TERMINAL]
+    )
+    cells = (tuple(change_columns(row).values())[:TERMINAL] for row in rows)
+    return [heads, *(tuple(map(_shown, CHANGE_HEADS, own)) for own in cells)]
+
+
+def _shown(head: str, cell: Any) -> str:
+    if cell is None or cell == "":
+        return UNKNOWN
+    if head == "change_percent":
+        return f"{cell:+.1f} %"
+    return number_text(cell) if isinstance(cell, float) else str(cell)

@@ -1,0 +1,243 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""The largest ball that touches a surface at each vertex and has no other part of the surface inside.
+
+A ball that touches the surface at p, where n points to the ball's side, and passes through q has the radius
+
+    r(p, q) = d² / (2 n·d)    with d = q - p,
+
+so the largest ball with nothing inside has the least of these radii: what shrinking balls (Ma et al. 2010,
+doi:10.1007/s00371-010-0494-y) come to by asking for the nearest neighbor of one center after the other. Here a branch
+and bound asks once. Near p the quotient is made of noise, so q is chosen by the least of
+
+    d² / (2 (n·d - slope |d| - depth)),
+
+which is large for what lies low over the tangent plane, and which is without effect on r at q. (Ma et al. and Peters
+2018 stop at a least angle instead, beyond which they find no value.) The surface at q is its tangent plane there, with
+normal m, so the ball that touches both planes counts:
+
+    r = (p - q)·m / (1 - n·m),
+
+unless it touches the plane of q far from q, as at a sharp edge.
+
+Neighbors have nearly the same answer: samples are asked from coarse to fine, and begin with what was found beside them.
+A ball may be too large by `TOLERANCE` before it meets its tangent plane. Positions and results in one unit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...arrays import Doubles, Flags, Floats, Indices
+from ...machine.parallel import map_steps
+from ...progress import PAUSE, Steps
+from ..vectors import dot
+from .patch_tree import BRANCH, PATCH, PatchTree
+
+SLOPE = 0.12  # About 7 degrees: normals of labels are off by so much.
+DEPTH = 0.05  # Of the samples' distance.
+TOLERANCE = 0.01  # Of the radius.
+ROUNDING = np.float32(1 + 1e-5)
+GROUP = 16  # Places that are searched for together.
+COARSER = 16  # Every so many places are asked before those between.
+BLOCK = 2048  # places
+PAIRS = 2048  # Pairs of a place and a patch whose samples are measured at once: they stay in the cache.
+FAR = 1.5  # The plane of a sample counts up to this many of the samples' distances from it.
+CAP = 8.0  # Times the limit: a radius that noise makes larger may come out below the limit.
+
+
+class TangentBalls:
+    """Search for the largest balls that touch the samples of a tree, on the side that its normals point to.
+
+    Parameters
+    ----------
+    tree : PatchTree
+    gap : float
+        Usual distance of neighboring samples.
+    limit : float
+        Radius up to which to look.
+    """
+
+    def __init__(self, tree: PatchTree, gap: float, limit: float) -> None:
+        self.tree, self.gap, self.limit = tree, gap, limit
+        self._depth = np.float32(DEPTH * gap)
+        self._radius = np.full(len(tree.order), CAP * limit, np.float32)  # with slope and depth
+        self._other = np.full(len(tree.order), -1, np.int64)  # place that the ball meets
+
+    def radii_steps(self, asked: Flags, threads: int) -> Steps[Doubles]:
+        """Return the radius at each place, (n,) float64: NaN beyond the limit, and where it was not asked for.
+
+        Parameters
+        ----------
+        asked : (n,) bool
+            By place.
+        threads : int
+        """
+        places = np.flatnonzero(asked)
+        radii = np.full(len(asked), np.nan)
+        strides = [1]
+        while strides[-1] * COARSER < len(places):
+            strides.append(strides[-1] * COARSER)
+        hints = np.zeros(0, np.int64)
+        for stride in reversed(strides):
+            now = places[::stride]
+            blocks = [slice(start, start + BLOCK) for start in range(0, len(now), BLOCK)]
+
+            def search(block: slice, now: Indices = now, hints: Indices = hints, fine: bool = stride == 1) -> None:
+                self._search(now[block], hints, block.start, GROUP if fine else 1)
+                if fine:
+                    radii[now[block]] = self._touching(now[block])
+
+            for step in map_steps(search, blocks, threads, batches=max(1, len(blocks))):
+                yield step if stride == 1 else PAUSE
+            hints = self._other[now]  # a copy: threads change the original
+        return radii
+
+    def _search(self, places: Indices, hints: Indices, start: int, group: int) -> None:
+        """Search for places, the first of them number `start`; `hints` has what every `COARSER`th ball meets."""
+        if len(hints):
+            number = (np.arange(len(places)) + start) // COARSER
+            for beside in (0, 1):
+                other = hints[np.minimum(number + beside, len(hints) - 1)]
+                known = np.flatnonzero(other >= 0)
+                self._measure(places[known], other[known] // PATCH)
+        members = np.minimum(np.arange(-(-len(places) // group) * group), len(places) - 1).reshape(-1, group)
+        pair_group, patch = self._near_patches(places[members])
+        place = places[members[pair_group]].ravel()
+        patch = np.repeat(patch, group)
+        # The patch deepest in its ball shrinks it, so that most of the others need not be measured.
+        inside, place, patch = self._inside(place, patch)
+        order = np.argsort(place, kind="stable")
+        inside, place, patch = inside[order], place[order], patch[order]
+        if not len(place):
+            return
+        first = np.flatnonzero(np.diff(place, prepend=-1))
+        deepest = np.minimum.reduceat(inside, first)
+        chosen = inside == np.repeat(deepest, np.diff(first, append=len(place)))
+        self._measure(place[chosen], patch[chosen])
+        _, place, patch = self._inside(place[~chosen], patch[~chosen])
+        self._measure(place, patch)
+
+    def _near_patches(self, places: Indices) -> tuple[Indices, Indices]:
+        """Return pairs of a group of places (g, k) and a patch that may limit a ball of the group."""
+        tree = self.tree
+        position, normal = tree.positions[:, places], tree.normals[:, places]  # (3, g, k)
+        radius = self._radius[places] * np.float32(1 - TOLERANCE)
+        centers = position + normal * radius
+        center = _middle(centers)
+        apart = _length(centers - center[..., None]).max(axis=1)
+        largest = radius.max(axis=1)
+        middle = _middle(position)
+        offset = position - middle[..., None]
+        mean = normal[..., 0].copy()
+        for number in range(1, places.shape[1]):
+            mean += normal[..., number]
+        mean /= np.maximum(_length(mean), np.float32(1e-6))
+        spread = _length(normal - mean[..., None]).max(axis=1)
+        lowest = dot(offset, normal).min(axis=1)
+        size = _length(offset).max(axis=1)
+        group = np.repeat(np.arange(len(places)), tree.levels[-1].shape[1])
+        disc = np.tile(np.arange(tree.levels[-1].shape[1]), len(places))
+        for level in range(len(tree.levels) - 1, -1, -1):
+            discs = tree.levels[level].take(disc, axis=1)
+            height, distance, extent = _over_plane(discs, middle.take(group, axis=1), mean.take(group, axis=1))
+            height += spread.take(group) * (distance + extent) - lowest.take(group)
+            allowed = np.float32(SLOPE) * np.maximum(distance - extent - size.take(group), 0) + self._depth
+            near = np.flatnonzero(height >= allowed)
+            group, disc, discs = group[near], disc[near], discs.take(near, axis=1)
+            radii = largest.take(group)
+            reach = np.sqrt(np.maximum(radii * (radii - 2 * allowed[near]), 0)) + apart.take(group)
+            near = np.flatnonzero(_squared_from(discs, center.take(group, axis=1)) < reach * reach * ROUNDING)
+            group, disc = group[near], disc[near]
+            if level:
+                group = np.repeat(group, BRANCH)
+                disc = (disc[:, None] * BRANCH + np.arange(BRANCH)).ravel()
+                there = disc < tree.levels[level - 1].shape[1]
+                group, disc = group[there], disc[there]
+        return group, disc
+
+    def _inside(self, place: Indices, patch: Indices) -> tuple[Floats, Indices, Indices]:
+        """Return the pairs whose patch may limit the ball: how near its disc is, less is deeper, and the pairs."""
+        position, normal = self.tree.positions.take(place, axis=1), self.tree.normals.take(place, axis=1)
+        discs = self.tree.levels[0].take(patch, axis=1)
+        height, distance, extent = _over_plane(discs, position, normal)
+        allowed = np.float32(SLOPE) * np.maximum(distance - extent, 0) + self._depth
+        near = np.flatnonzero(height >= allowed)
+        place, patch = place[near], patch[near]
+        radius = self._radius.take(place) * np.float32(1 - TOLERANCE)
+        center = position.take(near, axis=1) + normal.take(near, axis=1) * radius
+        beyond = _squared_from(discs.take(near, axis=1), center)
+        beyond -= radius * (radius - 2 * allowed[near]) * ROUNDING
+        near = np.flatnonzero(beyond < 0)
+        return beyond[near], place[near], patch[near]
+
+    def _measure(self, place: Indices, patch: Indices) -> None:
+        """Shrink the balls of places by the samples of patches; the places never fall."""
+        tree = self.tree
+        for start in range(0, len(place), PAIRS):
+            at, of = place[start : start + PAIRS], patch[start : start + PAIRS]
+            offset = tree.patches.take(of, axis=2)  # (3, 16, pairs)
+            offset -= tree.positions.take(at, axis=1)[:, None]
+            normal = tree.normals.take(at, axis=1)
+            height = offset[0] * normal[0]
+            height += offset[1] * normal[1]
+            height += offset[2] * normal[2]
+            offset *= offset
+            squared = offset[0]
+            squared += offset[1]
+            squared += offset[2]
+            height -= np.sqrt(squared) * np.float32(SLOPE)
+            height -= self._depth
+            height *= 2
+            # A sample that lies too low gets a radius beyond all others, without a mask.
+            np.maximum(squared, self._depth * self._depth * np.float32(0.01), out=squared)
+            np.maximum(height, self._depth * np.float32(1e-12), out=height)
+            squared /= height
+            least = squared.min(axis=0)
+            better = np.flatnonzero(least < self._radius.take(at))
+            if not len(better):
+                continue
+            at, least = at[better], least[better]
+            sample = (squared[:, better] == least).argmax(axis=0) + of[better] * PATCH
+            # Of the pairs of one place the last one written counts: the least, and of equals the first.
+            order = np.lexsort((np.arange(len(at))[::-1], -least))
+            self._radius[at[order]], self._other[at[order]] = least[order], sample[order]
+
+    def _touching(self, places: Indices) -> Doubles:
+        """Return the radii of the balls that touch the tangent planes at places and at what they meet."""
+        other = self._other[places]
+        n, m = self.tree.normals[:, places].astype(np.float64), self.tree.normals[:, other].astype(np.float64)
+        offset = self.tree.positions[:, other].astype(np.float64) - self.tree.positions[:, places]
+        radius = dot(offset, offset) / np.maximum(2 * dot(offset, n), 1e-300)
+        facing = 1 - dot(n, m)
+        planar = -dot(offset, m) / np.where(facing > 0, facing, 1)
+        touched = planar * (n - m) - offset
+        planar_too = (facing > 0) & (planar > 0) & (dot(touched, touched) < (FAR * self.gap) ** 2)
+        radius = np.where(planar_too, planar, radius)
+        return np.where((other >= 0) & (radius <= self.limit), radius, np.nan)
+
+
+def _middle(points: Floats) -> Floats:
+    """Return the middles of the boxes around points (3, g, k), (3, g)."""
+    return (points.min(axis=2) + points.max(axis=2)) * np.float32(0.5)
+
+
+def _length(vectors: Floats) -> Floats:
+    return np.sqrt(dot(vectors, vectors))
+
+
+def _squared_from(discs: Floats, point: Floats) -> Floats:
+    """Return the squared distances of points from discs (8, n)."""
+    offset = point - discs[:3]
+    height = dot(offset, discs[3:6])
+    aside = dot(offset, offset) - height * height
+    aside = np.maximum(np.sqrt(np.maximum(aside, 0)) - discs[7], 0)
+    height = np.maximum(np.abs(height) - discs[6], 0)
+    return aside * aside + height * height
+
+
+def _over_plane(discs: Floats, point: Floats, normal: Floats) -> tuple[Floats, Floats, Floats]:
+    """Return the largest height of discs over planes, the distance of their centers from the point, and their size."""
+    offset = discs[:3] - point
+    along = np.abs(dot(discs[3:6], normal))
+    height = dot(offset, normal) + along * discs[6] + np.sqrt(np.maximum(1 - along * along, 0)) * discs[7]
+    return height, _length(offset), discs[6] + discs[7]
