@@ -51,18 +51,18 @@ def crowd(mesh, count, seed):
 
 @pytest.mark.parametrize("mesh", [rough(1), rough(2), torus(12, 8), cube(3.0), joined(cube(), cube(2.0, (3, 0, 0)))])
 def test_distance_and_sign_are_those_of_every_triangle_and_of_the_winding_number(mesh):
-    points = crowd(mesh, 60, 5)
+    points = crowd(mesh, 15, 5)
     corners = mesh.vertices[mesh.faces].astype(float)
     far = np.array([min(to_triangle(point, *triangle) for triangle in corners) for point in points])
     inside = winding_numbers(points, mesh) > 0.5
-    assert inside.any() and not inside.all()
+    assert 0 < inside.sum() < len(points)
     np.testing.assert_allclose(distances(points, mesh), np.where(inside, -far, far), rtol=1e-9, atol=1e-9)
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_the_sign_is_right_at_every_spike(seed):
-    mesh = rough(seed, levels=3)
-    points = crowd(mesh, 3000, seed)
+    mesh = rough(seed)
+    points = crowd(mesh, 1000, seed)
     assert np.array_equal(distances(points, mesh) < 0, winding_numbers(points, mesh) > 0.5)
 
 
@@ -73,7 +73,8 @@ def test_cubes_that_share_an_edge_and_a_vertex_have_the_right_sign_beside_them()
     faces = np.concatenate([cube().faces + 8 * at for at in range(3)])
     mesh = as_mesh(unique, number.reshape(-1)[faces])
     points = np.random.default_rng(0).uniform(-0.5, 3.5, (4000, 3))
-    inside = np.any([((points >= low) & (points <= low + 1)).all(1) for low in ([0, 0, 0], [1, 1, 0], [2, 2, 1])], 0)
+    lows = np.array([[0, 0, 0], [1, 1, 0], [2, 2, 1]])
+    inside = np.any([((points >= low) & (points <= low + 1)).all(1) for low in lows], 0)
     surface = signed(mesh)
     assert surface.closed
     assert np.array_equal(finish(surface.distances_steps(points))[0] < 0, inside)
@@ -116,7 +117,7 @@ def test_any_number_of_threads_gives_the_same_bytes():
 @pytest.mark.parametrize("seed", range(6))
 def test_the_nearest_pair_is_that_of_all_pairs_of_triangles(seed):
     draw = np.random.default_rng(seed)
-    first, second = rough(seed, 1), rough(seed + 50, 1, center=draw.normal(size=3) + [11, 0, 0])
+    first, second = rough(seed, 0), rough(seed + 50, 0, center=draw.normal(size=3) + np.array([11, 0, 0]))
     corners = [mesh.vertices[mesh.faces].astype(float) for mesh in (first, second)]
     expected = min(between_triangles(one, other) for one in corners[0] for other in corners[1])
     here, there = nearest_pair(first, second)
