@@ -201,7 +201,6 @@ ALLOWED = {
     "core/volume/statistics/values.py": {"np.log1p"},
     "readers/dicom/stack_geometry.py": {"math.atan2"},
     # rounded far above the last bit
-    "core/maps/angle.py": {"np.arctan", "np.degrees"},
     "core/phantom/shapes.py": {"np.cos", "np.sin", "**"},
     "core/segmentation/competition/border.py": {"np.exp", "np.log"},
     "core/segmentation/competition/claims.py": {"**"},
@@ -216,6 +215,7 @@ ALLOWED = {
     "core/segmentation/competition/geodesic.py": {"argsort"},
     "readers/volumes/zarr_array.py": {"argsort"},
     # cubes of a power of two, which are exact
+    "core/mesh/distance/discs.py": {"**"},
     "core/simplification/complexes/simplify.py": {"**"},
     "core/simplification/batches/reduced_batch.py": {"**"},
     "core/simplification/whole.py": {"**"},

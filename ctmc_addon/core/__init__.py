@@ -67,6 +67,7 @@ from .machine.parallel import (
 )
 from .measures import (
     GRAY_VALUES as GRAY_VALUES,
+    GY as GY,
     HU as HU,
     MEASURES as MEASURES,
     UNKNOWN as UNKNOWN,

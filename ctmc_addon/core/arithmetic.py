@@ -50,26 +50,6 @@ def tangent(degrees: float) -> float:
     return angle * sine / cosine
 
 
-def arctangents(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the angles of non-negative tangents, radians, exact except for the last bits.
-
-    Three times the half of the angle is taken, tan(x / 2) = t / (1 + sqrt(1 + t^2)), then the series.
-
-    Examples
-    --------
-    >>> np.degrees(arctangents(np.array([0.0, 1.0, 3.0**0.5]))).round(12).tolist()
-    [0.0, 45.0, 60.0]
-    """
-    eighth = np.asarray(tangents, np.float64)
-    for _ in range(3):
-        eighth = eighth / (1.0 + np.sqrt(1.0 + eighth * eighth))
-    square = eighth * eighth
-    sums = np.zeros_like(eighth)
-    for number in range(TERMS, -1, -1):
-        sums = 1.0 / (2 * number + 1) - sums * square
-    return np.asarray(8.0 * eighth * sums)
-
-
 LN_2 = 0.6931471805599453
 SERIES_TERMS = 24  # Of both series; at their ends the next one is below 1e-17 of the sum.
 
@@ -106,3 +86,23 @@ def natural_logarithm(number: float) -> float:
     for odd in range(2 * SERIES_TERMS + 1, 0, -2):
         total = total * square + 1.0 / odd
     return exponent * LN_2 + 2.0 * ratio * total
+
+
+def arctangents(tangents: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the angles of non-negative tangents, radians, exact except for the last bits.
+
+    Three times the half of the angle is taken, tan(x / 2) = t / (1 + sqrt(1 + t^2)), then the series.
+
+    Examples
+    --------
+    >>> np.degrees(arctangents(np.array([0.0, 1.0, 3.0**0.5]))).round(12).tolist()
+    [0.0, 45.0, 60.0]
+    """
+    eighth = np.asarray(tangents, np.float64)
+    for _ in range(3):
+        eighth = eighth / (1.0 + np.sqrt(1.0 + eighth * eighth))
+    square = eighth * eighth
+    sums = np.zeros_like(eighth)
+    for number in range(TERMS, -1, -1):
+        sums = 1.0 / (2 * number + 1) - sums * square
+    return np.asarray(8.0 * eighth * sums)

@@ -12,18 +12,14 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, is_dataclass
 from enum import Flag, auto
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from .finished_surface import FinishedSurface as FinishedSurface
 from .units import UNITS, length_text, number_text, one_way_text, sizes_text, volume_text
+from .volume.value_kind import ValueKind
 
-if TYPE_CHECKING:
-    from .maps.surface_map import SurfaceMap
-    from .mesh.distance.surface_distance import SurfaceDistance
-    from .mesh.measures import Measures
-    from .volume.statistics.inside import InsideValues
-
-HU = "HU"
-"""The unit of gray values; where they are not HU, they have none."""
+HU, GY = "HU", "Gy"
+"""The unit of gray values, where they are not HU that of their kind; and the unit of a dose."""
 UNKNOWN = "-"
 
 
@@ -53,41 +49,6 @@ class Place(Flag):
 
 
 @dataclass(frozen=True)
-class FinishedSurface:
-    """Measures of a finished surface; None if unknown.
-
-    Parameters
-    ----------
-    measures : Measures
-    full_faces : int
-        Triangles before simplification.
-    removed_components : int
-        Small components that the settings asked to remove.
-    collapsed_components : mapping of str to number
-        `count` and `mm3` of the components that simplification removed as a whole.
-    self_intersections : int
-        Pairs of triangles that cross, touch or overlap.
-    distance : SurfaceDistance
-        Distance to the full surface, mm.
-    largest_diameter_mm : float
-    inside : InsideValues
-        The gray values inside.
-    maps : mapping of str to SurfaceMap
-        Maps on its vertices by name; each is a measure of its own (`map_measure`).
-    """
-
-    measures: Measures | None = None
-    full_faces: int | None = None
-    removed_components: int | None = None
-    collapsed_components: Mapping[str, float] | None = None
-    self_intersections: int | None = None
-    distance: SurfaceDistance | None = None
-    largest_diameter_mm: float | None = None
-    inside: InsideValues | None = None
-    maps: Mapping[str, SurfaceMap] = field(default_factory=dict)
-
-
-@dataclass(frozen=True)
 class Measure:
     """A measure of a surface, and where it is shown.
 
@@ -98,9 +59,9 @@ class Measure:
     label : str
         The name that a person reads.
     unit : str
-        mm, mm2, mm3, deg, HU, or nothing.
-    of : str
-        The way to it from a `FinishedSurface`, such as `measures.area`.
+        mm, mm2, mm3, deg, HU, Gy, or nothing.
+    of : str or tuple of str
+        The way to it from a `FinishedSurface`, such as `measures.area`; a tuple where a name may hold a dot.
     where : Place
     summed : str
         Combination of several surfaces' values: `sum`, `all`, or `none` if only a single one's is known.
@@ -108,23 +69,26 @@ class Measure:
         Returns the text of a value that is known; by default by its type and unit.
     columns : mapping of str to int or str
         The columns of a value of several parts, and the index or key of each part.
+    kind : ValueKind, optional
+        Kind of the values inside without which it is not shown.
     """
 
     name: str
     label: str
     unit: str = ""
     _: KW_ONLY
-    of: str
+    of: str | tuple[Any, ...]
     where: Place
     summed: str = "none"
     shown: Callable[[Any], str] | None = None
     columns: Mapping[str, int | str] = field(default_factory=dict)
+    kind: ValueKind | None = None
 
     def value(self, surface: FinishedSurface) -> Any:
         """Return the value for JSON; None where it is not known, or infinite, which JSON does not have."""
         value: Any = surface
-        for step in self.of.split("."):
-            value = value.get(step) if isinstance(value, Mapping) else getattr(value, step, None)
+        for step in self.of.split(".") if isinstance(self.of, str) else self.of:
+            value = value.get(step) if isinstance(value, Mapping) else getattr(value, str(step), None)
         if isinstance(value, float) and not math.isfinite(value):
             return None
         if is_dataclass(value) and not isinstance(value, type):
@@ -304,6 +268,10 @@ MEASURES = (
         where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH,
         summed="sum",
     ),
+    Measure("max_gy", "Maximum Dose", GY, of="inside.maximum", where=Place.TABLE, kind=ValueKind.DOSE),
+    Measure("d95_gy", "D95", GY, of="inside.d95", where=Place.TABLE, kind=ValueKind.DOSE),
+    Measure("suv_max", "SUVmax", of="inside.maximum", where=Place.TABLE, kind=ValueKind.SUV),
+    Measure("suv_peak", "SUVpeak", of="inside.peak", where=Place.TABLE, kind=ValueKind.SUV),
 )
 """All measures, in the order of reports; new ones come last, because scripts read tables."""
 
@@ -341,7 +309,7 @@ def map_measure(name: str, unit: str) -> Measure:
         name,
         name,
         unit,
-        of=f"maps.{name}.statistics",
+        of=("maps", name, "statistics"),
         where=Place.REPORT | _TERMINAL | Place.TABLE | _BATCH,
         shown=partial(_statistics_text, unit=unit),
         columns={f"{name}_{column}": part for column, part in _MAP_COLUMNS.items()},
@@ -369,9 +337,54 @@ def _statistics_text(statistics: Mapping[str, float | None], unit: str) -> str:
     return ", ".join([text, *(f"{100 * share:.3g} % {words}" for words, share in known.items() if share)])
 
 
-def measures_in(place: Place, maps: Iterable[tuple[str, str]] = ()) -> tuple[Measure, ...]:
-    """Return the measures that a place shows, in their order; those of maps, given by name and unit, come last."""
-    return tuple(each for each in (*MEASURES, *(map_measure(*about) for about in maps)) if each.where & place)
+def dose_measure(dose: float) -> Measure:
+    """Return the measure of the volume that gets at least a dose, in percent.
+
+    Parameters
+    ----------
+    dose : float
+        Gy.
+
+    Examples
+    --------
+    >>> dose_measure(20.0).name, dose_measure(7.5).label
+    ('v20_gy_percent', 'V7.5 Gy')
+    """
+    number = f"{dose:.9g}"
+    return Measure(
+        f"v{number}_gy_percent",
+        f"V{number} Gy",
+        "%",
+        of=("inside", "percent_at", dose),
+        where=Place.TABLE,
+        kind=ValueKind.DOSE,
+    )
+
+
+def measures_in(
+    place: Place, maps: Iterable[tuple[str, str]] = (), kind: ValueKind | str | None = None, doses: Iterable[float] = ()
+) -> tuple[Measure, ...]:
+    """Return the measures that a place shows, in their order.
+
+    Those of doses (Gy), and then those of maps, given by name and unit, come last.
+
+    Parameters
+    ----------
+    place : Place
+    maps : iterable of (name, unit)
+    kind : ValueKind, optional
+        Kind of the values inside, for the measures that only a dose or a PET has.
+    doses : iterable of float
+        Gy, for the share of the volume that gets at least so much.
+    """
+    every = (*MEASURES, *map(dose_measure, doses), *(map_measure(*about) for about in maps))
+    return tuple(each for each in every if each.where & place and each.kind in (None, kind))
+
+
+def doses_of(surfaces: Iterable[FinishedSurface]) -> tuple[float, ...]:
+    """Return the doses, Gy, at which the volume of any surface is known, in their order."""
+    found = {dose: None for surface in surfaces for dose in getattr(surface.inside, "percent_at", ())}
+    return tuple(found)
 
 
 def maps_of(surfaces: Iterable[FinishedSurface]) -> dict[str, str]:

@@ -13,7 +13,7 @@ from typing import Any
 
 from .files.atomic_write import csv_text
 from .maps.surface_map import SurfaceMap
-from .measures import UNKNOWN, FinishedSurface, Measure, Place, maps_of, measures_in
+from .measures import UNKNOWN, FinishedSurface, Measure, Place, doses_of, maps_of, measures_in
 from .mesh.diameter import largest_diameter_steps
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import TriangleMesh
@@ -24,6 +24,7 @@ from .structures import structure_names
 from .units import number_text
 from .volume.region import region_box
 from .volume.statistics.inside import InsideValues, inside_values_steps, range_values_steps
+from .volume.statistics.sampled_inside import SampledValues, sampled_inside_label_steps, sampled_inside_range_steps
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
 
@@ -49,19 +50,34 @@ class StructureRow:
     threshold: float | None
     surface: FinishedSurface
 
-    def columns(self, unit: str = "hu") -> dict[str, Any]:
-        """Return the columns by their contents; `unit` of the gray values is part of the names."""
-        measured = [each.table_cells(each.value(self.surface), unit) for each in _measures_of(self.surface)]
+    def columns(self, kind: ValueKind | str = ValueKind.HU) -> dict[str, Any]:
+        """Return the columns by their contents; the unit of the gray values, of this kind, is part of the names."""
+        unit = ValueKind(kind).column
+        measured = [each.table_cells(each.value(self.surface), unit) for each in _measures_of(self.surface, kind)]
         own = {"name": self.name, "label": self.label, f"threshold_{unit}": self.threshold}
         return own | {head: cell for cells in measured for head, cell in cells.items()}
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """Return what was left out, in sentences."""
+        inside = self.surface.inside
+        beyond = getattr(inside, "beyond", 0)
+        if inside is None or not beyond:
+            return ()
+        text = f"{beyond} of {inside.samples + beyond} voxels of {self.name} lie beyond the values"
+        return (f"{text} and do not count" if inside.samples else text,)
 
-def _measures_of(surface: FinishedSurface) -> tuple[Measure, ...]:
-    return measures_in(Place.TABLE, maps_of([surface]).items())
+
+def _measures_of(surface: FinishedSurface, kind: ValueKind | str) -> tuple[Measure, ...]:
+    return measures_in(Place.TABLE, maps_of([surface]).items(), kind, doses_of([surface]))
 
 
 def measure_structures(
-    results: Sequence[Reconstruction], ct: Volume | None = None, labels: Volume | None = None, names: Sequence[str] = ()
+    results: Sequence[Reconstruction],
+    ct: Volume | None = None,
+    labels: Volume | None = None,
+    names: Sequence[str] = (),
+    doses: Sequence[float] = (),
 ) -> list[StructureRow]:
     """Measure surfaces and the gray values inside.
 
@@ -70,11 +86,14 @@ def measure_structures(
     results : sequence of Reconstruction
         Results with their meshes.
     ct : Volume, optional
-        CT whose values are measured. For a threshold it is the volume that the surface was made from.
+        CT whose values are measured, or a dose or PET, on any grid. For a threshold it is the volume that the surface
+        was made from.
     labels : Volume, optional
         Volume that the labels were made from; needed for the gray values of labels.
     names : sequence of str
         Name of each; by default that of its label, or of the volume.
+    doses : sequence of float
+        Gy; of a dose, the share of the volume that gets at least so much is measured.
 
     Raises
     ------
@@ -96,11 +115,15 @@ def measure_structures(
     >>> box
     'box,1,,0.0586666667,0.811878949,1,5.83095189,40,0,4,4,4,0'
     """
-    return finish(measure_structures_steps(results, ct, labels, names))
+    return finish(measure_structures_steps(results, ct, labels, names, doses))
 
 
 def measure_structures_steps(
-    results: Sequence[Reconstruction], ct: Volume | None = None, labels: Volume | None = None, names: Sequence[str] = ()
+    results: Sequence[Reconstruction],
+    ct: Volume | None = None,
+    labels: Volume | None = None,
+    names: Sequence[str] = (),
+    doses: Sequence[float] = (),
 ) -> Steps[list[StructureRow]]:
     """`measure_structures` as steps."""
     rows = []
@@ -108,7 +131,7 @@ def measure_structures_steps(
     stages = Stages(dict.fromkeys(called, 1))
     for name, result in zip(called, results, strict=True):
         measuring = structure_row_steps(
-            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels, result.maps
+            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels, result.maps, doses
         )
         rows.append((yield from stages.run(name, measuring)))
     return rows
@@ -123,6 +146,7 @@ def structure_row_steps(
     ct: Volume | None = None,
     labels: Volume | None = None,
     maps: tuple[SurfaceMap, ...] = (),
+    doses: Sequence[float] = (),
 ) -> Steps[StructureRow]:
     """Return the row of a surface in mm whose measures are known, and of the gray values inside.
 
@@ -138,9 +162,11 @@ def structure_row_steps(
     ct, labels : Volume, optional
         As in `measure_structures`.
     maps : tuple of SurfaceMap
+    doses : sequence of float
+        As in `measure_structures`.
     """
     diameter = yield from largest_diameter_steps(mesh.vertices)
-    inside = yield from _inside_steps(settings, threshold, ct, labels)
+    inside = yield from _inside_steps(settings, threshold, ct, labels, doses)
     return StructureRow(
         name=name,
         label=settings.label,
@@ -152,15 +178,21 @@ def structure_row_steps(
 
 
 def _inside_steps(
-    settings: ReconstructionSettings, threshold: float, ct: Volume | None, labels: Volume | None
-) -> Steps[InsideValues | None]:
+    settings: ReconstructionSettings, threshold: float, ct: Volume | None, labels: Volume | None, doses: Sequence[float]
+) -> Steps[InsideValues | SampledValues | None]:
     if ct is None:
         return None
     if settings.label is None:
-        return (yield from range_values_steps(ct, threshold, settings.upper, region_box(ct, settings)))
+        low, high, box = threshold, settings.upper, region_box(ct, settings)
+        if ct.kind.is_sampled:
+            return (yield from sampled_inside_range_steps(ct, low, high, box, doses))
+        return (yield from range_values_steps(ct, low, high, box))
     if labels is None:
         return None
-    return (yield from inside_values_steps(ct, labels, settings.label, region_box(labels, settings)))
+    box = region_box(labels, settings)
+    if ct.kind.is_sampled:
+        return (yield from sampled_inside_label_steps(ct, labels, settings.label, box, doses))
+    return (yield from inside_values_steps(ct, labels, settings.label, box))
 
 
 def table_heads(kind: ValueKind | str = ValueKind.HU, rows: Sequence[StructureRow] = ()) -> tuple[str, ...]:
@@ -174,22 +206,18 @@ def table_heads(kind: ValueKind | str = ValueKind.HU, rows: Sequence[StructureRo
     ('threshold_gray', 'volume_ml', 'area_cm2')
     """
     every = [StructureRow("", None, None, FinishedSurface()), *rows]
-    return tuple(dict.fromkeys(head for row in every for head in row.columns(_unit(kind))))
+    return tuple(dict.fromkeys(head for row in every for head in row.columns(kind)))
 
 
 def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> str:
     """Return the table as CSV; unknown values stay empty."""
-    lines = [{head: _written(cell) for head, cell in row.columns(_unit(kind)).items()} for row in rows]
+    lines = [{head: _written(cell) for head, cell in row.columns(kind).items()} for row in rows]
     return csv_text(lines, table_heads(kind, rows))
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
     """Return the table for a person, its heads first; unknown values are a dash."""
-    return [table_heads(kind, rows), *(tuple(map(_shown, row.columns(_unit(kind)).values())) for row in rows)]
-
-
-def _unit(kind: ValueKind | str) -> str:
-    return "hu" if kind == ValueKind.HU else "gray"
+    return [table_heads(kind, rows), *(tuple(map(_shown, row.columns(kind).values())) for row in rows)]
 
 
 def _written(value: Any) -> Any:

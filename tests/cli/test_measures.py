@@ -6,6 +6,7 @@ from __future__ import annotations
 import csv
 import json
 import re
+from dataclasses import replace
 
 import nibabel
 import numpy as np
@@ -14,7 +15,8 @@ from batches import page_content
 
 from ctmc_addon.core import MEASURES, FinishedSurface, Place, measure, measures_in
 from ctmc_addon.core.mesh import Measures, OneWayDistance, SurfaceDistance, TriangleQuality
-from ctmc_addon.core.volume import InsideValues
+from ctmc_addon.core.volume import InsideValues, ValueKind
+from ctmc_addon.core.volume.statistics.sampled_inside import SampledValues
 
 FULL = FinishedSurface(
     measures=Measures(
@@ -28,6 +30,11 @@ FULL = FinishedSurface(
     largest_diameter_mm=3.5,
     inside=InsideValues(10, 40.0, 2.0),
 )
+
+SAMPLED = {
+    ValueKind.DOSE: SampledValues(ValueKind.DOSE, 10, 0, 40.0, 2.0, 50.0, d95=30.0, percent_at={20.0: 75.0}),
+    ValueKind.SUV: SampledValues(ValueKind.SUV, 10, 0, 4.0, 2.0, 9.0, peak=6.0),
+}
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +70,7 @@ def test_each_name_and_column_belongs_to_one_measure_and_each_is_found_on_a_fini
     for each in MEASURES:
         assert each.where, each.name
         assert each.summed in ("sum", "all", "none"), each.name
-        value = each.value(FULL)
+        value = each.value(FULL if each.kind is None else replace(FULL, inside=SAMPLED[each.kind]))
         assert value is not None, each.name
         assert json.loads(json.dumps(value)) == value
         assert None not in each.cells(value).values(), each.name

@@ -2,6 +2,7 @@
 """Components of a label at two times: balls of known volume on grids of any orientation, and an oracle of loops."""
 
 import math
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -14,6 +15,8 @@ from ctmc_addon.core import (
     LabelError,
     ReconstructionSettings,
     SettingsError,
+    Step,
+    TriangleMesh,
     Volume,
     VolumeError,
     change_csv,
@@ -21,8 +24,10 @@ from ctmc_addon.core import (
     finish,
     reconstruct,
 )
+from ctmc_addon.core.change import distance as change_distance
 from ctmc_addon.core.change.components import measured_label_steps
 from ctmc_addon.core.change.matching import matches_steps
+from ctmc_addon.core.maps import MapValues, Quantity
 from ctmc_addon.core.volume import to_index, transform_points
 
 DAYS = 90
@@ -320,6 +325,44 @@ def test_a_region_in_mm_limits_what_is_compared():
     settings = ReconstructionSettings(region=(0, 0, 0, 30, 30, 30), region_unit="mm", close_border=True)
     changes = compare_labels(balls(BEFORE), balls(AFTER, MIRRORED, (50, 75, 100)), settings)
     assert statuses(changes) == ["grown"]
+
+
+@dataclass(frozen=True, eq=False)
+class FromBall(Quantity):
+    """The signed distance to an earlier surface that is a ball of 6 mm about its middle, whatever its triangles."""
+
+    target: TriangleMesh
+    name: str = "earlier"
+    flag = "distance-to"
+
+    def __post_init__(self):
+        object.__setattr__(self, "name", f"distance_{self.name}_mm")
+
+    def values_steps(self, surface):
+        yield Step()
+        middle = (self.target.vertices.min(axis=0) + self.target.vertices.max(axis=0)) / 2
+        return MapValues(np.sqrt(((surface.mesh.vertices - middle) ** 2).sum(axis=1)) - np.float32(6))
+
+
+@pytest.fixture
+def distance(monkeypatch):
+    """The quantity of distances, or one for balls where there is none yet."""
+    if not any(each.flag == "distance-to" for each in change_distance.QUANTITIES):
+        monkeypatch.setattr(change_distance, "QUANTITIES", (FromBall,))
+
+
+def test_the_later_surface_carries_its_distance_to_the_earlier_one(distance):
+    changes = compare_labels(balls([GROWN]), balls([(GROWN[0], 9), NEW], MIRRORED, (50, 75, 100)))
+    [label] = changes.labels
+    [values] = label.after.maps
+    assert values.name == "distance_earlier_mm"
+    assert len(values.values) == len(label.after.mesh.vertices)
+    grown, new = changes.rows
+    assert grown.distance_mm == pytest.approx((3, 3), abs=0.8)
+    apart = math.dist(GROWN[0], NEW[0])
+    assert new.distance_mm == pytest.approx((apart - 12, apart), abs=0.8)
+    backwards = compare_labels(balls([(GROWN[0], 6)]), balls([(GROWN[0], 4)])).rows[0]
+    assert backwards.distance_mm == pytest.approx((-2, -2), abs=0.8)
 
 
 def groups_by_loops(before, after):

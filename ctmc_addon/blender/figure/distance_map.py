@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core import PAUSE, Steps, TriangleMesh
-from ...core.maps.surface_map import step_up
+from ...core.maps import step_up
 from ...core.mesh import ReferenceSurface, mean_longest_edge_steps, subdivided_steps, vertex_distances_steps
 from .spec import ColorScale
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, replace
 
 from ...core import Reconstruction, SettingsError
-from ...core.maps.surface_map import SurfaceMap
+from ...core.maps import SurfaceMap
 from ...core.measures import map_measure
 from ..maps import StoredMap
 from .spec import ColorScale, FigureStyle

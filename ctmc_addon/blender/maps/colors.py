@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...core.arrays import Floats
-from ...core.maps.ramps import NO_VALUE, colors_of, linear, rgb_of
+from ...core.maps import NO_VALUE, colors_of, linear, rgb_of
 from .stored import StoredMap, map_values
 
 COLORS = "ctmc_map"

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import bpy
 import numpy as np
 
-from ...core.maps.ramps import NO_VALUE, RAMPS, colors_of, linear, rgb_of
+from ...core.maps import NO_VALUE, RAMPS, colors_of, linear, rgb_of
 from ..materials import headlight, math_node, show_flat, use_nodes
 from ..sockets import input_of, output_of
 

@@ -17,8 +17,7 @@ import numpy as np
 
 from ...core import MeshError
 from ...core.arrays import Floats
-from ...core.maps.ramps import RAMPS
-from ...core.maps.surface_map import Limits, MapStatistics, Point, SurfaceMap
+from ...core.maps import RAMPS, Limits, MapStatistics, Point, SurfaceMap
 from ..stored_values import from_stored, parsed_json
 
 MAPS = "ctmc_maps"

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...core.maps.ramps import NO_VALUE, rgb_of, stops_of
+from ...core.maps import NO_VALUE, rgb_of, stops_of
 from ..figure.spec import ColorScale
 from .overlay import FONT
 

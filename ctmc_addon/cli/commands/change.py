@@ -14,6 +14,7 @@ from ...core import (
     Budget,
     ChangeLimits,
     LabelChanges,
+    LabelError,
     ReconstructionSettings,
     Stages,
     Steps,
@@ -21,8 +22,10 @@ from ...core import (
     change_cells,
     change_csv,
     compare_labels_steps,
+    structures_of,
 )
 from ...core.files.atomic_write import require_writable, write_text
+from ...core.files.map_table import write_map_table
 from ..arguments import UsageError, flags_checked, reading_of, settings_and_labels, with_flags
 from ..described_flags import add_described, given
 from ..terminal import Progress, listing, table, titled
@@ -73,7 +76,10 @@ def run_change(args: argparse.Namespace) -> None:
     """Read both volumes, compare, print and write."""
     settings, choices = settings_and_labels(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
+    map_table = require_writable(args.map_table, (".csv",)) if args.map_table else None
     require_comparison(settings, choices, args.ct)
+    if args.maps or args.map_limit:
+        raise UsageError("the map of two volumes is the distance to the earlier surface; leave other maps out")
     limits = limits_of(args)
     stages = Stages(STAGES)
     first, last, comparing = STAGES
@@ -85,9 +91,14 @@ def run_change(args: argparse.Namespace) -> None:
         )
         compared = compare_labels_steps(before, after, settings, choices, args.days, limits, budget)
         changes = progress.finish(stages.run(comparing, compared))
+    if map_table is not None:
+        named = {label.name: label.after for label in changes.labels if label.after is not None and label.after.maps}
+        if not named:
+            raise LabelError("no label has a surface in both volumes, so there is no distance; leave --map-table out")
+        write_map_table(map_table, structures_of(list(named.values()), list(named)))
     if output is not None:
         write_text(output, change_csv(changes.rows))
-    print(summary(changes, (before, after), output))
+    print(summary(changes, (before, after), [path for path in (output, map_table) if path is not None]))
 
 
 def require_comparison(settings: ReconstructionSettings, choices: Sequence[int | str], ct: str | None = None) -> None:
@@ -108,10 +119,10 @@ def labels_steps(
     return (yield from needed_steps(source, path, reading, settings, several=True, budget=budget))
 
 
-def summary(changes: LabelChanges, volumes: Sequence[Volume], output: Path | None) -> str:
+def summary(changes: LabelChanges, volumes: Sequence[Volume], files: Sequence[Path]) -> str:
     """Return both volumes, the rows and the notes, for a person."""
     heads = listing([(when, head_of(volume)) for when, volume in zip(("before", "after"), volumes, strict=True)])
     facts = titled("note", [with_flags(note) for note in changes.notes])
-    if output is not None:
-        facts.append(("written", output.name))
+    if files:
+        facts.append(("written", ", ".join(path.name for path in files)))
     return f"{heads}\n\n{table(change_cells(changes.rows))}\n\n{listing(facts)}"

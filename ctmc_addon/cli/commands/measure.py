@@ -4,6 +4,8 @@
 from __future__ import annotations
 
 import argparse
+import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -37,10 +39,11 @@ def add_parser(commands: Any) -> None:
     """Add the command to `ctmc`."""
     parser = commands.add_parser(
         "measure",
-        help="measure structures: volume, area, diameter, HU",
+        help="measure structures: volume, area, diameter, HU, dose, SUV",
         description="Measure structures: volume, area, components, largest diameter, mean and standard deviation "
-        "of the gray values inside. Makes surfaces as `ctmc reconstruct` does, with the same "
-        "settings, but writes none. With AFTER, another label volume of the same patient, compare components.",
+        "of the gray values inside; of a dose also the maximum and D95, of a PET SUVmax and SUVpeak. Makes surfaces as "
+        "`ctmc reconstruct` does, with the same settings, but writes none. With AFTER, another label volume of the "
+        "same patient, compare components.",
     )
     add_input(parser)
     add_change(parser)
@@ -49,7 +52,16 @@ def add_parser(commands: Any) -> None:
         "--ct",
         metavar="PATH",
         help="CT for the gray values inside labels, with samples at the same positions; axes may have "
-        "another order or direction (default: INPUT, if it is a CT with a label file beside it)",
+        "another order or direction (default: INPUT, if it is a CT with a label file beside it); or a dose (RTDOSE) or "
+        "a PET on any grid, which is sampled at the centers of the labels' voxels",
+    )
+    parser.add_argument(
+        "--v-dose",
+        metavar="GY",
+        type=float,
+        action="append",
+        default=[],
+        help="of a dose, the percent of the volume that gets at least so many Gy; may be repeated",
     )
     add_settings(parser, many=("label",))
     add_maps(parser, shown=False)
@@ -74,14 +86,17 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
     if args.ct and not choices:
         raise UsageError("--ct needs labels; give --label, or give the CT as INPUT with --threshold")
+    doses = _checked_doses(args.v_dose)
     stages = Stages(STAGES)
     reading, reading_ct, making, measuring = STAGES
     with Progress() as progress:
         volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
         ct = progress.finish(stages.run(reading_ct, _ct_steps(args, volume, settings)))
+        if doses and (ct is None or ct.kind != ValueKind.DOSE):
+            raise UsageError("--v-dose needs a dose in Gy; give an RTDOSE with --ct, or as INPUT with --threshold")
         budget = Budget(args.threads)
         surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget, maps=maps)))
-        measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles)
+        measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles, doses)
         rows = progress.finish(stages.run(measuring, measure))
     kind = ValueKind.HU if ct is None else ct.kind
     if output is not None:
@@ -89,7 +104,8 @@ def run(args: argparse.Namespace) -> None:
     if map_table is not None:
         write_map_table(map_table, structures_of(surfaces.results, surfaces.titles))
     opened = sum(not result.measures.closed for result in surfaces.results)
-    facts = titled("note", [with_flags(note) for note in surfaces.notes])
+    notes = [*surfaces.notes, *(note for row in rows for note in row.notes)]
+    facts = titled("note", [with_flags(note) for note in notes])
     if opened:
         facts.insert(0, ("surfaces", open_words(len(rows), opened)))
     if output is not None or map_table is not None:
@@ -98,7 +114,7 @@ def run(args: argparse.Namespace) -> None:
 
 
 def _ct_steps(args: argparse.Namespace, volume: Volume, settings: ReconstructionSettings) -> Steps[Volume | None]:
-    """Open the CT whose values are measured; None for labels without one.
+    """Open the CT, dose or PET whose values are measured; None for labels without one.
 
     Raises
     ------
@@ -117,5 +133,14 @@ def _ct_steps(args: argparse.Namespace, volume: Volume, settings: Reconstruction
     ct = yield from needed_steps(source, path, options, ReconstructionSettings(), several=True)
     if ct.kind == ValueKind.LABEL:
         raise LabelError(f"{path.name} holds labels; give the CT with --ct and the labels as INPUT")
-    samples_on_grid(volume, ct)  # raises before the surfaces are made
+    if not ct.kind.is_sampled:
+        samples_on_grid(volume, ct)  # raises before the surfaces are made
     return ct
+
+
+def _checked_doses(doses: Sequence[float]) -> tuple[float, ...]:
+    """Return each dose once, in the order in which they were given."""
+    for dose in doses:
+        if not (math.isfinite(dose) and dose > 0):
+            raise UsageError(f"--v-dose takes a dose above 0 Gy, not {dose:g}")
+    return tuple(dict.fromkeys(doses))

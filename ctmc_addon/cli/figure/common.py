@@ -114,9 +114,8 @@ def caption_of(
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
-    unit = "HU" if kind == ValueKind.HU else ""
     settings = [result.settings for result in results]
-    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, unit)
+    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark)
     maps = [each for each in first.maps if each.name == shown_map] if len(results) == 1 else []
     if not maps:
         return caption

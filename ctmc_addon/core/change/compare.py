@@ -25,6 +25,7 @@ from ..volume.labels.extents import ALL
 from ..volume.region import region_box, volume_box
 from ..volume.volume import Box, Volume
 from .components import Component, MeasuredLabel, Point, measured_label_steps
+from .distance import with_distance_steps
 from .label_pairs import LabelPair, label_pairs_steps
 from .limits import IN_VIEW, ChangeLimits, Status
 from .matching import matches_steps
@@ -47,6 +48,8 @@ class ChangeRow:
         One of both is empty where the component is new, gone or outside.
     days : float, optional
         Days between the volumes.
+    distance_mm : (low, high) float, optional
+        Range of the signed distance from the later surface to the earlier one of the label, below 0 inside it.
     """
 
     name: str
@@ -55,6 +58,7 @@ class ChangeRow:
     before: tuple[Component, ...]
     after: tuple[Component, ...]
     days: float | None = None
+    distance_mm: tuple[float, float] | None = None
 
     @property
     def volume_before_mm3(self) -> float | None:
@@ -120,7 +124,8 @@ class ComparedLabel:
     ----------
     name : str
     before, after : Reconstruction or None
-        None where the volume lacks the label, or it has no surface there.
+        None where the volume lacks the label, or it has no surface there. The later one has the map
+        distance_earlier_mm: its signed distance to the earlier one.
     """
 
     name: str
@@ -189,7 +194,7 @@ def compare_labels(
     >>> volumes = [Volume(values, np.eye(4), kind="label") for values in (first, last)]
     >>> for row in compare_labels(*volumes, days=30).rows:
     ...     print(row.status, len(row.before), len(row.after), row.percent and round(row.percent))
-    grown 1 1 105
+    grown 1 1 100
     new 0 1 None
     """
     return finish(compare_labels_steps(before, after, settings, labels, days, limits, budget))
@@ -227,9 +232,13 @@ def compare_labels_steps(
             None if pair.after is None else surfaces[1].get(pair.after),
         )
         measuring = _measured_steps((before, after), pair, boxes, both, settings.drops_components)
-        measured = yield from stages.run(comparing, equal_part(measuring, 2 * at, 2 * len(pairs)))
-        matching = _rows_steps(pair, *measured, limits, days)
-        found = yield from stages.run(comparing, equal_part(matching, 2 * at + 1, 2 * len(pairs)))
+        measured = yield from stages.run(comparing, equal_part(measuring, 3 * at, 3 * len(pairs)))
+        if both.before is not None and both.after is not None:
+            mapping = with_distance_steps(both.after, both.before.mesh, after, budget)
+            mapped = yield from stages.run(comparing, equal_part(mapping, 3 * at + 1, 3 * len(pairs)))
+            both = replace(both, after=mapped)
+        matching = _rows_steps(pair, *measured, both, limits, days)
+        found = yield from stages.run(comparing, equal_part(matching, 3 * at + 2, 3 * len(pairs)))
         rows += found
         compared.append(both)
         notes += _notes_of(pair, found, *measured)
@@ -291,7 +300,12 @@ def _measured_steps(
 
 
 def _rows_steps(
-    pair: LabelPair, before: MeasuredLabel, after: MeasuredLabel, limits: ChangeLimits, days: float | None
+    pair: LabelPair,
+    before: MeasuredLabel,
+    after: MeasuredLabel,
+    both: ComparedLabel,
+    limits: ChangeLimits,
+    days: float | None,
 ) -> Steps[list[ChangeRow]]:
     matches = yield from matches_steps(before, after, limits.overlap_percent / 100)
     voxel_mm3 = max(before.volume.voxel_mm3, after.volume.voxel_mm3)
@@ -303,8 +317,18 @@ def _rows_steps(
         status = limits.status(own, later, voxel_mm3, max(seen) >= IN_VIEW)
         number = pair.number
         assert number is not None, "one of the volumes has the label"
-        rows.append(ChangeRow(pair.name, number, status, own, later, days))
+        distance_mm = _distance_mm(both, after, last)
+        rows.append(ChangeRow(pair.name, number, status, own, later, days, distance_mm))
     return rows
+
+
+def _distance_mm(both: ComparedLabel, after: MeasuredLabel, members: Sequence[int]) -> tuple[float, float] | None:
+    """Return the lowest and the highest value of the map of distances on some of the later components."""
+    if both.after is None or not both.after.maps:
+        return None
+    values = both.after.maps[0].values[np.isin(after.of_vertex, members)]
+    values = values[np.isfinite(values)]
+    return (float(values.min()), float(values.max())) if len(values) else None
 
 
 def _shared_notes(volumes: tuple[Volume, Volume], surfaces: Sequence[dict[int, Reconstruction]]) -> list[str]:

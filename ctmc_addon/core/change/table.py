@@ -29,6 +29,8 @@ CHANGE_HEADS = (
     "x_mm",
     "y_mm",
     "z_mm",
+    "distance_low_mm",
+    "distance_high_mm",
 )
 
 
@@ -52,6 +54,7 @@ def change_columns(row: ChangeRow) -> dict[str, Any]:
         row.diameter_after_mm,
         row.doubling_time_days,
         *row.center_mm,
+        *(row.distance_mm or (None, None)),
     )
     return dict(zip(CHANGE_HEADS, values, strict=True))
 

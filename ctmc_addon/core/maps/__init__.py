@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from .angle import SmallestAngle as SmallestAngle
     from .deviation import Deviation as Deviation
     from .distance import DistanceTo as DistanceTo
-    from .make import MAPPING as MAPPING, full_settings as full_settings, mapped_steps as mapped_steps
+    from .make import MAPPING as MAPPING, mapped_steps as mapped_steps
     from .painted import Painted as Painted
     from .quantities import QUANTITIES as QUANTITIES
     from .quantity import Inputs as Inputs, MappedSurface as MappedSurface, MapValues as MapValues, Quantity as Quantity

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Smallest angle of the triangles around a vertex: what a mesh generator or solver asks of a surface."""
+"""Smallest angle of the triangles around each vertex, which decides how well a simulation converges."""
 
 from __future__ import annotations
 
@@ -11,18 +11,17 @@ import numpy as np
 
 from ..arithmetic import arctangents
 from ..mesh.angles.triangle_angles import doubled_areas, smallest_tangents, squared_sides
+from ..mesh.topology import FACES_PER_STEP
 from ..progress import Step, Steps
 from .quantity import MappedSurface, MapValues, Quantity
-
-FACES_AT_ONCE = 1 << 17
 
 
 @dataclass(frozen=True)
 class SmallestAngle(Quantity):
-    """Smallest angle of all triangles around every vertex, degrees; NaN for a vertex without triangles."""
+    """Smallest angle of all triangles around a vertex, degrees; NaN without triangles."""
 
     flag: ClassVar[str] = "angle"
-    text: ClassVar[str] = "smallest angle of the triangles around, for simulation"
+    text: ClassVar[str] = "Smallest angle of the triangles around, for simulation; small ones are bad"
     label: ClassVar[str] = "Smallest Angle"
 
     @property
@@ -36,15 +35,17 @@ class SmallestAngle(Quantity):
         return "deg"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
-        """Take the smallest angle of each triangle to its corners."""
-        mesh = surface.mesh
-        smallest = np.full(len(mesh.vertices), np.inf)
-        for start in range(0, len(mesh.faces), FACES_AT_ONCE):
-            faces = mesh.faces[start : start + FACES_AT_ONCE]
-            corners = [mesh.vertices[faces[:, at]].astype(np.float64) for at in range(3)]
+        """Work the values out."""
+        faces, vertices = surface.mesh.faces, surface.mesh.vertices
+        least = np.full(len(vertices), np.inf)  # tangents
+        for start in range(0, len(faces), FACES_PER_STEP):
+            numbers = faces[start : start + FACES_PER_STEP]
+            corners = [vertices[numbers[:, corner]].astype(np.float64) for corner in range(3)]
             tangents = smallest_tangents(doubled_areas(corners), squared_sides(corners))
-            for at in range(3):
-                np.minimum.at(smallest, faces[:, at], tangents)
-            yield Step(start / len(mesh.faces))
-        smallest[np.isinf(smallest)] = np.nan
-        return MapValues((arctangents(smallest) * (180.0 / math.pi)).astype(np.float32))
+            for corner in range(3):
+                np.minimum.at(least, numbers[:, corner], tangents)
+            yield Step(start / len(faces))
+        there = np.isfinite(least)
+        angles = np.full(len(vertices), np.nan, np.float32)
+        angles[there] = arctangents(least[there]) * (180.0 / math.pi)
+        return MapValues(angles)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Distance of a simplified surface to the full one."""
+"""Deviation: how far simplification has moved a surface."""
 
 from __future__ import annotations
 
@@ -9,17 +9,16 @@ from typing import ClassVar
 import numpy as np
 
 from ..mesh.distance.surface_distance import ReferenceSurface, vertex_distances_steps
-from ..progress import Stages, Steps
-from .make import full_settings
+from ..progress import Steps, equal_part
 from .quantity import MappedSurface, MapValues, Quantity
 
 
 @dataclass(frozen=True)
 class Deviation(Quantity):
-    """Distance of every vertex to the surface before simplification, mm; 0 without simplification."""
+    """Distance of every vertex to the full surface, which simplification began with; 0 without simplification."""
 
     flag: ClassVar[str] = "deviation"
-    text: ClassVar[str] = "distance to the surface before simplification"
+    text: ClassVar[str] = "Distance to the full surface: how far simplification has moved it"
     label: ClassVar[str] = "Deviation"
     ramp: ClassVar[str] = "light"
     needs_full: ClassVar[bool] = True
@@ -30,11 +29,10 @@ class Deviation(Quantity):
         return "deviation_mm"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
-        """Measure the distance of every vertex to the nearest triangle of the full surface."""
+        """Make the full surface and measure the distances to it."""
         if not surface.settings.simplifies:
             return MapValues(np.zeros(len(surface.mesh.vertices), np.float32))
-        stages = Stages({"Making the full surface": 2, "Measuring distances": 1})
-        making, measuring = stages.shares
-        full = yield from stages.run(making, surface.surface_steps(full_settings(surface.settings)))
-        distances = vertex_distances_steps(surface.mesh, ReferenceSurface(full), surface.budget.threads)
-        return MapValues((yield from stages.run(measuring, distances)).astype(np.float32))
+        full = yield from equal_part(surface.surface_steps(surface.settings.without("simplification")), 0, 2)
+        measuring = vertex_distances_steps(surface.mesh, ReferenceSurface(full), surface.budget.threads)
+        distances = yield from equal_part(measuring, 1, 2)
+        return MapValues(distances.astype(np.float32))

@@ -20,7 +20,6 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps
 from ..volume.labels.extents import chosen_labels_steps
 from ..volume.volume import Volume
-from .make import full_settings
 from .quantity import Inputs, MappedSurface, MapValues, Quantity
 
 SECOND_SUFFIXES = (".nii", ".ome", ".vol")  # Before .gz, .zarr, .info.
@@ -85,7 +84,8 @@ class DistanceTo(Quantity):
             value = yield from _label_steps(surface.volume, target)
             if value == surface.settings.label:
                 raise LabelError(f"{self.target_name} has no distance to itself; name another structure or a file")
-            settings = replace(full_settings(surface.settings), threshold=None, upper=None, label=value)
+            full = surface.settings.without("simplification")
+            settings = replace(full, threshold=None, upper=None, label=value)
             target = yield from surface.surface_steps(settings)
         if not len(target.faces):
             raise MeshError(f"{self.target_name} has no triangles to measure a distance to; choose another structure")

@@ -23,11 +23,6 @@ MAPPING = "Making maps"
 """The stage of a surface's maps."""
 
 
-def full_settings(settings: ReconstructionSettings) -> ReconstructionSettings:
-    """Return settings without simplification."""
-    return replace(settings, reduction=None, target_faces=None, max_error_mm=None)
-
-
 def mapped_steps(
     volume: Volume,
     results: Sequence[Reconstruction],

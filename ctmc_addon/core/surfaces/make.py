@@ -18,7 +18,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..planning.plan import advised_steps
 from ..progress import Stages, Steps, equal_part, finish
 from ..reconstruction import Reconstruction
-from ..settings import ReconstructionSettings
+from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..sinks import HOLD
 from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps
 from ..volume.volume import Volume
@@ -133,7 +133,7 @@ def _with_maps_steps(
     maps: MapRequest,
 ) -> Steps[list[Outcome]]:
     """Make surfaces, then the maps on those that could be made."""
-    from ..maps.make import MAPPING, full_settings, mapped_steps
+    from ..maps.make import MAPPING, mapped_steps
 
     stages = Stages({"Surfaces": 2, MAPPING: 1})
     needs_full = any(quantity.needs_full for quantity in maps.quantities)
@@ -144,7 +144,7 @@ def _with_maps_steps(
     results = [surface.result for surface in surfaces.values()]
     fulls = [surface.full for surface in surfaces.values() if surface.full is not None]
     held = [(result.settings, result.mesh) for result in results]
-    held += [(full_settings(full.settings), full.mesh) for full in fulls]
+    held += [(full.settings.without(SIMPLIFICATION), full.mesh) for full in fulls]
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         for own, mesh in held:

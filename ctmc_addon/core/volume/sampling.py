@@ -24,6 +24,7 @@ POINTS = 1 << 14  # Points are sampled so many at once, whose arrays stay in the
 STEP_SAMPLES = 1 << 18  # Samples between two steps.
 SLAB_SHARE = 0.25  # Share of the working memory that slices of a file take.
 ROUNDING = 2.0**-22  # Positions in float32 may be off by this share of their largest coordinate.
+SAME = 1e-6  # A point this share of a voxel before a sample takes its value, as if it was at its position.
 KEPT = ("mean", "max", "min")
 
 
@@ -191,18 +192,23 @@ def _mixed(corners: Sequence[Floats], share: Sequence[Floats], counts_all: bool 
     """Return the trilinear mean of eight corners, x fastest, as `a + share * (b - a)` along each axis in turn."""
     mixed = list(corners)
     for part in share:
+        is_high = part == 1
+        ends = is_high if is_high.any() else None
         pairs = zip(mixed[::2], mixed[1::2], strict=True)
-        mixed = [_between(low, high, part, counts_all) for low, high in pairs]
+        mixed = [_between(low, high, part, ends, counts_all) for low, high in pairs]
     return mixed[0]
 
 
-def _between(low: Floats, high: Floats, share: Floats, counts_all: bool) -> Floats:
+def _between(low: Floats, high: Floats, share: Floats, is_high: Flags | None, counts_all: bool) -> Floats:
+    """Return the mean of two corners, which at a corner is its own value, bit for bit."""
     if not counts_all:
         mean = low + share * (high - low)
         return np.where(share == 0, low, np.where(share == 1, high, mean))
     mean = high - low
     mean *= share
     mean += low
+    if is_high is not None:
+        np.copyto(mean, high, where=is_high)
     return mean
 
 
@@ -286,7 +292,7 @@ class _Sampler:
         lows = []
         for axis, at in enumerate(here):
             within = (at >= -self.edge[axis]) & (at <= self.last[axis] + self.edge[axis])  # nor NaN
-            low = np.clip(np.floor(at), 0.0, self.last[axis] - 1.0)
+            low = np.clip(np.floor(at + SAME), 0.0, self.last[axis] - 1.0)
             if axis == 2 and not slab.whole:
                 within &= (low >= slab.low) & (low < slab.high)
             inside = within if inside is None else inside & within

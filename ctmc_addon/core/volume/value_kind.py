@@ -36,6 +36,16 @@ class ValueKind(StrEnum):
         return {ValueKind.HU: "HU", ValueKind.SUV: "g/ml", ValueKind.DOSE: "Gy"}.get(self, "")
 
     @property
+    def mark(self) -> str:
+        """Return the word behind a value in a text; empty where values have no unit."""
+        return str(self) if self.unit else ""
+
+    @property
+    def is_sampled(self) -> bool:
+        """Return whether values are measured at the voxels of labels on any other grid."""
+        return self in (ValueKind.SUV, ValueKind.DOSE)
+
+    @property
     def column(self) -> str:
         """Return the word that stands in the name of a table's column."""
         return {ValueKind.HU: "hu", ValueKind.SUV: "suv", ValueKind.DOSE: "gy"}.get(self, "gray")

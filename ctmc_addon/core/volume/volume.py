@@ -93,7 +93,7 @@ class Volume(SampleGrid):
     name : str
         Stem of the file or folder; never taken from a DICOM tag.
     kind : ValueKind or str
-        Meaning of the values: "HU", "gray value" or "label".
+        Meaning of the values: "HU", "SUVbw", "Gy", "gray value" or "label".
     label_names : mapping of int to str
         Names of label values, where the file has them.
     label_colors : mapping of int to (red, green, blue) int

@@ -96,4 +96,4 @@ def _threshold_label(volume: Volume | None) -> str:
     """Return the unit of the threshold, which stands before its number."""
     if volume is None or volume.kind == ValueKind.LABEL:
         return translate("Threshold")
-    return "HU" if volume.kind == ValueKind.HU else translate("Gray Value")
+    return volume.kind.mark or translate("Gray Value")

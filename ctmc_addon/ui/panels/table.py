@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core import HU, FinishedSurface, Measure, Place, StructureRow, measures_in
+from ...core import GY, HU, FinishedSurface, Measure, Place, StructureRow, measures_in
 from ...core.volume import ValueKind
 from ...reporting.formatting import count
 from .. import jobs
@@ -43,10 +43,9 @@ def draw_measurements(room: Any, context: bpy.types.Context) -> None:
 
 def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
     """Return names and values of a row, without unknown gray values."""
-    unit = HU if kind == ValueKind.HU else ""
     return [
-        (translate(each.label), measure_text(each, row.surface, unit))
-        for each in measures_in(Place.TABLE)
+        (translate(each.label), measure_text(each, row.surface, kind.mark))
+        for each in measures_in(Place.TABLE, kind=kind)
         if each.unit != HU or row.surface.inside is not None
     ]
 
@@ -58,4 +57,5 @@ def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> st
         return translate("- (open)")
     if isinstance(value, int) and not isinstance(value, bool):
         return count(value)
-    return f"{about.text(value)} {unit if about.unit == HU else ''}".rstrip()
+    shown = {HU: unit, GY: GY}.get(about.unit, "")
+    return f"{about.text(value)} {shown}".rstrip()

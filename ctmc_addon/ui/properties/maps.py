@@ -13,7 +13,7 @@ from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core.maps.ramps import RAMPS
+from ...core.maps import RAMPS
 from .described import as_written
 from .kinds import boolean, choice, decimal
 

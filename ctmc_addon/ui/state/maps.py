@@ -11,7 +11,7 @@ import bpy
 from ...blender.maps import StoredMap, map_values, recolor_map, shown_map
 from ...blender.surface import own_mesh
 from ...core.arrays import Doubles
-from ...core.maps.surface_map import statistics_of, vertex_areas
+from ...core.maps import statistics_of, vertex_areas
 from . import measurements, surfaces
 
 _areas: dict[int, tuple[Any, Doubles]] = {}

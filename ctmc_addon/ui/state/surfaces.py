@@ -28,7 +28,6 @@ from ...blender.surface import (
 )
 from ...blender.tissue import set_opacity
 from ...core import MeshError, Reconstruction, ReconstructionSettings
-from ...core.volume import ValueKind
 from ..properties.structures import is_made_of
 from ..translations import translate, translate_sentence
 from . import session, volumes
@@ -150,9 +149,9 @@ def is_of_ct(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> bool:
 
 
 def unit_of(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> str:
-    """Return HU for a surface of the CT in memory whose values are HU; else an empty text."""
+    """Return the unit of the values of the CT in memory for a surface of it, such as HU; else an empty text."""
     loaded = volumes.loaded(scene)
-    return "HU" if is_of_ct(obj, scene) and loaded is not None and loaded.volume.kind == ValueKind.HU else ""
+    return loaded.volume.kind.mark if loaded is not None and is_of_ct(obj, scene) else ""
 
 
 def of_structure(scene: bpy.types.Scene, item: Any) -> list[bpy.types.Object]:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon.core import CHANGE_HEADS
+from ctmc_addon.core.maps import QUANTITIES
 
 LATER = np.array([[-0.8, 0, 0, 60], [0, 0.8, 0, 0], [0, 0, 1.2, 0], [0, 0, 0, 1.0]])
 
@@ -99,6 +100,7 @@ def test_the_limit_of_a_change_is_a_flag(ctmc, pair, tmp_path):
         ((), "compared by their labels; give --label"),
         (("--threshold", 1), "compared by their labels; give --label"),
         (("--label", 2, "--ct", "ct.nii"), "leave AFTER out"),
+        (("--label", 2, "--thickness"), "leave other maps out"),
         (("--label", 2, "--days", -3), "must be above 0, not -3"),
         (("--label", 2, "--change-percent", -3), "must be 0 or more"),
         (("--label", 2, "--simplify", 0.5, "--simplifier", "decimate"), "leave out --simplifier decimate"),
@@ -106,6 +108,26 @@ def test_the_limit_of_a_change_is_a_flag(ctmc, pair, tmp_path):
 )
 def test_flags_that_do_not_fit_two_volumes_are_refused(misused, pair, words, sentence):
     assert sentence in misused("measure", pair / "before.nii.gz", pair / "after.nii.gz", *words)
+
+
+def test_the_distance_of_each_vertex_to_the_earlier_surface_is_a_table(ctmc, pair, tmp_path):
+    if not any(each.flag == "distance-to" for each in QUANTITIES):
+        pytest.skip("there is no quantity distance-to")
+    words = (
+        "measure",
+        pair / "before.nii.gz",
+        pair / "after.nii.gz",
+        "--label",
+        2,
+        "--map-table",
+        tmp_path / "map.csv",
+    )
+    assert ctmc(*words).code == 0
+    rows = rows_of(tmp_path / "map.csv")
+    places = np.array([[float(row[axis]) for axis in ("x_mm", "y_mm", "z_mm")] for row in rows])
+    near = np.sqrt(((places - (12.3, 12.2, 12.4)) ** 2).sum(axis=1)) < 12
+    distances = np.array([float(row["distance_earlier_mm"]) for row in rows])
+    assert distances[near] == pytest.approx(np.full(near.sum(), 3), abs=0.8)
 
 
 def test_days_without_a_later_volume_are_refused(misused, pair):

@@ -4,13 +4,14 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 
 from ctmc_addon.core import (
     PAUSE,
+    SIMPLIFICATION,
     Place,
     ReconstructionSettings,
     SettingsError,
@@ -62,11 +63,7 @@ class OfFull(Quantity):
         return ""
 
     def values_steps(self, surface):
-        from dataclasses import replace
-
-        from ctmc_addon.core.maps.make import full_settings
-
-        settings = full_settings(surface.settings)
+        settings = surface.settings.without(SIMPLIFICATION)
         settings = replace(settings, label=self.other) if self.other else settings
         mesh = yield from surface.surface_steps(settings)
         return MapValues(np.full(len(surface.mesh.vertices), len(mesh.vertices), np.float32))

@@ -3,6 +3,7 @@
 
 import numpy as np
 import pytest
+from volumes import FileReader
 
 from ctmc_addon.core import Budget, ReconstructionSettings, SettingsError, Volume
 from ctmc_addon.core.maps.painted import Painted
@@ -11,7 +12,6 @@ from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.progress import PAUSE, finish
 from ctmc_addon.core.volume import to_index, transform_points
 from ctmc_addon.core.volume.sampling import sampled
-from tests.volumes import FileReader
 
 SLOPE = np.array([3.0, -2.0, 0.7])  # Of the linear field, per mm.
 

@@ -78,5 +78,5 @@ def test_a_kind_is_told_by_its_name_the_older_spelling_too():
     for name, kind in (("HU", ValueKind.HU), ("label", ValueKind.LABEL), ("grey value", ValueKind.GRAY)):
         assert Volume(values, np.eye(4), kind=name).kind is kind
     assert Volume(values, np.eye(4)).kind == "gray value"
-    with pytest.raises(VolumeError, match="kind is one of HU, gray value, label, not 'air'"):
+    with pytest.raises(VolumeError, match="kind is one of HU, SUVbw, Gy, gray value, label, not 'air'"):
         Volume(values, np.eye(4), kind="air")

@@ -9,10 +9,8 @@ from typing import Any
 
 import numpy as np
 import pytest
+from doses import PET, item, write_dose
 
-AXIAL = (1, 0, 0, 0, 1, 0)
-PET = "1.2.840.10008.5.1.4.1.1.128"
-DOSE = "1.2.840.10008.5.1.4.1.1.481.2"
 TRACER = {"RadionuclideTotalDose": 350e6, "RadionuclideHalfLife": 6586.2, "RadiopharmaceuticalStartTime": "090000.00"}
 FDG = {
     "Modality": "PT",
@@ -27,16 +25,6 @@ FDG = {
     "PatientWeight": 70,
     "RescaleIntercept": 0,
 }
-
-
-def item(**values: Any) -> Any:
-    from pydicom.dataset import Dataset
-
-    dataset = Dataset()
-    for name, value in values.items():
-        if value is not None:
-            setattr(dataset, name, value)
-    return dataset
 
 
 @pytest.fixture
@@ -75,40 +63,5 @@ def save_pet(save_slice: Callable[..., Any]) -> Callable[..., np.ndarray]:
 
 @pytest.fixture
 def save_dose() -> Callable[..., Any]:
-    """Write a dose; `stored` is (frames, rows, columns). Tags are given by keyword, None leaves one out."""
-
-    def save(
-        path: Path,
-        stored: np.ndarray,
-        offsets: Any,
-        position: Any = (-10.0, -20.0, 30.0),
-        scaling: float | None = 0.001,
-        compress: str | None = None,
-        **tags: Any,
-    ) -> Any:
-        import pydicom
-
-        from tests.readers.conftest import EXPLICIT, _dataset
-
-        about = {
-            "Modality": "RTDOSE",
-            "SeriesInstanceUID": "1.2.3.4.8",
-            "FrameOfReferenceUID": "1.2.3.99",
-            "NumberOfFrames": len(stored),
-            "ImagePositionPatient": list(position),
-            "ImageOrientationPatient": list(AXIAL),
-            "PixelSpacing": [2.5, 1.5],
-            "GridFrameOffsetVector": None if offsets is None else list(offsets),
-            "DoseGridScaling": scaling,
-            "DoseUnits": "GY",
-            "DoseType": "PHYSICAL",
-            "DoseSummationType": "PLAN",
-        }
-        dataset = _dataset(stored, EXPLICIT, DOSE, {**about, **tags})
-        if compress is not None:
-            dataset.compress(compress, generate_instance_uid=False)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pydicom.dcmwrite(path, dataset, enforce_file_format=True)
-        return dataset
-
-    return save
+    """Write a dose; see `write_dose`."""
+    return write_dose

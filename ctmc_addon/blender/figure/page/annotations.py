@@ -17,7 +17,7 @@ import numpy as np
 from mathutils import Vector
 
 from ....core import length_text
-from ....core.maps.ramps import NO_VALUE, linear, rgb_of
+from ....core.maps import NO_VALUE, linear, rgb_of
 from ...colors import INK, Color
 from ...maps.material import blocks_of, map_material
 from ...maps.stored import write_values

@@ -62,6 +62,8 @@ def surface_name(kind: str, threshold: float, upper: float | None = None) -> str
     ('Bone 226 HU', 'Surface -900 HU', 'Surface 120')
     >>> surface_name("HU", -950.0, -600.0), surface_name("HU", 226.0, 500.0), surface_name("HU", -950.0, 0.0)
     ('Lung -950 to -600 HU', 'Bone 226 to 500 HU', 'Surface -950 to 0 HU')
+    >>> surface_name("Gy", 20.0)
+    'Surface 20 Gy'
     """
     number = f"{threshold:.6g}" if upper is None else f"{threshold:.6g} to {upper:.6g}"
-    return f"{tissue_name(kind, threshold, upper)} {number}" + (" HU" if kind == ValueKind.HU else "")
+    return f"{tissue_name(kind, threshold, upper)} {number} {ValueKind(kind).mark}".rstrip()

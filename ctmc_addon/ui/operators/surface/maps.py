@@ -33,10 +33,7 @@ from ....core import (
     descriptions,
     make_surfaces_steps,
 )
-from ....core.maps.make import MAPPING, full_settings, mapped_steps
-from ....core.maps.quantities import QUANTITIES
-from ....core.maps.quantity import Quantity
-from ....core.maps.request import MapRequest
+from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....core.volume import ValueKind, label_extents_steps, region_box
 from ....readers import ReadingOptions
 from ....readers.file_formats import stem
@@ -243,7 +240,7 @@ def _surfaces_of(
     """Return the maker of other surfaces of the scene's CT; what is in memory is not made again."""
     held = [(result.settings, result.mesh)]
     if full is not None:
-        held.append((full_settings(full.settings), full.mesh))
+        held.append((full.settings.without("simplification"), full.mesh))
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         for own, mesh in held:

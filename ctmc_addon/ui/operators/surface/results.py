@@ -15,7 +15,7 @@ from ....blender.maps import show_map, write_map
 from ....blender.surface import as_shown, other_modifiers, own_mesh, require_editable, settings_of
 from ....core import CtmcError, MeshError, Reconstruction, SettingsError, Stages, Steps, TriangleMesh, distance_phrases
 from ....core.files.file_names import file_name
-from ....core.maps.surface_map import SurfaceMap, statistics_of, vertex_areas
+from ....core.maps import SurfaceMap, statistics_of, vertex_areas
 from ....core.mesh import ReferenceSurface, SurfaceDistance, surface_distance_steps, vertex_distances_steps
 from ....readers import ReadingOptions
 from ....reporting.command_line import command_line

@@ -12,25 +12,42 @@ const MAPS = (() => {
 
   const linearOf = (level) => (level <= 0.04045 * 255 ? level / 255 / 12.92 : ((level / 255 + 0.055) / 1.055) ** 2.4);
 
-  // The linear color of every value, as core/maps/ramps.py has it.
-  function colorsOf(values, { range: [low, high], colors, none }) {
-    const stops = [...colors, none].map((code) => [0, 2, 4].map((at) => parseInt(code.slice(at, at + 2), 16)));
-    const linear = Float32Array.from({ length: 256 }, (_, level) => linearOf(level));
-    const out = new Float32Array(3 * values.length), last = colors.length - 1;
-    for (let i = 0; i < values.length; i++) {
-      const known = !Number.isNaN(values[i]);
-      const along = known ? last * Math.min(1, Math.max(0, (values[i] - low) / (high - low || 1))) : last + 1;
-      const at = Math.floor(along), share = along - at, next = Math.min(at + 1, known ? last : at);
-      for (let c = 0; c < 3; c++) {
-        out[3 * i + c] = linear[Math.round(stops[at][c] + share * (stops[next][c] - stops[at][c]))];
-      }
+  // What a shader needs: the ramp in linear steps, and for each vertex its share of the range and 1, or 0 and 0 for no
+  // value. Values are interpolated, and colored afterwards, so that large triangles have the ramp's colors.
+  const STEPS = 64, ramp = { value: new Float32Array(3 * (STEPS + 1)) }, none = { value: new Float32Array(3) };
+  function setRamp({ colors, none: code }) {
+    const parts = (color) => [0, 2, 4].map((at) => parseInt(color.slice(at, at + 2), 16));
+    const stops = colors.map(parts), last = stops.length - 1;
+    none.value.set(parts(code).map(linearOf));
+    for (let i = 0; i <= STEPS; i++) {
+      const along = (i / STEPS) * last, at = Math.min(Math.floor(along), last - 1), share = along - at;
+      ramp.value.set(stops[at].map((low, c) => linearOf(low + share * (stops[at + 1][c] - low))), 3 * i);
     }
+  }
+  function sharesOf(values, [low, high]) {
+    const out = new Float32Array(2 * values.length);
+    values.forEach((value, i) => {
+      if (!Number.isNaN(value)) out.set([(value - low) / (high - low || 1), 1], 2 * i);
+    });
     return out;
+  }
+  function colorByMap(shader) {
+    Object.assign(shader.uniforms, { mapRamp: ramp, mapNone: none });
+    const head = "#ifdef SHOW_MAP\nvarying vec2 vMap;\n";
+    shader.vertexShader = head + "attribute vec2 mapShare;\n#endif\n" + shader.vertexShader.replace(
+      "#include <begin_vertex>", "#include <begin_vertex>\n#ifdef SHOW_MAP\nvMap = mapShare;\n#endif");
+    shader.fragmentShader = head + `uniform vec3 mapRamp[${STEPS + 1}];\nuniform vec3 mapNone;\n#endif\n`
+      + shader.fragmentShader.replace("#include <color_fragment>", `#include <color_fragment>
+        #ifdef SHOW_MAP
+        float along = clamp(vMap.x / max(vMap.y, 1e-6), 0.0, 1.0) * ${STEPS}.0;
+        int at = int(min(along, ${STEPS - 1}.0));
+        diffuseColor.rgb = vMap.y < 0.5 ? mapNone : mix(mapRamp[at], mapRamp[at + 1], along - float(at));
+        #endif`);
   }
 
   // Calls `meet` with the corners, their shares and twice the area on the page of each triangle that a ray meets. Rays
   // go along `view`, the camera's matrix, through a point of space: no tree is needed, since a million triangles take
-  // some milliseconds.
+  // about 10 ms.
   function eachMeeting(geometry, [px, py, pz], view, meet) {
     const [rx, ry, rz, , ux, uy, uz] = view;
     const positions = geometry.attributes.position.array, corners = geometry.index.array;
@@ -69,15 +86,14 @@ const MAPS = (() => {
         if (depth <= nearest) return;
         if (cut && cut.normal.toArray().reduce((sum, part, axis) => sum + part * point[axis], cut.constant) < 0) return;
         nearest = depth;
-        const unknown = values && ends.some((end) => Number.isNaN(values[end]));
+        const known = values ? mean((end) => (Number.isNaN(values[end]) ? 0 : 1)) : 0;
         // Where a cut fills a structure, its inside is seen, and no surface.
         if (!values || (area < 0 && filled.visible)) value = null;
-        else if (unknown) value = values[ends[shares.indexOf(Math.max(...shares))]];
-        else value = mean((end) => values[end]);
+        else value = known < 0.5 ? NaN : mean((end) => values[end] || 0) / known;
       });
     }
     return value;
   }
 
-  return { numberText, titleOf, colorsOf, valueAt };
+  return { numberText, titleOf, setRamp, sharesOf, colorByMap, valueAt };
 })();

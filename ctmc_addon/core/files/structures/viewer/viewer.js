@@ -98,6 +98,7 @@
     const material = new T.MeshStandardMaterial({ color: facts.color, roughness: 0.42, metalness: 0 });
     // Glass is denser at its rim than in its middle.
     material.onBeforeCompile = (shader) => {
+      MAPS.colorByMap(shader);
       shader.fragmentShader = shader.fragmentShader.replace("#include <opaque_fragment>",
         "if (diffuseColor.a < 0.995) diffuseColor.a = mix(diffuseColor.a, 1.0, 0.75 * pow(1.0 - abs(normal.z), 2.5));\n" +
         "#include <opaque_fragment>");
@@ -221,12 +222,13 @@
   const legend = document.getElementById("legend"), note = document.getElementById("value");
   function showMap(name) {
     map = maps[name] || null;
-    for (const { facts, mesh, maps: own } of structures) {
+    if (map) MAPS.setRamp(map);
+    for (const { mesh, maps: own } of structures) {
       const values = map && own[name];
-      if (values) mesh.geometry.setAttribute("color", new T.BufferAttribute(MAPS.colorsOf(values, map), 3));
-      else mesh.geometry.deleteAttribute("color");
-      mesh.material.color.set(values ? "#ffffff" : facts.color);
-      Object.assign(mesh.material, { vertexColors: !!values, needsUpdate: true });
+      if (values) {
+        mesh.geometry.setAttribute("mapShare", new T.BufferAttribute(MAPS.sharesOf(values, map.range), 2));
+      } else mesh.geometry.deleteAttribute("mapShare");
+      Object.assign(mesh.material, { defines: { STANDARD: "", ...(values && { SHOW_MAP: "" }) }, needsUpdate: true });
     }
     legend.hidden = !map;
     note.hidden = true;

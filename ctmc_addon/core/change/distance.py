@@ -1,0 +1,52 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Give the later surface of a label its signed distance to the earlier one, as a map."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+from ..errors import MeshError
+from ..machine.budget import Budget
+from ..maps.make import mapped_steps
+from ..maps.quantities import QUANTITIES
+from ..maps.request import MapRequest
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Steps
+from ..reconstruction import Reconstruction
+from ..settings import ReconstructionSettings
+from ..surfaces.extract import reconstruct_steps
+from ..volume.volume import Volume
+
+FLAG = "distance-to"  # of the quantity
+EARLIER = "earlier"  # The map is distance_earlier_mm.
+
+
+def with_distance_steps(
+    after: Reconstruction, before: TriangleMesh, volume: Volume, budget: Budget
+) -> Steps[Reconstruction]:
+    """Return the later surface with the map distance_earlier_mm, or with a note if it cannot be worked out.
+
+    Parameters
+    ----------
+    after : Reconstruction
+        Surface in the later volume.
+    before : TriangleMesh
+        Earlier surface, RAS+ mm.
+    volume : Volume
+        Later volume.
+    budget : Budget
+    """
+    quantity: Any = next((each for each in QUANTITIES if each.flag == FLAG), None)
+    if quantity is None:
+        return after
+
+    def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
+        return (yield from reconstruct_steps(volume, settings, budget)).mesh
+
+    request = MapRequest((quantity(before, name=EARLIER),))
+    try:
+        [mapped] = yield from mapped_steps(volume, [after], request, budget, surface_steps)
+    except MeshError as error:
+        return replace(after, notes=(*after.notes, f"No distance to the earlier surface: {error}."))
+    return mapped
