@@ -31,6 +31,7 @@ PARTS = {  # Module and subject by name.
     "simplify": "quadric error metrics against VTK, Blender's Decimate and others",
     "small_components": "simplification of surfaces with thousands of small components",
     "bounds": "simplification to a greatest error in millimeters",
+    "surface_distances": "signed distances to a surface against libigl, VTK, trimesh",
     "many_labels": "104 labels at once against the largest alone; a patient's organs with shared walls",
     "painting": "values of another volume at 1M vertices",
     "reading": "DICOM folders against SimpleITK",

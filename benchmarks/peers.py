@@ -7,6 +7,7 @@ users must still do to have NumPy arrays is not counted.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from importlib import metadata
 from typing import Any
@@ -16,7 +17,10 @@ from numpy.typing import NDArray
 
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
-PACKAGES = ("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK")
+PACKAGES = (
+    *("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK"),
+    *("libigl", "trimesh"),
+)
 
 
 def versions() -> dict[str, str]:
@@ -121,6 +125,41 @@ def from_polydata(data: Any) -> TriangleMesh:
     vertices = vtk_to_numpy(data.GetPoints().GetData()).astype(np.float32)
     faces = vtk_to_numpy(data.GetPolys().GetConnectivityArray()).reshape(-1, 3).astype(np.int32)
     return TriangleMesh(vertices, faces)
+
+
+def libigl_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for signed distances by libigl, with one thread if it is the first use of libigl."""
+    os.environ["IGL_NUM_THREADS"] = "1"
+    import igl
+
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    return lambda points: igl.signed_distance(points, vertices, faces, sign_type=kind)[0]
+
+
+def vtk_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for signed distances by vtkImplicitPolyDataDistance, which PyVista calls too."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkDoubleArray
+    from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
+
+    function = vtkImplicitPolyDataDistance()
+    function.SetInput(vtk_polydata(mesh))
+
+    def call(points: NDArray[np.float64]) -> Any:
+        out = vtkDoubleArray()
+        function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(points)), out)
+        return vtk_to_numpy(out)
+
+    return call
+
+
+def trimesh_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for unsigned distances by trimesh."""
+    import trimesh
+
+    query = trimesh.proximity.ProximityQuery(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
+    return lambda points: query.on_surface(points)[1]
 
 
 def quadric_decimation(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
