@@ -32,6 +32,7 @@ PARTS = {  # Module and subject by name.
     "small_components": "simplification of surfaces with thousands of small components",
     "bounds": "simplification to a greatest error in millimeters",
     "many_labels": "104 labels at once against the largest alone; a patient's organs with shared walls",
+    "thickness": "thickness of walls against trimesh and libigl",
     "reading": "DICOM folders against SimpleITK",
     "livers": "the start of ctmc; livers from labels to STL against 3D Slicer's recipe, whole processes",
     "processes": "bone from a file to an STL file against 3D Slicer's recipe in VTK, whole processes",

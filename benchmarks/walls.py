@@ -130,11 +130,15 @@ def sampled(wall: Wall, spacing: float, degrees: float = 0.0, label: bool = Fals
     """Return a volume of depths, or of label 1, of a body turned by `degrees`."""
     count = int(np.ceil(wall.half / spacing)) + 2
     axes = [(np.arange(-count, count + 1) + offset) * spacing for offset in OFFSETS]
-    z, y, x = np.meshgrid(axes[2], axes[1], axes[0], indexing="ij")
-    depth = wall.depth(np.tensordot(turned(degrees).T, np.stack([x, y, z]), 1))
+    values = np.empty([len(axis) for axis in axes[::-1]], np.uint8 if label else np.float32)
+    y, x = np.meshgrid(axes[1], axes[0], indexing="ij")
+    turn = turned(degrees)
+    for values_of_slice, z in zip(values, axes[2], strict=True):
+        depth = wall.depth(turn[0, :, None, None] * x + turn[1, :, None, None] * y + turn[2, :, None, None] * z)
+        values_of_slice[:] = depth >= 0 if label else depth
     affine = np.diag([spacing, spacing, spacing, 1.0])
     affine[:3, 3] = [axis[0] for axis in axes]
-    return Volume((depth >= 0).astype(np.uint8) if label else depth.astype(np.float32), affine)
+    return Volume(values, affine)
 
 
 def turned(degrees: float) -> Doubles:

@@ -33,7 +33,7 @@ STAGES = {"Sampling the surface": 1, "Measuring balls": 8}
 
 @dataclass(frozen=True)
 class Thickness(Quantity):
-    """Thickness of the wall at every vertex, mm: the diameter of the largest ball inside that touches the surface there.
+    """Wall thickness at every vertex, mm: the diameter of the largest ball inside that touches the surface there.
 
     NaN where nothing limits the ball, which only an open surface has.
 
@@ -49,19 +49,18 @@ class Thickness(Quantity):
 
     @property
     def name(self) -> str:
+        """The name of the map."""
         return "thickness_mm"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Work the values out."""
-        low, high = surface.mesh.vertices.min(axis=0), surface.mesh.vertices.max(axis=0)
-        # A ball inside fits into the box of the surface.
-        values = yield from _diameters_steps(surface, -1, float((high - low).min()) * (1 + BOX_MARGIN))
+        values = yield from _diameters_steps(surface, -1, np.inf)
         return MapValues(values)
 
 
 @dataclass(frozen=True)
 class Gap(Quantity):
-    """Width of the gap at every vertex, mm: the diameter of the largest ball outside that touches the surface there.
+    """Gap at every vertex, mm: the diameter of the largest ball outside that touches the surface there.
 
     Parameters
     ----------
@@ -90,6 +89,7 @@ class Gap(Quantity):
 
     @property
     def name(self) -> str:
+        """The name of the map."""
         return "gap_mm"
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
@@ -100,10 +100,21 @@ class Gap(Quantity):
 
 
 def _diameters_steps(surface: MappedSurface, side: int, limit: float) -> Steps[Floats]:
-    """Return the diameter of the ball at every vertex, (V,) float32, outside for side 1 and inside for -1."""
+    """Return the diameter of the ball at every vertex, (V,) float32, outside for side 1 and inside for -1.
+
+    Parameters
+    ----------
+    surface : MappedSurface
+    side : int
+    limit : float
+        Diameter up to which to look, mm; infinite for what fits into the box of the surface.
+    """
     mesh = surface.mesh
     if not len(mesh.faces):
         raise MeshError("no thickness can be measured on a mesh without triangles; lower the threshold or reduction")
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    if math.isinf(limit):
+        limit = float((high - low).min()) * (1 + BOX_MARGIN)
     sampling, measuring = STAGES
     stages = Stages(STAGES)
     voxel = sum(surface.volume.spacing) / 3
@@ -130,7 +141,9 @@ def _tree_steps(mesh: TriangleMesh, side: int, longest: float) -> Steps[tuple[Pa
         area += float(np.cumsum(lengths)[-1]) / 2  # cumsum adds one after the other: the same bits everywhere
         corners = [mesh.vertices[faces[:, corner]].T.astype(np.float64) for corner in range(3)]
         edges = [corners[(corner + 1) % 3] - corners[corner] for corner in range(3)]
-        most = np.sqrt(np.maximum(np.maximum(dot(edges[0], edges[0]), dot(edges[1], edges[1])), dot(edges[2], edges[2])))
+        most = np.sqrt(
+            np.maximum(np.maximum(dot(edges[0], edges[0]), dot(edges[1], edges[1])), dot(edges[2], edges[2]))
+        )
         splits = np.minimum(np.ceil(most / longest), MOST_SPLITS).astype(np.int64)
         splits[lengths == 0] = 1
         for number in np.unique(splits[splits > 1]).tolist():

@@ -25,14 +25,11 @@ A ball may be too large by `TOLERANCE` before it meets its tangent plane. Positi
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import Doubles, Flags, Floats, Indices
 from ...machine.parallel import map_steps
-from ...progress import PAUSE, Step, Steps
+from ...progress import PAUSE, Steps
 from ..vectors import dot
 from .patch_tree import BRANCH, PATCH, PatchTree
 
@@ -49,6 +46,7 @@ CAP = 2.0  # Times the limit: the radius with slope and depth is larger than the
 FIRST_TRY = 4.0  # Times the samples' distance: the radius to begin with where no neighbor is known.
 NEXT_TRY = 4.0  # Times the last one.
 NEIGHBORS_TRY = 1.5  # Times the radius of the neighbors.
+Hints = tuple[Indices, Floats]  # What balls meet, -1 for nothing, and their radii.
 
 
 class TangentBalls:
@@ -64,8 +62,9 @@ class TangentBalls:
     """
 
     def __init__(self, tree: PatchTree, gap: float, limit: float) -> None:
-        self.tree, self.gap, self.limit = tree, gap, limit
-        self._depth = np.float32(DEPTH * gap)
+        self.tree, self.limit = tree, limit
+        self.gap = max(gap, 1e-6 * limit) or 1.0  # Triangles without area have none.
+        self._depth = np.float32(DEPTH * self.gap)
         self._radius = np.full(len(tree.order), CAP * limit, np.float32)  # with slope and depth
         self._other = np.full(len(tree.order), -1, np.int64)  # place that the ball meets
 
@@ -88,17 +87,17 @@ class TangentBalls:
             now = places[::stride]
             blocks = [slice(start, start + BLOCK) for start in range(0, len(now), BLOCK)]
 
-            def search(block: slice, now: Indices = now, hints: tuple[Indices, Floats] = hints, fine: bool = stride == 1) -> None:
-                self._search(now[block], hints, block.start, GROUP if fine else 1)
+            def search(block: slice, places: Indices = now, hints: Hints = hints, fine: bool = stride == 1) -> None:
+                self._search(places[block], hints, block.start, GROUP if fine else 1)
                 if fine:
-                    radii[now[block]] = self._touching(now[block])
+                    radii[places[block]] = self._touching(places[block])
 
             for step in map_steps(search, blocks, threads, batches=max(1, len(blocks))):
                 yield step if stride == 1 else PAUSE
             hints = self._other[now], self._radius[now]  # copies: threads change the originals
         return radii
 
-    def _search(self, places: Indices, hints: tuple[Indices, Floats], start: int, group: int) -> None:
+    def _search(self, places: Indices, hints: Hints, start: int, group: int) -> None:
         """Search for places, the first of them number `start`.
 
         `hints` has what every `COARSER`th ball meets, and its radius. Balls are tried from small to large: what limits
