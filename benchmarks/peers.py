@@ -212,3 +212,32 @@ def meshoptimizer(mesh: TriangleMesh, reduction: float) -> Callable[[], Triangle
         return TriangleMesh(mesh.vertices, out[:count].reshape(-1, 3).astype(np.int32))
 
     return call
+
+
+def trimesh_spheres(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's largest tangent spheres inside, at some vertices; its trees are ready."""
+    return _trimesh_thickness(mesh, vertices, "max_sphere")
+
+
+def trimesh_rays(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's thickness by a ray along the normal (Embree), at some vertices."""
+    return _trimesh_thickness(mesh, vertices, "ray")
+
+
+def _trimesh_thickness(mesh: TriangleMesh, vertices: NDArray[Any], method: str) -> Callable[[], NDArray[np.float64]]:
+    import trimesh
+
+    body = trimesh.Trimesh(mesh.vertices.astype(np.float64), mesh.faces, process=False)
+    points, normals = mesh.vertices[vertices].astype(np.float64), mesh.normals[vertices].astype(np.float64)
+    trimesh.proximity.thickness(body, points[:1], normals=normals[:1], method=method)
+    return lambda: trimesh.proximity.thickness(body, points, normals=normals, method=method)
+
+
+def shape_diameter(mesh: TriangleMesh, vertices: NDArray[Any], rays: int = 30) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of libigl's shape diameter at some vertices, in one thread."""
+    os.environ["IGL_NUM_THREADS"] = "1"
+    import igl
+
+    corners, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    points, normals = mesh.vertices[vertices].astype(np.float64), mesh.normals[vertices].astype(np.float64)
+    return lambda: igl.shape_diameter_function(corners, faces, points, normals, rays)
