@@ -4,6 +4,7 @@
 from typing import TYPE_CHECKING
 
 from ..version import VERSION as VERSION
+from .arrays import Doubles as Doubles, Floats as Floats
 from .described import (
     AUTO as AUTO,
     Described as Described,
@@ -139,6 +140,7 @@ from .units import (
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
+    from .arithmetic import LN_2 as LN_2, natural_logarithm as natural_logarithm, power_of_two as power_of_two
     from .change.compare import (
         ChangeRow as ChangeRow,
         LabelChanges as LabelChanges,

@@ -387,7 +387,7 @@ class Turn(Described):
         return round(self.seconds * self.fps)
 
     def degrees(self, frame: int) -> float:
-        """Return how far the surface has turned in frame 0, 1, ..."""
+        """Return how far the surface has turned in a frame, the first of which is 0."""
         return 360.0 * self.revolutions * frame / self.frames
 
 

@@ -15,8 +15,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ...core import Steps
-from ...core.arithmetic import LN_2, natural_logarithm, power_of_two
+from ...core import LN_2, Steps, natural_logarithm, power_of_two
 from ..optional_imports import needed, quiet, quiet_batches_steps
 from .header import Slice, one_line, pydicom_errors
 

@@ -9,11 +9,13 @@ reaches from the point to the surface is asked: nothing lies inside that ball, s
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ...arithmetic import arctangents
 from ...arrays import Doubles, Flags, Indices
 from ...machine.parallel import map_steps, worker_count
 from ...progress import PAUSE, Steps, equal_part
@@ -23,6 +25,7 @@ from ..vectors import cross, dot
 from .nearest_points import CORNER, EDGE, nearest_points
 from .triangle_tree import TriangleTree
 
+RIGHT = math.pi / 2
 UNCLEAR = 1e-3  # Cosine of the way to a pseudonormal, below which the sign is asked elsewhere.
 MOVED = 0.5  # Ask so far into the ball.
 WAYS = np.array(
@@ -80,7 +83,7 @@ class SignedSurface:
             length = np.sqrt(dot(vector, vector))
             self._of_face[:, block] = vector / np.where(length > 0, length, 1)
             for corner in range(3):
-                angles[corner, block] = np.arctan2(length, -dot(sides[corner], sides[corner - 1]))
+                angles[corner, block] = _angles(length, -dot(sides[corner], sides[corner - 1]))
             yield PAUSE
         self._of_edge, self._of_vertex = np.zeros((3, edge_count)), np.zeros((3, vertex_count))
         for axis, corner in np.ndindex(3, 3):
@@ -143,3 +146,10 @@ class SignedSurface:
         way = points - nearest
         length = np.sqrt(dot(way, way) * dot(normal, normal))
         return np.asarray(dot(way, normal) / np.where(length > 0, length, 1))
+
+
+def _angles(crosses: Doubles, dots: Doubles) -> Doubles:
+    """Return the angles between vectors, half radians, from the lengths of their cross products and their dots."""
+    whole = np.sqrt(crosses * crosses + dots * dots) + np.abs(dots)
+    acute = arctangents(crosses / np.where(whole > 0, whole, 1.0))
+    return np.where(dots >= 0, acute, RIGHT - acute)
