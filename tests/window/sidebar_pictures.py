@@ -62,7 +62,7 @@ about.view_location = right * ((x - {x}) / (u - x)) + up * (({y} - y) / (u - x))
 BEGIN = """
 view = viewport()
 with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
-    bpy.ops.ctmc.{operator}("INVOKE_DEFAULT")
+    bpy.ops.ctmc.{operator}("INVOKE_DEFAULT"{options})
 """
 # A job that waits for its picture once it is so far.
 HOLD = """
@@ -189,23 +189,23 @@ def take(desk: Desk, threshold: float) -> None:
     desk.wait(f"{QUIET} and {COUNTED}")
     keep_page(desk, "surface", "SURFACE")
     desk.ask("s = bpy.context.scene.ctmc; s.preview = False; s.goal = 'reduction'; s.ratio = 0.1")
-    desk.ask(BEGIN.format(operator="reconstruct") + HOLD)
+    desk.ask(BEGIN.format(operator="reconstruct", options="") + HOLD)
     desk.wait(f"{PROGRESS} > 0.6")
     keep_page(desk, "reconstruct", "SURFACE", view=False)
     desk.ask("del ours('ui.jobs').running().advance")
     desk.wait(IDLE)
     desk.ask("bpy.context.scene.ctmc_view.show_slice = False")
-    desk.ask(BEGIN.format(operator="deviation_map"))
+    desk.ask(BEGIN.format(operator="map_add", options=", quantity='deviation'"))
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     keep_page(desk, "results", "RESULTS", below=FOLDS)
     desk.ask("bpy.context.scene.ctmc.rotation_step = 120")  # software draws slowly
-    desk.ask(BEGIN.format(operator="rotation_test"))
+    desk.ask(BEGIN.format(operator="rotation_test", options=""))
     desk.wait(f"{TABLE} is not None and {IDLE}")
     desk.show("RENDER")
     rows = rows_of(desk)
     top, bottom = rows["bpy.ops.ctmc.rotation_test()"] - 6, rows["bpy.ops.ctmc.rotation_save()"] + 28
     keep(desk, "rotation", top, bottom, view=False)
-    desk.ask("bpy.ops.ctmc.deviation_view()")
+    desk.ask("bpy.ops.ctmc.map_show()")
     keep(desk, "figure", rows["bpy.ops.ctmc.render()"] - 120, rows["bpy.ops.ctmc.figure()"] + 28)
 
 

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The panel by mouse: nothing jumps, the goal comes first, region, components, labels, deviation map."""
+"""The panel by mouse: nothing jumps, the goal comes first, region, components, labels, maps."""
 
 from __future__ import annotations
 
@@ -11,6 +11,11 @@ pytestmark = pytest.mark.window
 MAKE = "bpy.ops.ctmc.reconstruct()"
 REGION = 0.18  # of the sidebar's width, where the tick in its heading is
 SHADING = "answer = [viewport().space.shading.type, viewport().space.shading.color_type]"
+ADD_DEVIATION = """
+view = viewport()
+with bpy.context.temp_override(window=view.window, area=view.area, region=view.region):
+    bpy.ops.ctmc.map_add("INVOKE_DEFAULT", quantity="deviation")
+"""
 RED_HERE = """
 import importlib
 preview = ours("ui.viewport.preview")
@@ -22,7 +27,7 @@ with bpy.context.temp_override(window=window, area=view.area, region=view.region
 
 @pytest.fixture(scope="module")
 def ct(desk):
-    begin(desk, "region")
+    begin(desk, "region", "maps")
     load(desk, f"{desk.inside}/volume-0.nii.gz")
     desk.ask("s = bpy.context.scene.ctmc; s.threshold = 200; s.stride = (4, 4, 1)")
     desk.wait(QUIET)
@@ -70,12 +75,12 @@ def test_close_border_stands_in_results_and_closes(desk, ct):
     assert desk.ask(f"answer = {measured}")
 
 
-def test_a_deviation_map_is_seen_with_a_legend_and_has_a_way_back(desk, ct):
+def test_a_map_is_seen_with_a_legend_and_has_a_way_back(desk, ct):
     assert desk.ask(SHADING) == ["SOLID", "MATERIAL"]
     desk.ask("s = bpy.context.scene.ctmc; s.goal = 'reduction'; s.ratio = 0.1")
     desk.press("bpy.ops.ctmc.simplify()", "simplify", 0.2)
     desk.wait(IDLE)
-    desk.press("bpy.ops.ctmc.deviation_map()", "deviation_map")
+    desk.ask(ADD_DEVIATION)
     desk.wait(f"{IDLE} and viewport().space.shading.color_type == 'VERTEX'")
     picture = desk.look("panel-05-deviation")
     # The head of the color bar is dark violet: beside it nothing in the viewport is.
@@ -85,7 +90,9 @@ def test_a_deviation_map_is_seen_with_a_legend_and_has_a_way_back(desk, ct):
     assert 40 < red < 110
     assert green < 60
     assert 90 < blue < 160
-    desk.press("bpy.ops.ctmc.deviation_view()", "deviation_view")
+    desk.show("RESULTS")
+    desk.look("panel-05-map")
+    desk.press('bpy.ops.ctmc.map_show(map_name="deviation_mm")', "map_show")
     assert desk.ask(SHADING) == ["SOLID", "MATERIAL"]
     desk.look("panel-06-back")
 

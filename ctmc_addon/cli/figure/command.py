@@ -34,7 +34,7 @@ def add_parser(commands: Any) -> None:
     common.add_common(parser, "FILE.png; its folder is created if needed", "figure")
     common.add_surfaces(parser)
     common.add_distance_map(parser)
-    common.add_map_colors(parser)
+    common.add_map_colors(parser, without=("deviation",))  # It has a figure of its own.
     common.add_blend(parser)
     parser.set_defaults(run=common.with_output_folders(run))
     sheet.add_flags(parser.add_command("sheet", sheet.DESCRIPTION))

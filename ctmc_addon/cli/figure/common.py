@@ -128,9 +128,9 @@ def add_distance_map(parser: argparse.ArgumentParser) -> None:
     add_described(group, DistanceMapSettings)
 
 
-def add_map_colors(parser: argparse.ArgumentParser) -> None:
-    """Add the flags for maps, of which one is shown; --deviation has a figure of its own."""
-    add_maps(parser, without=("deviation",))
+def add_map_colors(parser: argparse.ArgumentParser, without: Sequence[str] = ()) -> None:
+    """Add the flags for maps, of which one is shown, but those of some quantities."""
+    add_maps(parser, without=without)
 
 
 def maps_of(args: argparse.Namespace, settings: ReconstructionSettings) -> AskedMaps:
@@ -144,7 +144,7 @@ def maps_of(args: argparse.Namespace, settings: ReconstructionSettings) -> Asked
     maps = asked_maps(args)
     if maps and settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("maps are made on surfaces of the built-in simplifier; leave out --simplifier decimate")
-    if maps and values_of(args, DistanceMapSettings).get("deviation"):
+    if maps and values_of(args, DistanceMapSettings).get("deviation") and args.kind == "figure":
         raise UsageError("a figure shows one map; leave out --deviation, or the other maps")
     return maps
 

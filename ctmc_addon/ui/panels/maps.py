@@ -63,7 +63,7 @@ def _draw_shown(layout: Any, context: bpy.types.Context, shown: StoredMap) -> No
     row.prop(settings, "low", text="")
     row.prop(settings, "high", text="")
     for text, used, name in (("Lower Limit", "use_lower", "lower"), ("Upper Limit", "use_upper", "upper")):
-        row = draw_name(layout, translate(text) + unit)
+        row = draw_name(layout, translate(text))
         row.prop(settings, used, text="")
         value = row.row()
         value.active = getattr(settings, used)

@@ -70,6 +70,18 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
     assert [one.name for one in tmp_path.iterdir()] == ["a.mp4"]
 
 
+@pytest.mark.parametrize("kind", [(), ("turntable", "--seconds", 1, "--fps", 3)])
+def test_a_map_is_shown_with_its_numbers(ctmc, ct, tmp_path, kind):
+    image = pytest.importorskip("PIL.Image")
+    words = ("--label", 2, "--stride", 3, 3, 1, "--angle", "--range", 0, 60, "--ramp", "magma", "--dpi", 60)
+    output = tmp_path / ("turn" if kind else "a.png")
+    done = ctmc("figure", *kind[:1], ct, *words, *kind[1:], "-o", output, "--no-blend", "--quiet")
+    assert (done.code, done.errors) == (0, [])
+    with image.open(output / "frame_00001.png" if kind else output) as picture:
+        colors = {color for _, color in picture.convert("RGB").getcolors(1 << 20)}
+    assert any(red > 200 and 60 < green < 180 and 60 < blue < 180 for red, green, blue in colors), "magma's middle"
+
+
 @pytest.mark.parametrize(
     ("words", "said"),
     [
@@ -84,6 +96,9 @@ def test_a_film_that_is_there_is_neither_replaced_nor_made_again_without_a_word(
         (("figure", "sheet", "-o", "a.png", "--levels", 0, "--columns", 0), "--columns: must be 1 or more"),
         (("figure", "sheet", "-o", "a.png", "--strides", 17), "from 1 to 16, not 17"),
         (("figure", "turntable", "-o", "a.mp4", "--fps", 0), "from 1 to 120"),
+        (("figure", "-o", "a.png", "--thickness", "--deviation"), "leave out --deviation, or the other maps"),
+        (("figure", "-o", "a.png", "--ramp", "magma"), "need a map; add one of --paint, --thickness"),
+        (("figure", "-o", "a.png", "--thickness", "--ramp", "jet"), "--ramp: invalid choice: 'jet'"),
     ],
 )
 def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkeypatch, words, said):
@@ -103,6 +118,9 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
         (("figure", "-o", "a.jpg"), "a.jpg is not a .png"),
         (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
+        (("figure", "-o", "a.png", "--angle", "--engine", "workbench"), "workbench shows no map"),
+        (("figure", "-o", "a.png", "--label", 2, "--angle", "--show", "gap_mm"), "the maps are smallest_angle_deg"),
+        (("figure", "-o", "a.png", "--label", 2, "--angle", "--range", 3, 1), "give the lower value first"),
         (("figure", "-o", "a.png", "--label", 9), "9"),
         (("figure", "-o", "new/deep/a.png", "--label", 9, "--blend", "other/a.blend"), "9"),
         (("figure", "sheet", "-o", "new/a.png", "--label", 9, "--levels", 0), "9"),

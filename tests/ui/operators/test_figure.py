@@ -285,8 +285,8 @@ def test_what_goes_wrong_is_a_sentence_and_leaves_nothing(loaded, surface, tmp_p
     chosen.use_levels, chosen.levels = True, "0 120"
     refused("figure_sheet", "from 0 to 99")
     chosen.levels, chosen.engine = "0 50", "workbench"
-    refused("figure_deviation", "workbench shows no map")
-    assert "workbench shows no map" in session.of(loaded).message
+    refused("figure_deviation", "Workbench shows no map")
+    assert "Workbench shows no map" in session.of(loaded).message
 
 
 def test_a_users_blend_of_that_name_is_not_replaced(surface, tmp_path):

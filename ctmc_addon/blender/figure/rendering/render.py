@@ -25,6 +25,7 @@ from .picture import RenderRequest, pillow
 from .renderer import renderer_of, write_scene
 
 PICTURE_SAMPLES = 9
+LETTERS_PT = 4.5  # Of the bar of a map: the picture is small.
 PICTURE_SIZE = (1200, 900)  # Size of the plain picture next to a reconstruction, pixels.
 PICTURE_DPI = 2.0 / EDGE_MM * MM_PER_INCH  # Makes triangle edges two pixels wide.
 
@@ -121,7 +122,7 @@ def render_figure_steps(
         If `path` is not a .png or cannot be written to, or this Blender has no Cycles.
     """
     dpi = PICTURE_DPI * max(size) / max(PICTURE_SIZE)
-    page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH)
+    page = Page(size[0] / dpi * MM_PER_INCH, dpi, size[1] / dpi * MM_PER_INCH, font_pt=LETTERS_PT)
     look = FigureStyle(
         style=style,
         azimuth=azimuth,
