@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Distances to closed surfaces by looking at every triangle: slow and obvious."""
 
 import numpy as np

@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Distance to another surface as a map: names, refusals, closed forms, and a patient's organs."""
 
 from __future__ import annotations

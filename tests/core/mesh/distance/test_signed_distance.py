@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Signed distances and nearest pairs against closed forms and against every triangle in turn."""
 
 import numpy as np
