@@ -48,7 +48,7 @@ class DistanceTo(Quantity):
     flag: ClassVar[str] = "distance-to"
     metavar: ClassVar[str] = "NAME|PATH"
     text: ClassVar[str] = (
-        "signed distance to another structure, by its name or number, or to the surface of an STL, PLY or label "
+        "Signed distance to another structure, by its name or number, or to the surface of an STL, PLY or label "
         "volume: positive outside it, negative inside"
     )
     label: ClassVar[str] = "Distance to"
