@@ -1,3 +1,4 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
 """Thickness and gaps against closed forms, through the whole reconstruction, and against brute force."""
 
 import numpy as np
