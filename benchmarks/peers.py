@@ -214,23 +214,27 @@ def meshoptimizer(mesh: TriangleMesh, reduction: float) -> Callable[[], Triangle
     return call
 
 
-def trimesh_spheres(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
-    """Return a call of trimesh's largest tangent spheres inside, at some vertices; its trees are ready."""
-    return _trimesh_thickness(mesh, vertices, "max_sphere")
+def trimesh_spheres(mesh: TriangleMesh, faces: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's largest tangent spheres inside, at the centers of some faces; its trees are ready.
+
+    At a vertex the triangles around cut into every sphere, and its method finds almost none.
+    """
+    import trimesh
+
+    body = trimesh.Trimesh(mesh.vertices.astype(np.float64), mesh.faces, process=False)
+    points, normals = body.triangles_center[faces], body.face_normals[faces]
+    trimesh.proximity.thickness(body, points[:1], normals=normals[:1])
+    return lambda: trimesh.proximity.thickness(body, points, normals=normals)
 
 
 def trimesh_rays(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
-    """Return a call of trimesh's thickness by a ray along the normal (Embree), at some vertices."""
-    return _trimesh_thickness(mesh, vertices, "ray")
-
-
-def _trimesh_thickness(mesh: TriangleMesh, vertices: NDArray[Any], method: str) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's thickness by a ray along the normal (Embree), at some vertices; its tree is ready."""
     import trimesh
 
     body = trimesh.Trimesh(mesh.vertices.astype(np.float64), mesh.faces, process=False)
     points, normals = mesh.vertices[vertices].astype(np.float64), mesh.normals[vertices].astype(np.float64)
-    trimesh.proximity.thickness(body, points[:1], normals=normals[:1], method=method)
-    return lambda: trimesh.proximity.thickness(body, points, normals=normals, method=method)
+    trimesh.proximity.thickness(body, points[:1], normals=normals[:1], method="ray")
+    return lambda: trimesh.proximity.thickness(body, points, normals=normals, method="ray")
 
 
 def shape_diameter(mesh: TriangleMesh, vertices: NDArray[Any], rays: int = 30) -> Callable[[], NDArray[np.float64]]:

@@ -19,12 +19,13 @@ Doubles = NDArray[np.float64]
 FINE = 0.0894  # Spacing at which the shell has a million vertices, mm.
 SPACING, DEGREES = 0.5, 25.0  # Grid and pose of the closed forms.
 VERTICES = 1000  # Vertices that slow peers are timed and judged at.
+SPHERES = "trimesh, spheres"
 PEERS: dict[str, Callable[[TriangleMesh, Any], Callable[[], Doubles]]] = {
-    "trimesh, spheres": peers.trimesh_spheres,
+    SPHERES: peers.trimesh_spheres,
     "trimesh, rays": peers.trimesh_rays,
     "libigl, 30 rays": peers.shape_diameter,
 }
-JUDGED = ("trimesh, spheres", "libigl, 30 rays")
+JUDGED = (SPHERES, "libigl, 30 rays")
 ERROR_TARGET, TIME_TARGET = 0.1, 1.0
 
 
@@ -38,10 +39,10 @@ def measure(session: Session) -> None:
     work = f"thickness at {len(mesh.vertices) / 1e6:.2f}M vertices, 1 thread"
     ours = session.seconds(lambda: walls.values_of(Thickness(), surface), max(1, session.repeats // 3))
     for name, make in PEERS.items():
-        some = np.arange(0, len(mesh.vertices), max(1, len(mesh.vertices) // VERTICES) if "spheres" in name else 1)
+        some = np.arange(0, len(mesh.vertices), max(1, len(mesh.vertices) // VERTICES) if name == SPHERES else 1)
         seconds, _ = session.timed(make(mesh, some))
         theirs = seconds * len(mesh.vertices) / len(some)
-        note = "" if len(some) == len(mesh.vertices) else f"the peer at {len(some)} vertices, scaled"
+        note = "" if len(some) == len(mesh.vertices) else f"the peer at {len(some)} triangles, scaled"
         session.add(Row(session.part, work, name, ours, theirs, TIME_TARGET if name in JUDGED else None, note=note))
     gap, _ = session.timed(lambda: walls.values_of(Gap(), surface))
     session.add(Row(session.part, f"gap at {len(mesh.vertices) / 1e6:.2f}M vertices, 1 thread", "thickness", gap, ours))
@@ -53,15 +54,25 @@ def errors(session: Session) -> None:
         for wall in walls.WALLS.values():
             volume = walls.sampled(wall, SPACING, DEGREES, label)
             mesh = walls.surface_of(volume, label)
-            truth = walls.truth(wall, mesh, DEGREES)
-            known = np.flatnonzero(np.isfinite(truth))
-            some = known[:: max(1, len(known) // VERTICES)]
-            mean = _error(walls.values_of(Thickness(), walls.mapped(mesh, volume))[some], truth[some])
+            at_vertices = walls.truth(wall, mesh, DEGREES)
+            centers = mesh.vertices[mesh.faces].astype(np.float64).mean(axis=1)
+            at_faces = walls.truth_at(wall, centers, DEGREES)
+            vertices, faces = _some(at_vertices), _some(at_faces)
+            values = walls.values_of(Thickness(), walls.mapped(mesh, volume))
+            mean = _error(values[vertices], at_vertices[vertices])
             for name, make in PEERS.items():
                 work = f"thickness of a {wall.name}, {'label' if label else 'field'} at {SPACING:g} mm: mean error"
+                some, truth = (faces, at_faces) if name == SPHERES else (vertices, at_vertices)
                 theirs = _error(make(mesh, some)(), truth[some])
                 target = ERROR_TARGET if name in JUDGED else None
-                session.add(Row(session.part, work, name, 100 * mean, 100 * theirs, target, unit="%"))
+                note = "at centers of triangles" if name == SPHERES else ""
+                session.add(Row(session.part, work, name, 100 * mean, 100 * theirs, target, unit="%", note=note))
+
+
+def _some(truth: Doubles) -> NDArray[np.int64]:
+    """Return about `VERTICES` of the places where the truth is known."""
+    known = np.flatnonzero(np.isfinite(truth))
+    return known[:: max(1, len(known) // VERTICES)]
 
 
 def _error(values: Doubles, truth: Doubles) -> float:

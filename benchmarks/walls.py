@@ -157,7 +157,12 @@ def surface_of(volume: Volume, label: bool = False, **settings: Any) -> Triangle
 
 def truth(wall: Wall, mesh: TriangleMesh, degrees: float = 0.0) -> Doubles:
     """Return the true thickness at the vertices, NaN where there is no closed form."""
-    return wall.thickness(turned(degrees).T @ mesh.vertices.T.astype(np.float64))
+    return truth_at(wall, mesh.vertices, degrees)
+
+
+def truth_at(wall: Wall, points: NDArray[Any], degrees: float = 0.0) -> Doubles:
+    """Return the true thickness at points (n, 3) of the surface, NaN where there is no closed form."""
+    return wall.thickness(turned(degrees).T @ points.T.astype(np.float64))
 
 
 def mapped(mesh: TriangleMesh, volume: Volume, threads: int = 1) -> MappedSurface:

@@ -39,7 +39,9 @@ TOLERANCE = 0.01  # Of the radius.
 ROUNDING = np.float32(1 + 1e-5)
 GROUP = 16  # Places that are searched for together.
 COARSER = 16  # Every so many places are asked before those between.
-BLOCK = 2048  # places
+BLOCK = 2048  # Places that are searched for at once.
+COARSE_BLOCK = 256  # The same among the coarser ones, whose neighbors say less: a place has more pairs.
+TESTED = 1 << 15  # Pairs of a place and a patch whose discs are tested at once.
 PAIRS = 2048  # Pairs of a place and a patch whose samples are measured at once: they stay in the cache.
 FAR = 1.5  # The plane of a sample counts up to this many of the samples' distances from it.
 CAP = 2.0  # Times the limit: the radius with slope and depth is larger than the ball.
@@ -85,7 +87,8 @@ class TangentBalls:
         hints = (np.zeros(0, np.int64), np.zeros(0, np.float32))
         for stride in reversed(strides):
             now = places[::stride]
-            blocks = [slice(start, start + BLOCK) for start in range(0, len(now), BLOCK)]
+            at_once = BLOCK if stride == 1 else COARSE_BLOCK
+            blocks = [slice(start, start + at_once) for start in range(0, len(now), at_once)]
 
             def search(block: slice, places: Indices = now, hints: Hints = hints, fine: bool = stride == 1) -> None:
                 self._search(places[block], hints, block.start, GROUP if fine else 1)
@@ -183,6 +186,16 @@ class TangentBalls:
         number, patch : (pairs,) int64
             Number of the place in `places`, and the patch.
         """
+        kept = [
+            self._inside_at_once(places, tried, number[start : start + TESTED], patch[start : start + TESTED])
+            for start in range(0, max(1, len(number)), TESTED)
+        ]
+        inside, number, patch = (np.concatenate(parts) for parts in zip(*kept, strict=True))
+        return inside, number, patch
+
+    def _inside_at_once(
+        self, places: Indices, tried: Floats, number: Indices, patch: Indices
+    ) -> tuple[Floats, Indices, Indices]:
         place = places[number]
         position, normal = self.tree.positions.take(place, axis=1), self.tree.normals.take(place, axis=1)
         discs = self.tree.levels[0].take(patch, axis=1)
