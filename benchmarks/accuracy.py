@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Print how near the surface comes to the truth; with --write-docs also into docs/development/accuracy.md.
 
-Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumors over stride and alpha.
-The same numbers come on every machine. tests/core/test_accuracy.py holds them.
+Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumors over stride and alpha,
+and the thickness of walls. The same numbers come on every machine. tests/core/test_accuracy.py holds them.
 """
 
 from __future__ import annotations
@@ -12,17 +12,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ctmc_addon.core import ReconstructionSettings, reconstruct
+from ctmc_addon.core.maps.thickness import Thickness
 from ctmc_addon.core.phantom.phantom import phantom
 from ctmc_addon.core.volume.affine import transform_normals
 
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
+from .walls import WALLS, Wall, mapped, sampled, surface_of, truth, values_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "development" / "accuracy.md"
 STEPS = (2.0, 1.0, 0.5, 0.25)  # Millimeters; along z times 1 or 2.5.
 FINE = STEPS[1:]  # Orders use these: at 2 mm the torus' tube is three voxels wide.
+THICKNESS_STEPS, THICKNESS_DEGREES = (1.0, 0.5), 25.0
 ALPHAS = (0.0, 0.5, 1.0)
 SMOOTHINGS: dict[str, dict[str, Any]] = {
     "no": {"smoothing": "none"},
@@ -39,6 +43,7 @@ def main() -> int:
         "alpha": alpha_table(),
         "normals": normals_table(),
         "tumors": tumors_table(),
+        "thickness": thickness_table(),
     }
     for text in sections.values():
         print(text, end="\n\n")
@@ -117,6 +122,28 @@ def tumors_table() -> str:
                 size = f"{slices} slices, {x:.2f} x {y:.2f} x {z:.2f} mm"
                 rows.append([size, word, f"{side} x {side}", *cells])
     return table(["phantom", "smoothed", "stride", *(f"alpha {alpha:g}" for alpha in ALPHAS)], rows)
+
+
+def thickness_table() -> str:
+    """Print the errors of thickness at the vertices of bodies of known thickness: median, 95 %, and median signed."""
+    rows = []
+    for wall in WALLS.values():
+        for label in (False, True):
+            cells = []
+            for spacing in THICKNESS_STEPS:
+                off = thickness_errors(wall, spacing, THICKNESS_DEGREES, label)
+                middle, most = np.percentile(np.abs(off), (50, 95))
+                cells.append(f"{100 * middle:.2f} % / {100 * most:.2f} % / {100 * np.median(off) + 0.0:+.2f} %")
+            rows.append([wall.name, "label" if label else "field", *cells])
+    return table(["body", "volume", *(f"{spacing:g} mm" for spacing in THICKNESS_STEPS)], rows)
+
+
+def thickness_errors(wall: Wall, spacing: float, degrees: float, label: bool) -> NDArray[np.float64]:
+    """Return the relative errors of thickness where it has a closed form."""
+    volume = sampled(wall, spacing, degrees, label)
+    mesh = surface_of(volume, label)
+    off = values_of(Thickness(), mapped(mesh, volume)) / truth(wall, mesh, degrees) - 1
+    return off[np.isfinite(truth(wall, mesh, degrees))]
 
 
 def at(step: float, spacings: tuple[float, float, float]) -> tuple[float, float, float]:

@@ -21,6 +21,7 @@ WITH_ROWS = (
     "simplify",
     "small_components",
     "bounds",
+    "thickness",
     "reading",
     "livers",
     "processes",

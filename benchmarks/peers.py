@@ -7,6 +7,7 @@ users must still do to have NumPy arrays is not counted.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Callable
 from importlib import metadata
 from typing import Any
@@ -16,7 +17,10 @@ from numpy.typing import NDArray
 
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
-PACKAGES = ("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK")
+PACKAGES = (
+    *("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK"),
+    *("libigl", "trimesh"),
+)
 
 
 def versions() -> dict[str, str]:
@@ -123,6 +127,41 @@ def from_polydata(data: Any) -> TriangleMesh:
     return TriangleMesh(vertices, faces)
 
 
+def libigl_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for signed distances by libigl, with one thread if it is the first use of libigl."""
+    os.environ["IGL_NUM_THREADS"] = "1"
+    import igl
+
+    vertices, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    kind = igl.SIGNED_DISTANCE_TYPE_PSEUDONORMAL
+    return lambda points: igl.signed_distance(points, vertices, faces, sign_type=kind)[0]
+
+
+def vtk_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for signed distances by vtkImplicitPolyDataDistance, which PyVista calls too."""
+    from vtkmodules.util.numpy_support import numpy_to_vtk, vtk_to_numpy
+    from vtkmodules.vtkCommonCore import vtkDoubleArray
+    from vtkmodules.vtkFiltersCore import vtkImplicitPolyDataDistance
+
+    function = vtkImplicitPolyDataDistance()
+    function.SetInput(vtk_polydata(mesh))
+
+    def call(points: NDArray[np.float64]) -> Any:
+        out = vtkDoubleArray()
+        function.FunctionValue(numpy_to_vtk(np.ascontiguousarray(points)), out)
+        return vtk_to_numpy(out)
+
+    return call
+
+
+def trimesh_distance(mesh: TriangleMesh) -> Callable[[NDArray[np.float64]], Any]:
+    """Return a call for unsigned distances by trimesh."""
+    import trimesh
+
+    query = trimesh.proximity.ProximityQuery(trimesh.Trimesh(mesh.vertices, mesh.faces, process=False))
+    return lambda points: query.on_surface(points)[1]
+
+
 def quadric_decimation(mesh: TriangleMesh, reduction: float) -> Callable[[], TriangleMesh]:
     """Return a call that simplifies with vtkQuadricDecimation."""
     from vtkmodules.vtkFiltersCore import vtkQuadricDecimation
@@ -173,3 +212,32 @@ def meshoptimizer(mesh: TriangleMesh, reduction: float) -> Callable[[], Triangle
         return TriangleMesh(mesh.vertices, out[:count].reshape(-1, 3).astype(np.int32))
 
     return call
+
+
+def trimesh_spheres(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's largest tangent spheres inside, at some vertices; its trees are ready."""
+    return _trimesh_thickness(mesh, vertices, "max_sphere")
+
+
+def trimesh_rays(mesh: TriangleMesh, vertices: NDArray[Any]) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of trimesh's thickness by a ray along the normal (Embree), at some vertices."""
+    return _trimesh_thickness(mesh, vertices, "ray")
+
+
+def _trimesh_thickness(mesh: TriangleMesh, vertices: NDArray[Any], method: str) -> Callable[[], NDArray[np.float64]]:
+    import trimesh
+
+    body = trimesh.Trimesh(mesh.vertices.astype(np.float64), mesh.faces, process=False)
+    points, normals = mesh.vertices[vertices].astype(np.float64), mesh.normals[vertices].astype(np.float64)
+    trimesh.proximity.thickness(body, points[:1], normals=normals[:1], method=method)
+    return lambda: trimesh.proximity.thickness(body, points, normals=normals, method=method)
+
+
+def shape_diameter(mesh: TriangleMesh, vertices: NDArray[Any], rays: int = 30) -> Callable[[], NDArray[np.float64]]:
+    """Return a call of libigl's shape diameter at some vertices, in one thread."""
+    os.environ["IGL_NUM_THREADS"] = "1"
+    import igl
+
+    corners, faces = mesh.vertices.astype(np.float64), mesh.faces.astype(np.int64)
+    points, normals = mesh.vertices[vertices].astype(np.float64), mesh.normals[vertices].astype(np.float64)
+    return lambda: igl.shape_diameter_function(corners, faces, points, normals, rays)

@@ -15,7 +15,7 @@ from .quantity import MappedSurface, MapValues, Quantity
 
 @dataclass(frozen=True)
 class Deviation(Quantity):
-    """Distance of every vertex to the full surface, which simplification began with."""
+    """Distance of every vertex to the full surface, which simplification began with; 0 without simplification."""
 
     flag: ClassVar[str] = "deviation"
     text: ClassVar[str] = "Distance to the full surface: how far simplification has moved it"
@@ -30,6 +30,8 @@ class Deviation(Quantity):
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Make the full surface and measure the distances to it."""
+        if not surface.settings.simplifies:
+            return MapValues(np.zeros(len(surface.mesh.vertices), np.float32))
         full = yield from equal_part(surface.surface_steps(surface.settings.without("simplification")), 0, 2)
         measuring = vertex_distances_steps(surface.mesh, ReferenceSurface(full), surface.budget.threads)
         distances = yield from equal_part(measuring, 1, 2)

@@ -15,8 +15,9 @@ from ..errors import LabelError, MeshError
 from ..files.file_names import printable
 from ..mesh.distance.nearest_pair import nearest_pair_steps
 from ..mesh.distance.signed_distance import SignedSurface
+from ..mesh.distance.surface_distance import STAGES
 from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Steps, equal_part
+from ..progress import Stages, Steps
 from ..volume.labels.extents import chosen_labels_steps
 from ..volume.volume import Volume
 from .quantity import Inputs, MappedSurface, MapValues, Quantity
@@ -47,7 +48,7 @@ class DistanceTo(Quantity):
     flag: ClassVar[str] = "distance-to"
     metavar: ClassVar[str] = "NAME|PATH"
     text: ClassVar[str] = (
-        "Signed distance to another structure, by its name or number, or to the surface of an STL, PLY or label "
+        "signed distance to another structure, by its name or number, or to the surface of an STL, PLY or label "
         "volume: positive outside it, negative inside"
     )
     label: ClassVar[str] = "Distance to"
@@ -65,12 +66,14 @@ class DistanceTo(Quantity):
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Make the other surface and measure the distances to it."""
-        mesh, threads = surface.mesh, surface.budget.threads
-        other = yield from equal_part(self._target_steps(surface), 0, 3)
-        signed = SignedSurface()
-        yield from equal_part(signed.prepare_steps(other), 1, 3)
-        distances, nearest = yield from equal_part(signed.distances_steps(mesh.vertices, threads), 2, 3)
-        pair = yield from nearest_pair_steps(mesh, signed, distances, nearest)
+        stages = Stages({"Making the other surface": 3, **STAGES, "Finding the nearest points": 1})
+        making, preparing, measuring, finding = stages.shares
+        mesh, signed = surface.mesh, SignedSurface()
+        other = yield from stages.run(making, self._target_steps(surface))
+        yield from stages.run(preparing, signed.prepare_steps(other))
+        measured = signed.distances_steps(mesh.vertices, surface.budget.threads)
+        distances, nearest = yield from stages.run(measuring, measured)
+        pair = yield from stages.run(finding, nearest_pair_steps(mesh, signed, distances, nearest))
         notes = () if signed.closed else (f"{self.target_name} is not closed, so distances to it have no sign",)
         return MapValues(distances.astype(np.float32), pair, notes)
 

@@ -54,15 +54,13 @@ class Thickness(Quantity):
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Work the values out."""
-        low, high = surface.mesh.vertices.min(axis=0), surface.mesh.vertices.max(axis=0)
-        # A ball inside fits into the box of the surface.
-        values = yield from _diameters_steps(surface, -1, float((high - low).min()) * (1 + BOX_MARGIN))
+        values = yield from _diameters_steps(surface, -1, np.inf)
         return MapValues(values)
 
 
 @dataclass(frozen=True)
 class Gap(Quantity):
-    """Width of the gap at every vertex, mm: the diameter of the largest ball outside that touches the surface there.
+    """Gap at every vertex, mm: the diameter of the largest ball outside that touches the surface there.
 
     Parameters
     ----------
@@ -102,10 +100,21 @@ class Gap(Quantity):
 
 
 def _diameters_steps(surface: MappedSurface, side: int, limit: float) -> Steps[Floats]:
-    """Return the diameter of the ball at every vertex, (V,) float32, outside for side 1 and inside for -1."""
+    """Return the diameter of the ball at every vertex, (V,) float32, outside for side 1 and inside for -1.
+
+    Parameters
+    ----------
+    surface : MappedSurface
+    side : int
+    limit : float
+        Diameter up to which to look, mm; infinite for what fits into the box of the surface.
+    """
     mesh = surface.mesh
     if not len(mesh.faces):
         raise MeshError("no thickness can be measured on a mesh without triangles; lower the threshold or reduction")
+    low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
+    if math.isinf(limit):
+        limit = float((high - low).min()) * (1 + BOX_MARGIN)
     sampling, measuring = STAGES
     stages = Stages(STAGES)
     voxel = sum(surface.volume.spacing) / 3

@@ -104,7 +104,7 @@ def test_the_scale_says_what_lies_beyond_it(ball):
 
 def test_the_numbers_of_a_map_are_a_sentence(ball):
     [rise] = mapped(ball()).maps
-    assert statistics_text(rise).startswith("rise: median 7.969 mm, mean 7.979, 0 to 15.94 (")
+    assert statistics_text(rise).startswith("rise: median 7.969 mm, mean 7.969, 0 to 15.94 (")
 
 
 def test_no_node_group_or_material_is_left(scene, ball, tmp_path):

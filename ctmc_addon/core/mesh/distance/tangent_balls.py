@@ -42,7 +42,11 @@ COARSER = 16  # Every so many places are asked before those between.
 BLOCK = 2048  # places
 PAIRS = 2048  # Pairs of a place and a patch whose samples are measured at once: they stay in the cache.
 FAR = 1.5  # The plane of a sample counts up to this many of the samples' distances from it.
-CAP = 8.0  # Times the limit: a radius that noise makes larger may come out below the limit.
+CAP = 2.0  # Times the limit: the radius with slope and depth is larger than the ball.
+FIRST_TRY = 4.0  # Times the samples' distance: the radius to begin with where no neighbor is known.
+NEXT_TRY = 4.0  # Times the last one.
+NEIGHBORS_TRY = 1.5  # Times the radius of the neighbors.
+Hints = tuple[Indices, Floats]  # What balls meet, -1 for nothing, and their radii.
 
 
 class TangentBalls:
@@ -58,8 +62,9 @@ class TangentBalls:
     """
 
     def __init__(self, tree: PatchTree, gap: float, limit: float) -> None:
-        self.tree, self.gap, self.limit = tree, gap, limit
-        self._depth = np.float32(DEPTH * gap)
+        self.tree, self.limit = tree, limit
+        self.gap = max(gap, 1e-6 * limit) or 1.0  # Triangles without area have none.
+        self._depth = np.float32(DEPTH * self.gap)
         self._radius = np.full(len(tree.order), CAP * limit, np.float32)  # with slope and depth
         self._other = np.full(len(tree.order), -1, np.int64)  # place that the ball meets
 
@@ -77,51 +82,63 @@ class TangentBalls:
         strides = [1]
         while strides[-1] * COARSER < len(places):
             strides.append(strides[-1] * COARSER)
-        hints = np.zeros(0, np.int64)
+        hints = (np.zeros(0, np.int64), np.zeros(0, np.float32))
         for stride in reversed(strides):
             now = places[::stride]
             blocks = [slice(start, start + BLOCK) for start in range(0, len(now), BLOCK)]
 
-            def search(block: slice, now: Indices = now, hints: Indices = hints, fine: bool = stride == 1) -> None:
-                self._search(now[block], hints, block.start, GROUP if fine else 1)
+            def search(block: slice, places: Indices = now, hints: Hints = hints, fine: bool = stride == 1) -> None:
+                self._search(places[block], hints, block.start, GROUP if fine else 1)
                 if fine:
-                    radii[now[block]] = self._touching(now[block])
+                    radii[places[block]] = self._touching(places[block])
 
             for step in map_steps(search, blocks, threads, batches=max(1, len(blocks))):
                 yield step if stride == 1 else PAUSE
-            hints = self._other[now]  # a copy: threads change the original
+            hints = self._other[now], self._radius[now]  # copies: threads change the originals
         return radii
 
-    def _search(self, places: Indices, hints: Indices, start: int, group: int) -> None:
-        """Search for places, the first of them number `start`; `hints` has what every `COARSER`th ball meets."""
-        if len(hints):
+    def _search(self, places: Indices, hints: Hints, start: int, group: int) -> None:
+        """Search for places, the first of them number `start`.
+
+        `hints` has what every `COARSER`th ball meets, and its radius. Balls are tried from small to large: what limits
+        a ball of the radius tried limits larger ones too.
+        """
+        others, radii = hints
+        tried = np.full(len(places), FIRST_TRY * self.gap, np.float32)
+        if len(others):
             number = (np.arange(len(places)) + start) // COARSER
             for beside in (0, 1):
-                other = hints[np.minimum(number + beside, len(hints) - 1)]
-                known = np.flatnonzero(other >= 0)
-                self._measure(places[known], other[known] // PATCH)
-        members = np.minimum(np.arange(-(-len(places) // group) * group), len(places) - 1).reshape(-1, group)
-        pair_group, patch = self._near_patches(places[members])
-        place = places[members[pair_group]].ravel()
-        patch = np.repeat(patch, group)
-        # The patch deepest in its ball shrinks it, so that most of the others need not be measured.
-        inside, place, patch = self._inside(place, patch)
-        order = np.argsort(place, kind="stable")
-        inside, place, patch = inside[order], place[order], patch[order]
-        if not len(place):
-            return
-        first = np.flatnonzero(np.diff(place, prepend=-1))
-        deepest = np.minimum.reduceat(inside, first)
-        chosen = inside == np.repeat(deepest, np.diff(first, append=len(place)))
-        self._measure(place[chosen], patch[chosen])
-        _, place, patch = self._inside(place[~chosen], patch[~chosen])
-        self._measure(place, patch)
+                neighbor = np.minimum(number + beside, len(others) - 1)
+                known = np.flatnonzero(others[neighbor] >= 0)
+                self._measure(places[known], others[neighbor[known]] // PATCH)
+                tried[known] = np.maximum(tried[known], radii[neighbor[known]] * np.float32(NEIGHBORS_TRY))
+        while len(places):
+            self._try(places, tried, group)
+            larger = np.flatnonzero(self._radius[places] > tried)
+            places, tried = places[larger], tried[larger] * np.float32(NEXT_TRY)
 
-    def _near_patches(self, places: Indices) -> tuple[Indices, Indices]:
+    def _try(self, places: Indices, tried: Floats, group: int) -> None:
+        """Find what limits the balls of places, up to the radius tried for each."""
+        members = np.minimum(np.arange(-(-len(places) // group) * group), len(places) - 1).reshape(-1, group)
+        pair_group, patch = self._near_patches(places[members], tried[members])
+        number, patch = members[pair_group].ravel(), np.repeat(patch, group)
+        # The patch deepest in its ball shrinks it, so that most of the others need not be measured.
+        inside, number, patch = self._inside(places, tried, number, patch)
+        if not len(number):
+            return
+        order = np.argsort(number, kind="stable")
+        inside, number, patch = inside[order], number[order], patch[order]
+        first = np.flatnonzero(np.diff(number, prepend=-1))
+        deepest = inside == np.repeat(np.minimum.reduceat(inside, first), np.diff(first, append=len(number)))
+        self._measure(places[number[deepest]], patch[deepest])
+        _, number, patch = self._inside(places, tried, number[~deepest], patch[~deepest])
+        self._measure(places[number], patch)
+
+    def _near_patches(self, places: Indices, tried: Floats) -> tuple[Indices, Indices]:
         """Return pairs of a group of places (g, k) and a patch that may limit a ball of the group."""
         tree = self.tree
         position, normal = tree.positions[:, places], tree.normals[:, places]  # (3, g, k)
-        radius = self._radius[places] * np.float32(1 - TOLERANCE)
+        radius = np.minimum(self._radius[places], tried) * np.float32(1 - TOLERANCE)
         centers = position + normal * radius
         center = _middle(centers)
         apart = _length(centers - center[..., None]).max(axis=1)
@@ -155,20 +172,30 @@ class TangentBalls:
                 group, disc = group[there], disc[there]
         return group, disc
 
-    def _inside(self, place: Indices, patch: Indices) -> tuple[Floats, Indices, Indices]:
-        """Return the pairs whose patch may limit the ball: how near its disc is, less is deeper, and the pairs."""
+    def _inside(
+        self, places: Indices, tried: Floats, number: Indices, patch: Indices
+    ) -> tuple[Floats, Indices, Indices]:
+        """Return the pairs whose patch may limit the ball: how near its disc is, less is deeper, and the pairs.
+
+        Parameters
+        ----------
+        places, tried : (n,)
+        number, patch : (pairs,) int64
+            Number of the place in `places`, and the patch.
+        """
+        place = places[number]
         position, normal = self.tree.positions.take(place, axis=1), self.tree.normals.take(place, axis=1)
         discs = self.tree.levels[0].take(patch, axis=1)
         height, distance, extent = _over_plane(discs, position, normal)
         allowed = np.float32(SLOPE) * np.maximum(distance - extent, 0) + self._depth
         near = np.flatnonzero(height >= allowed)
-        place, patch = place[near], patch[near]
-        radius = self._radius.take(place) * np.float32(1 - TOLERANCE)
+        number, patch = number[near], patch[near]
+        radius = np.minimum(self._radius.take(place[near]), tried.take(number)) * np.float32(1 - TOLERANCE)
         center = position.take(near, axis=1) + normal.take(near, axis=1) * radius
         beyond = _squared_from(discs.take(near, axis=1), center)
         beyond -= radius * (radius - 2 * allowed[near]) * ROUNDING
         near = np.flatnonzero(beyond < 0)
-        return beyond[near], place[near], patch[near]
+        return beyond[near], number[near], patch[near]
 
     def _measure(self, place: Indices, patch: Indices) -> None:
         """Shrink the balls of places by the samples of patches; the places never fall."""

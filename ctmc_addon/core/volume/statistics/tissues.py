@@ -66,4 +66,5 @@ def surface_name(kind: str, threshold: float, upper: float | None = None) -> str
     'Surface 20 Gy'
     """
     number = f"{threshold:.6g}" if upper is None else f"{threshold:.6g} to {upper:.6g}"
-    return f"{tissue_name(kind, threshold, upper)} {number} {ValueKind(kind).mark}".rstrip()
+    mark = ValueKind(kind).mark if kind else ""
+    return f"{tissue_name(kind, threshold, upper)} {number} {mark}".rstrip()

@@ -3,9 +3,11 @@
 
 import numpy as np
 import pytest
+from oracles.solids import to_triangle
 
-from ctmc_addon.core import TriangleMesh, distances
+from ctmc_addon.core import TriangleMesh, distances, finish
 from ctmc_addon.core.errors import MeshError
+from ctmc_addon.core.mesh.distance import triangle_tree
 from ctmc_addon.core.mesh.distance.triangle_tree import BLOCK, BRANCH, TriangleTree
 
 
@@ -18,29 +20,12 @@ def soup(count, seed):
     return TriangleMesh(corners.reshape(-1, 3).astype(np.float32), np.arange(3 * count, dtype=np.int32).reshape(-1, 3))
 
 
-def distance_to_triangle(point, a, b, c):
-    """After Ericson, Real-Time Collision Detection, 5.1.5, by regions; degenerate triangles by their edges."""
-    best = min(distance_to_edge(point, *edge) for edge in ((a, b), (b, c), (c, a)))
-    normal = np.cross(b - a, c - a)
-    if np.dot(normal, normal) > 0:
-        foot = point - normal * np.dot(point - a, normal) / np.dot(normal, normal)
-        if all(np.dot(np.cross(q - p, foot - p), normal) >= 0 for p, q in ((a, b), (b, c), (c, a))):
-            best = min(best, np.linalg.norm(point - foot))
-    return best
-
-
-def distance_to_edge(point, a, b):
-    along = b - a
-    share = np.clip(np.dot(point - a, along) / max(np.dot(along, along), 1e-300), 0, 1)
-    return np.linalg.norm(point - a - share * along)
-
-
 @pytest.mark.parametrize("count", [1, 2, BRANCH, BRANCH + 1, 150])
 def test_the_tree_finds_what_looking_at_every_triangle_finds(count):
     mesh = soup(count, count)
     points = np.random.default_rng(9).normal(size=(40, 3)) * 6
     corners = mesh.vertices[mesh.faces].astype(float)
-    expected = [min(distance_to_triangle(point, *triangle) for triangle in corners) for point in points]
+    expected = [min(to_triangle(point, *triangle) for triangle in corners) for point in points]
     assert distances(points, mesh) == pytest.approx(expected, abs=1e-9)
 
 
@@ -72,3 +57,28 @@ def test_no_points_have_no_distances():
 def test_a_mesh_without_triangles_is_refused():
     with pytest.raises(MeshError, match="without triangles"):
         distances(np.zeros((1, 3)), TriangleMesh(np.empty((0, 3), np.float32), np.empty((0, 3), np.int32)))
+
+
+@pytest.mark.parametrize("pairs", [1, 64, 10_000])
+def test_parting_the_points_of_a_block_changes_nothing(pairs, monkeypatch):
+    mesh, points = soup(400, 2), np.random.default_rng(1).normal(size=(300, 3)) * 6
+    whole = finish(TriangleTree(mesh).nearest_steps(points, threads=1))
+    monkeypatch.setattr(triangle_tree, "MOST_PAIRS", pairs)
+    parted = finish(TriangleTree(mesh).nearest_steps(points, threads=2))
+    assert all(np.array_equal(*pair) for pair in zip(whole, parted, strict=True))
+
+
+def test_far_points_find_what_looking_at_every_triangle_finds():
+    mesh = soup(600, 8)
+    points = np.random.default_rng(2).normal(size=(60, 3)) * 3000
+    corners = mesh.vertices[mesh.faces].astype(float).transpose(1, 2, 0)
+    expected = [np.sqrt(triangle_tree.squared_distances(point[:, None], *corners).min()) for point in points]
+    assert np.array_equal(distances(points, mesh), expected)
+
+
+def test_within_a_limit_are_all_triangles_that_are():
+    mesh, points = soup(300, 4), np.random.default_rng(3).normal(size=(3, 20)) * 6
+    tree = TriangleTree(mesh)
+    found = set(zip(*(each.tolist() for each in tree.within(points, np.full(20, 4.0))), strict=True))
+    squared = np.array([triangle_tree.squared_distances(each[:, None], *tree.corners) for each in points.T])
+    assert {(int(point), int(triangle)) for point, triangle in zip(*np.nonzero(squared <= 4.0), strict=True)} <= found
