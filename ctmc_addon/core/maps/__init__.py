@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         Point as Point,
         SurfaceMap as SurfaceMap,
         range_of as range_of,
+        shares_beyond as shares_beyond,
         statistics_of as statistics_of,
         step_up as step_up,
         vertex_areas as vertex_areas,

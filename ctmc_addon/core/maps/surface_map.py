@@ -142,11 +142,32 @@ share_without=0.5, share_below=0.25, share_above=None)
         return MapStatistics(None, None, None, None, None, None, 1.0)
     lowest, low, median, high, highest = (float(each) for each in np.percentile(known, (0, 5, 50, 95, 100)))
     mean = float((known * weights).sum() / weight) if weight else float(known.mean())
-    beyond = [
-        float(weights[outside].sum() / (weight or 1.0)) if math.isfinite(limit) else None
-        for limit, outside in ((limits.low, known < limits.low), (limits.high, known > limits.high))
-    ]
+    beyond = shares_beyond(values, areas, limits)
     return MapStatistics(lowest, low, median, mean, high, highest, max(0.0, without), *beyond)
+
+
+def shares_beyond(values: Floats, areas: Doubles, limits: Limits) -> tuple[float | None, float | None]:
+    """Return the shares of the area below and above limits, of what has a value; None without that limit.
+
+    Parameters
+    ----------
+    values : (V,) float32
+    areas : (V,) float64
+    limits : Limits
+
+    Examples
+    --------
+    >>> shares_beyond(np.array([1, 2, 3, np.nan], np.float32), np.array([1.0, 1, 2, 4]), Limits(1.5, 2.5))
+    (0.25, 0.5)
+    """
+    there = ~np.isnan(values)
+    known, weights = values[there].astype(np.float64), areas[there]
+    whole = float(weights.sum()) or 1.0
+    below, above = (
+        float(weights[outside].sum() / whole) if math.isfinite(limit) else None
+        for limit, outside in ((limits.low, known < limits.low), (limits.high, known > limits.high))
+    )
+    return below, above
 
 
 def range_of(values: Floats, ramp: str) -> tuple[float, float]:

@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...blender.maps import StoredMap, map_values, recolor_map, shown_map
+from ...blender.maps import StoredMap, change_map, map_values, recolor_map, shown_map
 from ...blender.surface import own_mesh
-from ...core.maps import statistics_of, vertex_areas
+from ...core.maps import shares_beyond, vertex_areas
 from . import measurements, surfaces
 
 _areas: dict[int, tuple[Any, NDArray[np.float64]]] = {}
@@ -25,15 +25,16 @@ def active_map(scene: bpy.types.Scene) -> StoredMap | None:
 
 
 def change(scene: bpy.types.Scene, **fields: Any) -> None:
-    """Change fields of the map that is shown; its statistics follow the limits."""
+    """Change the range or ramp of the map that is shown, or its limits with the shares of the area beyond them."""
     obj, stored = surfaces.of_results(scene), active_map(scene)
     if obj is None or stored is None or obj.library is not None or obj.data.library is not None:
         return
     changed = replace(stored, **fields)
-    if "limits" in fields:
-        values = map_values(obj.data, stored.name)
-        changed = replace(changed, statistics=statistics_of(values, _areas_of(obj), changed.core_limits))
-    recolor_map(obj, changed)
+    if "limits" not in fields:
+        recolor_map(obj, changed)
+        return
+    below, above = shares_beyond(map_values(obj.data, stored.name), _areas_of(obj), changed.core_limits)
+    change_map(obj.data, replace(changed, statistics=replace(changed.statistics, share_below=below, share_above=above)))
 
 
 def set_end(scene: bpy.types.Scene, at: int, value: float) -> None:

@@ -21,7 +21,7 @@ from ....blender.surface import (
 )
 from ....core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, equal_part
 from ....core.mesh import Topology
-from ....core.volume import surface_name
+from ....core.volume import ValueKind, surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
 from ...state import measurements, session
@@ -165,7 +165,7 @@ def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[
 
 def name_of(request: ObjectRequest, result: Reconstruction) -> str:
     """Return the name of a surface: its label, else tissue and threshold."""
-    by_values = surface_name(request.kind, result.threshold, result.settings.upper)
+    by_values = surface_name(request.kind or ValueKind.GRAY, result.threshold, result.settings.upper)
     return f"{request.prefix} {request.structure or by_values}".strip()
 
 
