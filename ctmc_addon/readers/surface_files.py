@@ -19,6 +19,7 @@ from ..core.files.input_files import add_inputs
 
 SURFACE_SUFFIXES = (".stl", ".ply")
 _STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+FEWEST_ROWS = 64  # Looked at first after a polygon of another kind, twice as many each time that all are alike.
 _STL_HEAD = 84  # Bytes before the facets of a binary STL.
 _PLY_TYPES = {
     **{"char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4", "float": "f4"},
@@ -128,6 +129,7 @@ def _element(
     Rows whose lists are as long as those of the row before are read at once: arrays (rows,), of lists (rows, items).
     """
     columns: dict[str, list[NDArray[Any]]] = {name: [] for name, _, _ in kinds}
+    look = FEWEST_ROWS
     while count:
         fields: list[Any] = []
         sizes: dict[str, int] = {}
@@ -141,7 +143,7 @@ def _element(
             fields.append((name, of_item, (items,)) if of_count else (name, of_item))
             there += items * np.dtype(of_item).itemsize
         row = np.dtype(fields)
-        rows = np.frombuffer(content, row, min(count, (len(content) - at) // row.itemsize), at)
+        rows = np.frombuffer(content, row, min(count, look, (len(content) - at) // row.itemsize), at)
         same = np.ones(len(rows), bool)
         for name, items in sizes.items():
             same &= rows[f"{name} count"] == items
@@ -150,6 +152,7 @@ def _element(
             raise ValueError("truncated")
         for name, of_count, _ in kinds:
             columns[name].append(rows[name][:run].astype(np.int64 if of_count else np.float64))
+        look = 2 * look if run == len(rows) else FEWEST_ROWS
         at += run * row.itemsize
         count -= run
     whole = {name: [np.concatenate(columns[name] or [np.empty(0)])] for name, of_count, _ in kinds if not of_count}

@@ -102,6 +102,16 @@ def test_what_is_no_surface_is_refused(tmp_path, name, content, message):
     assert str(error.value) == message
 
 
+def test_polygons_that_alternate_are_all_read(tmp_path):
+    count = 3000
+    head = ASCII_HEAD.replace("element face 5", f"element face {2 * count}")
+    path = tmp_path / "a.ply"
+    path.write_text(head + ASCII_VERTICES + count * "4 0 3 2 1\n3 0 1 4\n", "ascii")
+    mesh = read(path)
+    assert len(mesh.faces) == 3 * count
+    assert np.bincount(mesh.faces.ravel()).tolist() == [3 * count, 2 * count, 2 * count, count, count]
+
+
 def test_a_missing_file_is_refused(tmp_path):
     with pytest.raises(ReadError, match="cannot be read"):
         read(tmp_path / "nowhere.stl")

@@ -27,7 +27,7 @@ class SmallestAngle(Quantity):
     @property
     def name(self) -> str:
         """The name of the map."""
-        return "smallest_angle_deg"
+        return "angle_deg"
 
     @property
     def unit(self) -> str:

@@ -66,6 +66,9 @@ class DistanceTo(Quantity):
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Make the other surface and measure the distances to it."""
+        if (yield from self._is_own_steps(surface)):
+            nothing = np.full(len(surface.mesh.vertices), np.nan, np.float32)
+            return MapValues(nothing, notes=(f"{self.target_name} has no distance to itself",))
         stages = Stages({"Making the other surface": 3, **STAGES, "Finding the nearest points": 1})
         making, preparing, measuring, finding = stages.shares
         mesh, signed = surface.mesh, SignedSurface()
@@ -77,13 +80,17 @@ class DistanceTo(Quantity):
         notes = () if signed.closed else (f"{self.target_name} is not closed, so distances to it have no sign",)
         return MapValues(distances.astype(np.float32), pair, notes)
 
+    def _is_own_steps(self, surface: MappedSurface) -> Steps[bool]:
+        """Return whether the other structure is that of the surface."""
+        if isinstance(self.target, TriangleMesh):
+            return False
+        return (yield from _label_steps(surface.volume, self.target)) == surface.settings.label
+
     def _target_steps(self, surface: MappedSurface) -> Steps[TriangleMesh]:
         """Return the other surface, which has triangles."""
         target = self.target
         if not isinstance(target, TriangleMesh):
             value = yield from _label_steps(surface.volume, target)
-            if value == surface.settings.label:
-                raise LabelError(f"{self.target_name} has no distance to itself; name another structure or a file")
             full = surface.settings.without("simplification")
             settings = replace(full, threshold=None, upper=None, label=value)
             target = yield from surface.surface_steps(settings)

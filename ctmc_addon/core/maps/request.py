@@ -8,9 +8,18 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ..errors import SettingsError
+from ..measures import MEASURES
 from .quantity import Quantity
 from .ramps import RAMPS
 from .surface_map import Limits
+
+TAKEN = {
+    *(each.name for each in MEASURES),
+    *("name", "version", "label", "label_name", "alpha", "alpha_choice", "threshold", "voxels_visited", "smoothing"),
+    *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "notes", "time"),
+    *("case", "status", "error", "reading", "format", "space", "run", "seconds", "memory_bytes", "files", "file_bytes"),
+}
+"""Names that reports and the records of a batch have already."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +56,9 @@ class MapRequest:
         for name, count in Counter(name.lower() for name in names).items():
             if count > 1:
                 raise SettingsError(f"two maps are called {name}; give each a name of its own")
+        for name in names:
+            if name in TAKEN:
+                raise SettingsError(f"a map cannot be called {name}, as reports have that; give it another name")
         for name in (*self.limits, *([self.shown] if self.shown else [])):
             if name not in names:
                 there = f"the maps are {', '.join(names)}" if names else "no map is asked for, such as --thickness"

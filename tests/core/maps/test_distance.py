@@ -131,13 +131,14 @@ def test_the_map_is_named_after_the_target(target, name, expected):
     assert DistanceTo(target, name).name == expected
 
 
-def test_unknown_names_the_surface_itself_and_nothing_are_refused():
+def test_unknown_names_and_nothing_are_refused_and_a_surface_has_no_distance_to_itself():
     settings = ReconstructionSettings(label=1)
     surface = mapped(icosphere(1), labels(), settings)
     with pytest.raises(AbsentLabelError, match="no label is called 'spleen'; there are liver, portal vein"):
         values_of(DistanceTo("spleen"), surface)
-    with pytest.raises(LabelError, match="liver has no distance to itself; name another structure"):
-        values_of(DistanceTo("liver"), surface)
+    none = values_of(DistanceTo("liver"), surface)
+    assert np.isnan(none.values).all()
+    assert none.notes == ("liver has no distance to itself",)
     with pytest.raises(AbsentLabelError, match="label 7 is empty"):
         values_of(DistanceTo(7), surface)
     empty = TriangleMesh(np.zeros((3, 3), np.float32), np.empty((0, 3), np.int32))

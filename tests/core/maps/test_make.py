@@ -48,6 +48,20 @@ class Height(Quantity):
 
 
 @dataclass(frozen=True)
+class Named(Height):
+    """A height under another name."""
+
+    called: str = ""
+
+    def __init__(self, called):
+        object.__setattr__(self, "called", called)
+
+    @property
+    def name(self):
+        return self.called
+
+
+@dataclass(frozen=True)
 class OfFull(Quantity):
     """Vertices of the full surface, and of that of another label."""
 
@@ -167,6 +181,10 @@ def test_a_quantity_gets_the_surface_of_another_label(labels):
     ("words", "message"),
     [
         ({"quantities": (Height(), Height())}, "two maps are called height_mm; give each a name of its own"),
+        (
+            {"quantities": (Named("volume_mm3"),)},
+            "a map cannot be called volume_mm3, as reports have that; give it another name",
+        ),
         ({"quantities": (Height(),), "shown": "depth_mm"}, "there is no map depth_mm; the maps are height_mm"),
         (
             {"quantities": (), "limits": {"a": Limits(1.0)}},
