@@ -2,7 +2,6 @@
 """Components of a label at two times: balls of known volume on grids of any orientation, and an oracle of loops."""
 
 import math
-from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
@@ -15,8 +14,6 @@ from ctmc_addon.core import (
     LabelError,
     ReconstructionSettings,
     SettingsError,
-    Step,
-    TriangleMesh,
     Volume,
     VolumeError,
     change_csv,
@@ -24,10 +21,8 @@ from ctmc_addon.core import (
     finish,
     reconstruct,
 )
-from ctmc_addon.core.change import distance as change_distance
 from ctmc_addon.core.change.components import measured_label_steps
 from ctmc_addon.core.change.matching import matches_steps
-from ctmc_addon.core.maps import MapValues, Quantity
 from ctmc_addon.core.volume import to_index, transform_points
 
 DAYS = 90
@@ -327,31 +322,7 @@ def test_a_region_in_mm_limits_what_is_compared():
     assert statuses(changes) == ["grown"]
 
 
-@dataclass(frozen=True, eq=False)
-class FromBall(Quantity):
-    """The signed distance to an earlier surface that is a ball of 6 mm about its middle, whatever its triangles."""
-
-    target: TriangleMesh
-    name: str = "earlier"
-    flag = "distance-to"
-
-    def __post_init__(self):
-        object.__setattr__(self, "name", f"distance_{self.name}_mm")
-
-    def values_steps(self, surface):
-        yield Step()
-        middle = (self.target.vertices.min(axis=0) + self.target.vertices.max(axis=0)) / 2
-        return MapValues(np.sqrt(((surface.mesh.vertices - middle) ** 2).sum(axis=1)) - np.float32(6))
-
-
-@pytest.fixture
-def distance(monkeypatch):
-    """The quantity of distances, or one for balls where there is none yet."""
-    if not any(each.flag == "distance-to" for each in change_distance.QUANTITIES):
-        monkeypatch.setattr(change_distance, "QUANTITIES", (FromBall,))
-
-
-def test_the_later_surface_carries_its_distance_to_the_earlier_one(distance):
+def test_the_later_surface_carries_its_distance_to_the_earlier_one():
     changes = compare_labels(balls([GROWN]), balls([(GROWN[0], 9), NEW], MIRRORED, (50, 75, 100)))
     [label] = changes.labels
     [values] = label.after.maps

@@ -4,12 +4,11 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 from ..errors import MeshError
 from ..machine.budget import Budget
+from ..maps.distance import DistanceTo
 from ..maps.make import mapped_steps
-from ..maps.quantities import QUANTITIES
 from ..maps.request import MapRequest
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
@@ -18,7 +17,6 @@ from ..settings import ReconstructionSettings
 from ..surfaces.extract import reconstruct_steps
 from ..volume.volume import Volume
 
-FLAG = "distance-to"  # of the quantity
 EARLIER = "earlier"  # The map is distance_earlier_mm.
 
 
@@ -37,14 +35,11 @@ def with_distance_steps(
         Later volume.
     budget : Budget
     """
-    quantity: Any = next((each for each in QUANTITIES if each.flag == FLAG), None)
-    if quantity is None:
-        return after
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         return (yield from reconstruct_steps(volume, settings, budget)).mesh
 
-    request = MapRequest((quantity(before, name=EARLIER),))
+    request = MapRequest((DistanceTo(before, EARLIER),))
     try:
         [mapped] = yield from mapped_steps(volume, [after], request, budget, surface_steps)
     except MeshError as error:
