@@ -132,7 +132,8 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
     without : sequence of str
         Flags of quantities that the command has for something else.
     """
-    group = parser.add_argument_group("maps", "values on the vertices of every surface; flags may be repeated")
+    repeated = "--paint, --distance-to and --map-limit may be repeated"
+    group = parser.add_argument_group("maps", f"values on the vertices of every surface; {repeated}")
     parser.set_defaults(maps=None)
     options = []
     for kind in QUANTITIES:
@@ -151,14 +152,20 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
         action="append",
         default=[],
         metavar=("NAME", "LOW", "HIGH"),
-        help=f"count the area below LOW and above HIGH of a map, such as thickness_mm 1 {NO_LIMIT}",
+        help=f"measure the shares of the area below LOW and above HIGH of a map, such as thickness_mm 1 {NO_LIMIT}",
     )
     if shown:
         group.add_argument("--show", metavar="NAME", default="", help="map whose colors are shown (default: the first)")
         group.add_argument(
-            "--range", nargs=2, type=float, metavar=("LOW", "HIGH"), help="values of its first and last color"
+            "--range",
+            nargs=2,
+            type=float,
+            metavar=("LOW", "HIGH"),
+            help="values of the first and the last color of that map",
         )
-        group.add_argument("--ramp", choices=tuple(RAMPS), help="its color ramp (default: that of the quantity)")
+        group.add_argument(
+            "--ramp", choices=tuple(RAMPS), help="color ramp of that map (default: that of the quantity)"
+        )
 
 
 def asked_maps(args: argparse.Namespace, manifest: bool = False) -> AskedMaps:

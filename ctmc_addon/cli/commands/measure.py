@@ -61,7 +61,7 @@ def add_parser(commands: Any) -> None:
         type=float,
         action="append",
         default=[],
-        help="of a dose, the percent of the volume that gets at least so many Gy; may be repeated",
+        help="percent of the volume that receives at least this dose (Gy); may be repeated",
     )
     add_settings(parser, many=("label",))
     add_maps(parser, shown=False)

@@ -253,7 +253,7 @@ def _require_comparable(before: Volume, after: Volume, settings: ReconstructionS
         raise SettingsError("two volumes are compared by their labels; give a label instead of a threshold")
     same = before.size == after.size and np.array_equal(before.affine, after.affine)
     if settings.region is not None and settings.region_unit == "voxel" and not same:
-        raise SettingsError("the two volumes have different voxels, so a region in voxels is two; set region_unit mm")
+        raise SettingsError("the two volumes have different voxels, so a voxel region is ambiguous; set region_unit mm")
     low, high = zip(*(_ends_mm(volume) for volume in (before, after)), strict=True)
     apart = np.maximum(low[0], low[1]) - np.minimum(high[0], high[1])
     if apart.max() > 0:
@@ -323,7 +323,7 @@ def _rows_steps(
 
 
 def _distance_mm(both: ComparedLabel, after: MeasuredLabel, members: Sequence[int]) -> tuple[float, float] | None:
-    """Return the lowest and the highest value of the map of distances on some of the later components."""
+    """Return the lowest and the highest value of the distance map on some of the later components."""
     if both.after is None or not both.after.maps:
         return None
     values = both.after.maps[0].values[np.isin(after.of_vertex, members)]
@@ -362,7 +362,7 @@ def _notes_of(pair: LabelPair, rows: Sequence[ChangeRow], before: MeasuredLabel,
             notes.append(f"{label.dropped} small components of {pair.name} {when} are dropped, as the settings ask.")
     for row in rows:
         if row.status in (Status.MERGED, Status.SPLIT):
-            notes.append(f"{pair.name}: {_named(row.before)} before {row.status} into {_named(row.after)}.")
+            notes.append(f"{pair.name}: {_named(row.before)} (before) {row.status} into {_named(row.after)} (after).")
     outside = [row for row in rows if row.status == Status.OUTSIDE]
     if outside:
         notes.append(f"{pair.name}: {len(outside)} outside, where the other volume has no samples.")
@@ -370,8 +370,8 @@ def _notes_of(pair: LabelPair, rows: Sequence[ChangeRow], before: MeasuredLabel,
         ends = [np.array([each.center_mm for each in label.components]) for label in (before, after)]
         nearest = math.sqrt(min(float(((ends[1] - at) ** 2).sum(axis=1).min()) for at in ends[0]))
         notes.append(
-            f"{pair.name}: no component overlaps one of before; the nearest centers are {nearest:.1f} mm apart. Check "
-            "that both volumes are in one frame of reference."
+            f"{pair.name}: no later component overlaps an earlier one; the nearest centers are {nearest:.1f} mm apart. "
+            "Check that both volumes are in one frame of reference."
         )
     return notes
 

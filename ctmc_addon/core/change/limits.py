@@ -46,7 +46,7 @@ the smaller component.
 
     percent: float = setting(
         25.0,
-        "Share of its volume by which a component has grown or shrunk. Larger = more components are stable",
+        "Smallest change of the volume that counts as grown or shrunk. Larger = more components are stable",
         label="Change",
         unit="%",
         low=0.0,
@@ -63,8 +63,8 @@ the smaller component.
     )
     overlap_percent: float = setting(
         5.0,
-        "Smallest overlap of two components that are one, as a share of the smaller. Larger = fewer are merged or "
-        "split by chance; 0 = any",
+        "Smallest overlap by which two components are matched, as a share of the smaller. Larger = fewer are merged "
+        "or split by chance; 0 = any",
         label="Overlap",
         unit="%",
         low=0.0,

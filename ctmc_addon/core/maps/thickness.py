@@ -72,7 +72,7 @@ class Gap(Quantity):
     >>> Gap(up_to_mm=0)
     Traceback (most recent call last):
     ...
-    ctmc_addon.core.errors.SettingsError: gaps are looked for up to a width above 0 mm, not 0; 50 mm is usual
+    ctmc_addon.core.errors.SettingsError: the widest gap must be above 0 mm, not 0; 50 mm is usual
     """
 
     up_to_mm: float = GAP_UP_TO_MM
@@ -84,7 +84,7 @@ class Gap(Quantity):
     def __post_init__(self) -> None:
         if not 0 < self.up_to_mm < np.inf:
             raise SettingsError(
-                f"gaps are looked for up to a width above 0 mm, not {self.up_to_mm:g}; {GAP_UP_TO_MM:g} mm is usual"
+                f"the widest gap must be above 0 mm, not {self.up_to_mm:g}; {GAP_UP_TO_MM:g} mm is usual"
             )
 
     @property
@@ -111,7 +111,9 @@ def _diameters_steps(surface: MappedSurface, side: int, limit: float) -> Steps[F
     """
     mesh = surface.mesh
     if not len(mesh.faces):
-        raise MeshError("no thickness can be measured on a mesh without triangles; lower the threshold or reduction")
+        raise MeshError(
+            "a mesh without triangles has no thickness or gap; lower the threshold or the share of triangles to remove"
+        )
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
     if math.isinf(limit):
         limit = float((high - low).min()) * (1 + BOX_MARGIN)
