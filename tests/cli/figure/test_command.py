@@ -119,7 +119,7 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
         (("figure", "-o", "a.png", "--blend", "a.stl"), "a.stl is not a .blend"),
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
         (("figure", "-o", "a.png", "--angle", "--engine", "workbench"), "workbench shows no map"),
-        (("figure", "-o", "a.png", "--label", 2, "--angle", "--show", "gap_mm"), "the maps are smallest_angle_deg"),
+        (("figure", "-o", "a.png", "--label", 2, "--angle", "--show", "gap_mm"), "the maps are angle_deg"),
         (("figure", "-o", "a.png", "--label", 2, "--angle", "--range", 3, 1), "give the lower value first"),
         (("figure", "-o", "a.png", "--label", 9), "9"),
         (("figure", "-o", "new/deep/a.png", "--label", 9, "--blend", "other/a.blend"), "9"),
