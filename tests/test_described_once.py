@@ -27,7 +27,7 @@ from ctmc_addon.reporting.command_line import flag_of
 from ctmc_addon.reporting.settings_toml import from_toml, to_toml
 
 KINDS = (ReconstructionSettings, ReadingOptions, *FIGURE_SETTINGS)
-NOT_DESCRIBED = {FigureStyle: {"distances", "samples"}}
+NOT_DESCRIBED = {FigureStyle: {"colors", "samples"}}
 """What the code alone sets."""
 GENERATED = {
     "info": {"reading": [ReadingOptions]},

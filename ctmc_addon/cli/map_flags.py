@@ -58,12 +58,23 @@ class AskedMaps:
 
     def in_folder(self, folder: Path) -> AskedMaps:
         """Return the same maps with absolute paths, for files that are named from a folder."""
-        return replace(self, quantities=tuple((flag, _in_folder(text, folder)) for flag, text in self.quantities))
+        return replace(self, quantities=tuple((flag, _in_folder(flag, text, folder)) for flag, text in self.quantities))
 
     def named(self) -> dict[str, Any]:
         """Return plain data in which files have their names alone."""
-        quantities = [[flag, _in_folder(text, None)] for flag, text in self.quantities]
+        quantities = [[flag, _in_folder(flag, text, None)] for flag, text in self.quantities]
         return {**self.plain(), "quantities": quantities}
+
+    def state_of_files(self) -> list[list[Any]]:
+        """Return name, bytes and time of every file that is named, by which a change is seen."""
+        state: list[list[Any]] = []
+        for flag, text in self.quantities:
+            path = Path(_parts_of(flag, text)[1] or ".")
+            if path.is_absolute() and path.exists():
+                files = sorted(readers.files_below(path)) if path.is_dir() else [path]
+                stats = [file.stat() for file in files]
+                state.append([path.name, sum(stat.st_size for stat in stats), max(stat.st_mtime_ns for stat in stats)])
+        return state
 
     def plain(self) -> dict[str, Any]:
         """Return plain data for JSON."""
@@ -102,13 +113,21 @@ class AskedMaps:
 NO_MAPS = AskedMaps()
 
 
-def _in_folder(text: str, folder: Path | None) -> str:
+def _in_folder(flag: str, text: str, folder: Path | None) -> str:
     """Return the text of a quantity with its file's absolute path; without a folder with its name."""
-    name, equals, path = text.rpartition("=")
+    name, path = _parts_of(flag, text)
+    if not path:
+        return text
     if folder is None:
-        return f"{name}{equals}{Path(path).name}" if path and Path(path).is_absolute() else text
+        return f"{name}{Path(path).name}"
     located = folder / path
-    return f"{name}{equals}{located.absolute()}" if path and located.exists() else text
+    return f"{name}{located.absolute()}" if located.exists() else text
+
+
+def _parts_of(flag: str, text: str) -> tuple[str, str]:
+    """Return what stands before the path of a quantity, 'dose=' of 'dose=a.nii', and the path; empty without one."""
+    name, equals, path = text.partition("=") if KINDS[flag].metavar.startswith("NAME=") else ("", "", text)
+    return name + equals, path.strip()
 
 
 class _AddQuantity(argparse.Action):

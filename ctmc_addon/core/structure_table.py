@@ -8,7 +8,7 @@ the samples: of a label its own, of a threshold those that it takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from .files.atomic_write import csv_text
@@ -216,8 +216,25 @@ def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
-    """Return the table for a person, its heads first; unknown values are a dash."""
-    return [table_heads(kind, rows), *(tuple(map(_shown, row.columns(kind).values())) for row in rows)]
+    """Return the table for a person, its heads first; unknown values are a dash, and a map takes one column."""
+    shown = [_without_maps(row).columns(kind) | _map_texts(row) for row in rows]
+    heads = tuple(dict.fromkeys([*table_heads(kind), *(head for row in shown for head in row)]))
+    return [heads, *(tuple(_shown(row.get(head)) for head in heads) for row in shown)]
+
+
+def _without_maps(row: StructureRow) -> StructureRow:
+    return replace(row, surface=replace(row.surface, maps={}))
+
+
+def _map_texts(row: StructureRow) -> dict[str, str]:
+    """Return the median of each map, and the values between which 90 % lie, by a head that says so."""
+    texts = {}
+    for name, each in row.surface.maps.items():
+        numbers = each.statistics
+        between = [numbers.median, numbers.percentile_5, numbers.percentile_95]
+        median, low, high = (UNKNOWN if value is None else number_text(value) for value in between)
+        texts[f"{name} (90 %)"] = median if numbers.median is None else f"{median} ({low} to {high})"
+    return texts
 
 
 def _written(value: Any) -> Any:

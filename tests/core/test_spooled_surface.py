@@ -21,7 +21,7 @@ from ctmc_addon.core import (
 from ctmc_addon.core.mesh.pieces import spool as spool_module
 from ctmc_addon.core.mesh.pieces.spool import FACE_BYTES, VERTEX_BYTES
 
-EXTRACT = sys.modules[reconstruct.__module__]
+EXTRACT = sys.modules[reconstruct_steps.__module__]
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)
 SETTINGS = ReconstructionSettings(threshold=0.0)
 LOOKS = [{"alpha": "auto"}, {"keep_parts": 2}, {"alpha": "auto", "min_part_mm3": 20.0}]

@@ -148,7 +148,7 @@ def run(args: argparse.Namespace) -> None:
         run_pairs(args)
         return
     folder = Path(args.output)
-    maps = asked_maps(args, manifest=True).in_folder(Path.cwd())
+    maps = asked_maps(args, manifest=any(word.lower().endswith(".csv") for word in args.inputs)).in_folder(Path.cwd())
     cases = collect(args.inputs, given_settings(args), reading_of(args), folder, maps)
     if not args.scheduler:  # on a cluster the workers need it, not this machine
         _require_blender_for(cases, args.output_format)

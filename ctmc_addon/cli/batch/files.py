@@ -211,7 +211,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "space": task["space"],
         # A page or a measure more than is asked for does no harm.
         **{name: True for name in ("html", "hu", "map_table") if task.get(name)},
-        **({"asked_maps": maps.named()} if (maps := maps_of_task(task)) else {}),
+        **({"asked_maps": maps.named(), "map_files": maps.state_of_files()} if (maps := maps_of_task(task)) else {}),
         **({"pair": task["pair"]} if "pair" in task else {}),
     }
 

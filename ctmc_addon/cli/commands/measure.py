@@ -82,6 +82,8 @@ def run(args: argparse.Namespace) -> None:
     maps = asked_maps(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
     map_table = require_writable(args.map_table, (".csv",)) if args.map_table else None
+    if output is not None and output == map_table:
+        raise UsageError(f"-o and --map-table both name {output.name}; give two files")
     if settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
     if args.ct and not choices:

@@ -21,12 +21,16 @@ class Deviation(Quantity):
     text: ClassVar[str] = "Distance to the full surface: how far simplification has moved it"
     label: ClassVar[str] = "Deviation"
     ramp: ClassVar[str] = "light"
-    needs_full: ClassVar[bool] = True
 
     @property
     def name(self) -> str:
         """The name of the map."""
         return "deviation_mm"
+
+    @property
+    def needs_full(self) -> bool:
+        """Whether it asks for full surfaces."""
+        return True
 
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Make the full surface and measure the distances to it."""

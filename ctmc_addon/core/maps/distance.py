@@ -64,6 +64,11 @@ class DistanceTo(Quantity):
         words = re.sub(r"[_\W]+", "_", self.target_name).strip("_")
         return f"distance_{words or 'surface'}_mm"
 
+    @property
+    def needs_full(self) -> bool:
+        """Whether it asks for full surfaces: of a structure that shares its walls with this one."""
+        return not isinstance(self.target, TriangleMesh)
+
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Make the other surface and measure the distances to it."""
         if (yield from self._is_own_steps(surface)):

@@ -14,6 +14,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
+from ..units import length_text
 from ..volume.volume import Volume
 from .quantity import MappedSurface, Quantity
 from .request import MapRequest
@@ -63,7 +64,12 @@ def mapped_steps(
 
 
 def _notes_of(result: Reconstruction, maps: Sequence[SurfaceMap]) -> tuple[str, ...]:
-    return (*result.notes, *(f"{each.name}: {note}" for each in maps for note in each.notes))
+    nearest = [
+        f"{each.name}: the nearest points are {length_text(each.nearest_distance)} apart"
+        for each in maps
+        if each.nearest_distance is not None
+    ]
+    return (*result.notes, *(f"{each.name}: {note}" for each in maps for note in each.notes), *nearest)
 
 
 def _maps_steps(

@@ -99,7 +99,7 @@ class Painted(Quantity):
             steps = max(1, math.ceil(FINENESS * self.depth_mm / min(self.volume.spacing)))
             line = Line(normals, self.depth_mm, steps, self.how)
         sampling = sampled_steps(self.volume, mesh.vertices, line, surface.budget)
-        return MapValues((yield from stages.run("Painting", sampling)))
+        return MapValues((yield from stages.run("Painting", sampling)), notes=tuple(self.volume.notes))
 
     @classmethod
     def from_text_steps(cls, text: str, inputs: Inputs, options: Mapping[str, Any]) -> Steps[Quantity]:

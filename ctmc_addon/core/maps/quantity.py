@@ -89,8 +89,6 @@ class Quantity(ABC):
         The color ramp, unless another is chosen.
     options : type, optional
         A `Described` dataclass whose fields become flags; all quantities of this flag share them.
-    needs_full : bool
-        Whether it asks for the full surface.
     """
 
     flag: ClassVar[str]
@@ -99,7 +97,6 @@ class Quantity(ABC):
     label: ClassVar[str]
     ramp: ClassVar[str] = "viridis"
     options: ClassVar[type[Described] | None] = None
-    needs_full: ClassVar[bool] = False
 
     @property
     @abstractmethod
@@ -110,6 +107,11 @@ class Quantity(ABC):
     def unit(self) -> str:
         """The unit of the values."""
         return "mm"
+
+    @property
+    def needs_full(self) -> bool:
+        """Whether it asks for full surfaces."""
+        return False
 
     @abstractmethod
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
@@ -66,9 +67,11 @@ class MapRequest:
         for name, (low, high) in self.limits.items():
             if not low <= high:
                 raise SettingsError(f"the limits of {name} are {low:g} and {high:g}; give the lower one first")
-        if self.range is not None and not self.range[0] < self.range[1]:
+        if self.range is not None and not -math.inf < self.range[0] < self.range[1] < math.inf:
             low, high = self.range
-            raise SettingsError(f"the colors cannot run from {low:g} to {high:g}; give the lower value first")
+            raise SettingsError(
+                f"the colors cannot run from {low:g} to {high:g}; give two numbers, the lower one first"
+            )
         if self.ramp is not None and self.ramp not in RAMPS:
             raise SettingsError(f"there is no color ramp {self.ramp}; choose {', '.join(RAMPS)}")
         if (self.range or self.ramp) and not names:

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from ..arrays import Bytes, Doubles, Floats
+from ..mesh.rulers import distance_between
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import cross, dot
 from .ramps import DIVERGING, colors_of
@@ -91,6 +92,11 @@ class SurfaceMap:
         """Color of every vertex, (V, 3) uint8 sRGB."""
         return colors_of(self.values, self.range, self.ramp)
 
+    @property
+    def nearest_distance(self) -> float | None:
+        """Distance of the nearest two points, mm; 0 where the surfaces cross; None without them."""
+        return None if self.nearest is None else distance_between(*self.nearest)
+
     def about(self) -> dict[str, Any]:
         """Return all but the values as plain data for JSON."""
         low, high = (number if math.isfinite(number) else None for number in self.limits)
@@ -101,6 +107,7 @@ class SurfaceMap:
             "ramp": self.ramp,
             "limits": [low, high],
             "nearest": None if self.nearest is None else [list(point) for point in self.nearest],
+            "nearest_mm": self.nearest_distance,
         }
 
 

@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import Floats
 from ..errors import MeshError, SettingsError
 from ..mesh.distance.patch_tree import PatchTree
-from ..mesh.distance.tangent_balls import TangentBalls
-from ..mesh.face_normals import face_vectors, vertex_normals_steps
+from ..mesh.distance.tangent_balls import SLOPE, TRIANGLE_SLOPE, TangentBalls
+from ..mesh.face_normals import face_vectors, sphere_normals_steps
 from ..mesh.topology import FACES_PER_STEP
 from ..mesh.triangle_mesh import TriangleMesh
 from ..mesh.vectors import dot
@@ -27,7 +27,7 @@ from .quantity import MappedSurface, MapValues, Quantity
 GAP_UP_TO_MM = 50.0
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is more than this many voxels.
 MOST_SPLITS = 64  # of an edge
-BOX_MARGIN = 0.01  # for normals that are not quite right
+BOX_MARGIN = 0.1  # for normals that are not quite right
 STAGES = {"Sampling the surface": 1, "Measuring balls": 8}
 
 
@@ -115,26 +115,39 @@ def _diameters_steps(surface: MappedSurface, side: int, limit: float) -> Steps[F
             "a mesh without triangles has no thickness or gap; lower the threshold or the share of triangles to remove"
         )
     low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
-    if math.isinf(limit):
-        limit = float((high - low).min()) * (1 + BOX_MARGIN)
+    search = limit
+    if math.isinf(limit):  # what fits into the box of the surface
+        limit = float((high - low).min())
+        search = limit * (1 + BOX_MARGIN)
     sampling, measuring = STAGES
     stages = Stages(STAGES)
     voxel = sum(surface.volume.spacing) / 3
-    tree, gap = yield from stages.run(sampling, _tree_steps(mesh, side, BETWEEN * voxel))
+    normals = _normals_of_field(surface)
+    slope = TRIANGLE_SLOPE if normals is None else SLOPE
+    tree, gap = yield from stages.run(sampling, _tree_steps(mesh, normals, side, BETWEEN * voxel))
     count = len(mesh.vertices)
     asked = (tree.order < count) & tree.normals.any(axis=0)
     threads = surface.budget.thread_count
-    radii = yield from stages.run(measuring, TangentBalls(tree, gap, limit / 2).radii_steps(asked, threads))
+    radii = yield from stages.run(measuring, TangentBalls(tree, gap, search / 2, slope).radii_steps(asked, threads))
     values = np.full(count, np.nan, np.float32)
     values[tree.order[asked]] = 2 * radii[asked]
-    return values
+    return np.minimum(values, np.float32(limit))  # NaN stays
 
 
-def _tree_steps(mesh: TriangleMesh, side: int, longest: float) -> Steps[tuple[PatchTree, float]]:
+def _normals_of_field(surface: MappedSurface) -> Floats | None:
+    """Return the normals of the mesh if they are those of its field; means of triangles are made here, better ones."""
+    settings = surface.settings
+    shares = settings.label is not None and settings.interfaces == "shared"
+    averaged = settings.normals == "mesh" or settings.simplifies or shares
+    return None if averaged else surface.mesh.normals
+
+
+def _tree_steps(
+    mesh: TriangleMesh, normals: Floats | None, side: int, longest: float
+) -> Steps[tuple[PatchTree, float]]:
     """Return samples of a surface, its vertices first, and their usual distance; normals point to `side`."""
-    normals = mesh.normals
     if normals is None:
-        normals = yield from vertex_normals_steps(mesh.vertices, mesh.faces)
+        normals = yield from sphere_normals_steps(mesh.vertices, mesh.faces)
     positions, directions, area = [mesh.vertices], [normals], 0.0
     for start in range(0, len(mesh.faces), FACES_PER_STEP):
         faces = mesh.faces[start : start + FACES_PER_STEP]

@@ -84,7 +84,8 @@ def volumes_beside(path: str | os.PathLike[str]) -> tuple[Path, ...]:
         below = [file for _, file in zip(range(MOST_FILES), files_below(folder), strict=False) if file != ct]
         classes = {file: object_class(file) for file in below}
         volumes = [file for file, kind in classes.items() if kind == DOSE]
-        volumes += _series_of([file for file, kind in classes.items() if kind == PET], below, ct)
+        if not all(kind == PET for kind in classes.values()):  # else it is what was asked for itself
+            volumes += _series_of([file for file, kind in classes.items() if kind == PET], below, ct)
         if ct.is_dir():
             beside = [entry for entry in ct.parent.iterdir() if entry.is_dir() and entry != ct]
             images = [file for file, kind in classes.items() if not kind]

@@ -196,7 +196,7 @@ def test_a_quantity_gets_the_surface_of_another_label(labels):
         ),
         (
             {"quantities": (Height(),), "range": (2.0, 2.0)},
-            "the colors cannot run from 2 to 2; give the lower value first",
+            "the colors cannot run from 2 to 2; give two numbers, the lower one first",
         ),
         (
             {"quantities": (Height(),), "ramp": "rainbow"},

@@ -161,7 +161,7 @@ def test_without_normals_those_of_the_triangles_serve():
     mesh = surface_of(volume)
     bare = TriangleMesh(mesh.vertices, mesh.faces)
     known = np.isfinite(truth(plate(5.0), mesh, 25.0))
-    assert np.abs(values_of(Thickness(), mapped(bare, volume))[known] / 5 - 1).max() < 0.001
+    assert np.abs(values_of(Thickness(), mapped(bare, volume))[known] / 5 - 1).max() < 0.002
 
 
 def noisy_foam():

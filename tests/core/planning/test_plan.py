@@ -186,7 +186,7 @@ def refused_before_work(volume, settings, budget, monkeypatch):
         raise AssertionError("work has begun")
 
     with monkeypatch.context() as patched:
-        patched.setattr(sys.modules[reconstruct.__module__], "surface_pieces_steps", never)
+        patched.setattr(sys.modules[reconstruct_steps.__module__], "surface_pieces_steps", never)
         with pytest.raises(MemoryLimitError) as said:
             made(volume, settings, budget)
     return str(said.value)

@@ -55,6 +55,8 @@ def run_pairs(args: argparse.Namespace) -> None:
     """Collect the pairs, compare those that are left, and write and print the table; an error if any failed."""
     if args.html or args.hu or args.scheduler:
         raise UsageError("--pairs writes tables on this machine; leave out --html, --hu and --scheduler")
+    if args.maps or args.map_limit or args.map_table:
+        raise UsageError("--pairs measures the distance to the earlier surface; leave out flags for other maps")
     folder = Path(args.output)
     limits = limits_of(args)
     reading = reading_of(args)

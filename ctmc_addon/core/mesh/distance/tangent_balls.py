@@ -33,7 +33,8 @@ from ...progress import PAUSE, Steps
 from ..vectors import dot
 from .patch_tree import BRANCH, PATCH, PatchTree
 
-SLOPE = 0.12  # About 7 degrees: normals of labels are off by so much.
+SLOPE = 0.12  # About 7 degrees: normals of a field are off by so much.
+TRIANGLE_SLOPE = 0.3  # About 17 degrees: so much those are off that are means of triangles.
 DEPTH = 0.05  # Of the samples' distance.
 TOLERANCE = 0.01  # Of the radius.
 ROUNDING = np.float32(1 + 1e-5)
@@ -61,10 +62,12 @@ class TangentBalls:
         Usual distance of neighboring samples.
     limit : float
         Radius up to which to look.
+    slope : float
+        Points that lie lower above the tangent plane, over their distance, limit no ball.
     """
 
-    def __init__(self, tree: PatchTree, gap: float, limit: float) -> None:
-        self.tree, self.limit = tree, limit
+    def __init__(self, tree: PatchTree, gap: float, limit: float, slope: float = SLOPE) -> None:
+        self.tree, self.limit, self._slope = tree, limit, np.float32(slope)
         self.gap = max(gap, 1e-6 * limit) or 1.0  # Triangles without area have none.
         self._depth = np.float32(DEPTH * self.gap)
         self._radius = np.full(len(tree.order), CAP * limit, np.float32)  # with slope and depth
@@ -161,7 +164,7 @@ class TangentBalls:
             discs = tree.levels[level].take(disc, axis=1)
             height, distance, extent = _over_plane(discs, middle.take(group, axis=1), mean.take(group, axis=1))
             height += spread.take(group) * (distance + extent) - lowest.take(group)
-            allowed = np.float32(SLOPE) * np.maximum(distance - extent - size.take(group), 0) + self._depth
+            allowed = self._slope * np.maximum(distance - extent - size.take(group), 0) + self._depth
             near = np.flatnonzero(height >= allowed)
             group, disc, discs = group[near], disc[near], discs.take(near, axis=1)
             radii = largest.take(group)
@@ -200,7 +203,7 @@ class TangentBalls:
         position, normal = self.tree.positions.take(place, axis=1), self.tree.normals.take(place, axis=1)
         discs = self.tree.levels[0].take(patch, axis=1)
         height, distance, extent = _over_plane(discs, position, normal)
-        allowed = np.float32(SLOPE) * np.maximum(distance - extent, 0) + self._depth
+        allowed = self._slope * np.maximum(distance - extent, 0) + self._depth
         near = np.flatnonzero(height >= allowed)
         number, patch = number[near], patch[near]
         radius = np.minimum(self._radius.take(place[near]), tried.take(number)) * np.float32(1 - TOLERANCE)
@@ -225,7 +228,7 @@ class TangentBalls:
             squared = offset[0]
             squared += offset[1]
             squared += offset[2]
-            height -= np.sqrt(squared) * np.float32(SLOPE)
+            height -= np.sqrt(squared) * self._slope
             height -= self._depth
             height *= 2
             # A sample that lies too low gets a radius beyond all others, without a mask.
