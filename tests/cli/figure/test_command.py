@@ -120,7 +120,7 @@ def test_flags_that_make_no_figure_are_wrong_usage(misused, ct, tmp_path, monkey
         (("figure", "-o", "a.png", "--deviation", "--engine", "workbench"), "workbench"),
         (("figure", "-o", "a.png", "--angle", "--engine", "workbench"), "workbench shows no map"),
         (("figure", "-o", "a.png", "--label", 2, "--angle", "--show", "gap_mm"), "the maps are angle_deg"),
-        (("figure", "-o", "a.png", "--label", 2, "--angle", "--range", 3, 1), "give the lower value first"),
+        (("figure", "-o", "a.png", "--label", 2, "--angle", "--range", 3, 1), "give two numbers, the lower one first"),
         (("figure", "-o", "a.png", "--label", 9), "9"),
         (("figure", "-o", "new/deep/a.png", "--label", 9, "--blend", "other/a.blend"), "9"),
         (("figure", "sheet", "-o", "new/a.png", "--label", 9, "--levels", 0), "9"),
