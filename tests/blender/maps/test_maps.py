@@ -87,8 +87,9 @@ def test_names_of_blender_and_other_vertices_are_refused(obj, mapped):
     [first] = mapped.maps
     with pytest.raises(MeshError, match="an attribute position of its own"):
         write_map(obj.data, replace(first, name="position"))
-    with pytest.raises(MeshError, match="give the map a shorter name"):
-        write_map(obj.data, replace(first, name="n" * 80))
+    if bpy.app.version < (5, 0):  # from then on names may be as long
+        with pytest.raises(MeshError, match="give the map a shorter name"):
+            write_map(obj.data, replace(first, name="n" * 80))
     with pytest.raises(MeshError, match="5 values and the surface"):
         write_map(obj.data, replace(first, values=first.values[:5]))
     assert [each.name for each in stored_maps(obj.data)] == ["rise_mm"]
