@@ -142,7 +142,7 @@ def thickness_errors(wall: Wall, spacing: float, degrees: float, label: bool) ->
     """Return the relative errors of thickness where it has a closed form."""
     volume = sampled(wall, spacing, degrees, label)
     mesh = surface_of(volume, label)
-    off = values_of(Thickness(), mapped(mesh, volume)) / truth(wall, mesh, degrees) - 1
+    off = values_of(Thickness(), mapped(mesh, volume, label=label)) / truth(wall, mesh, degrees) - 1
     return off[np.isfinite(truth(wall, mesh, degrees))]
 
 

@@ -165,13 +165,14 @@ def truth_at(wall: Wall, points: NDArray[Any], degrees: float = 0.0) -> Doubles:
     return wall.thickness(turned(degrees).T @ points.T.astype(np.float64))
 
 
-def mapped(mesh: TriangleMesh, volume: Volume, threads: int = 1) -> MappedSurface:
+def mapped(mesh: TriangleMesh, volume: Volume, threads: int = 1, label: bool = False) -> MappedSurface:
     """Return a surface for quantities that need no other surface."""
 
     def no_surface_steps(_: ReconstructionSettings) -> Any:
         raise AssertionError("no other surface is needed")
 
-    return MappedSurface(mesh, ReconstructionSettings(), volume, Budget(threads=threads), no_surface_steps)
+    settings = ReconstructionSettings(label=1) if label else ReconstructionSettings()
+    return MappedSurface(mesh, settings, volume, Budget(threads=threads), no_surface_steps)
 
 
 def values_of(quantity: Any, surface: MappedSurface) -> Doubles:
