@@ -73,7 +73,8 @@ class AskedMaps:
             if path.is_absolute() and path.exists():
                 files = sorted(readers.files_below(path)) if path.is_dir() else [path]
                 stats = [file.stat() for file in files]
-                state.append([path.name, sum(stat.st_size for stat in stats), max(stat.st_mtime_ns for stat in stats)])
+                latest = max((stat.st_mtime_ns for stat in stats), default=0)
+                state.append([path.name, sum(stat.st_size for stat in stats), latest])
         return state
 
     def plain(self) -> dict[str, Any]:
@@ -121,6 +122,8 @@ def _in_folder(flag: str, text: str, folder: Path | None) -> str:
     if folder is None:
         return f"{name}{Path(path).name}"
     located = folder / path
+    if not name and not located.suffix and len(Path(path).parts) == 1:  # a structure, even beside a folder of its name
+        return text
     return f"{name}{located.absolute()}" if located.exists() else text
 
 

@@ -86,6 +86,7 @@ def _maps_steps(
     maps = []
     for quantity in request.quantities:
         values, nearest, notes = yield from stages.run(quantity.name, quantity.values_steps(surface))
+        values = np.where(np.isfinite(values), values, np.float32(np.nan))
         limits = request.limits.get(quantity.name, NO_LIMITS)
         maps.append(
             SurfaceMap(

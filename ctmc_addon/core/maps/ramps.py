@@ -1,9 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Color ramps for values on a surface.
 
-Even steps of lightness, so that they hold in gray print and for color-blind eyes: viridis and magma (Smith and van der
-Walt 2015), coolwarm around 0 (Moreland 2009), and `light`, the lighter part of magma from light to dark, on which what
-is near 0 does not stand out.
+All for color-blind eyes. viridis and magma (Smith and van der Walt 2015) have even steps of lightness, so they hold in
+gray print; `light` is the lighter part of magma, from light to dark. coolwarm (Moreland 2009) is light around 0.
 """
 
 from __future__ import annotations

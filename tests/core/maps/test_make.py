@@ -25,7 +25,7 @@ from ctmc_addon.core import (
     reconstruct_labels,
 )
 from ctmc_addon.core.maps.quantity import MapValues, Quantity
-from ctmc_addon.core.maps.request import MapRequest
+from ctmc_addon.core.maps.request import TAKEN, MapRequest
 from ctmc_addon.core.maps.surface_map import Limits, range_of, statistics_of, vertex_areas
 
 
@@ -59,6 +59,15 @@ class Named(Height):
     @property
     def name(self):
         return self.called
+
+
+@dataclass(frozen=True)
+class Infinite(Height):
+    """Infinite everywhere."""
+
+    def values_steps(self, surface):
+        yield PAUSE
+        return MapValues(np.full(len(surface.mesh.vertices), -np.inf, np.float32))
 
 
 @dataclass(frozen=True)
@@ -150,6 +159,18 @@ def test_numbers_of_a_map_stand_in_report_and_tables(ball):
     ]
     assert cells["height_mm_max"] == result.maps[0].statistics.maximum
     assert cells["height_mm_share_below"] is None
+
+
+def test_no_map_takes_the_place_of_what_a_report_has(ball):
+    result = reconstruct(ball, ReconstructionSettings(threshold=0.0), maps=[Height()])
+    assert set(result.report()) - {"height_mm"} <= TAKEN
+
+
+def test_an_infinite_value_is_none(ball):
+    [height] = reconstruct(ball, ReconstructionSettings(threshold=0.0), maps=[Height(np.inf)]).maps
+    [low] = reconstruct(ball, ReconstructionSettings(threshold=0.0), maps=[Infinite()]).maps
+    assert np.isnan(height.values).all()
+    assert np.isnan(low.values).all()
 
 
 def test_labels_that_share_a_wall_have_values_of_their_own_and_one_range(labels):
