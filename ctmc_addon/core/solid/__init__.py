@@ -1,0 +1,21 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Solids: operations on the fields of structures before parts are extracted, such as a hollow or a cut."""
+
+from typing import TYPE_CHECKING
+
+from ..later import lazy_names
+
+if TYPE_CHECKING:
+    from .lattice import Lattice as Lattice
+    from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
+    from .request import (
+        Combination as Combination,
+        Combining as Combining,
+        Cut as Cut,
+        Drain as Drain,
+        Pegs as Pegs,
+        SolidRequest as SolidRequest,
+    )
+    from .shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
+
+__getattr__ = lazy_names(__name__)
