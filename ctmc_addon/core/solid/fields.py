@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from ..progress import PAUSE, Steps
 from .lattice import Lattice
 from .shapes import HalfSpace, Shape
 
-LEAST = np.float32(1e-6)
+LEAST = 2.0**-8  # A value is at least this share of the lattice's shortest step, so that no vertex meets a sample.
 POINTS_AT_ONCE = 1 << 18
 
 
@@ -29,9 +29,9 @@ class Field(Protocol):
         """Return the values at samples by their numbers, (n,), of the same sign as in `above`."""
 
 
-def signed(values: NDArray[np.generic], above: Flags) -> Floats:
-    """Return values as float32 with the given signs, at least `LEAST` away from 0."""
-    size = np.maximum(np.abs(values.astype(np.float32)), LEAST)
+def signed(values: NDArray[Any], above: Flags, lattice: Lattice) -> Floats:
+    """Return values as float32 with the given signs, not too near to 0."""
+    size = np.maximum(np.abs(values.astype(np.float32)), np.float32(LEAST * lattice.shortest_mm))
     return np.where(above, size, -size)
 
 
@@ -66,7 +66,7 @@ class ShapeField:
             z, rest = np.divmod(flat[start : start + POINTS_AT_ONCE], rows * columns)
             y, x = np.divmod(rest, columns)
             values = self._at(x, y, z)
-            out[start : start + POINTS_AT_ONCE] = signed(values, values > 0)
+            out[start : start + POINTS_AT_ONCE] = signed(values, values > 0, self.lattice)
             yield PAUSE
         return out
 
@@ -139,9 +139,9 @@ class StructureField:
         if self.distance is not None:
             yield PAUSE
             values = self.distance.reshape(-1).take(flat).astype(np.float64) - self.level
-            return signed(values, values > 0)
+            return signed(values, values > 0, self.lattice)
         _, rows, columns = self.lattice.shape
         z, rest = np.divmod(flat, rows * columns)
         y, x = np.divmod(rest, columns)
         squared, _ = yield from self.tree.nearest_steps(self.lattice.points(x, y, z).T, threads=threads)
-        return signed(np.sqrt(squared), self.inside.reshape(-1).take(flat))
+        return signed(np.sqrt(squared), self.inside.reshape(-1).take(flat), self.lattice)

@@ -43,6 +43,14 @@ class Lattice:
         )
         return x, y, z
 
+    @property
+    def shortest_mm(self) -> float:
+        """Shortest step along any axis, mm."""
+        scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
+        return min(
+            float(np.diff(along).min() * each) for along, each in zip((self.x, self.y, self.z), scale, strict=True)
+        )
+
     def points(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> Doubles:
         """Return the places of samples by their numbers, three (n,), as RAS+ mm (3, n)."""
         index = np.stack([self.x.take(x), self.y.take(y), self.z.take(z)], axis=-1)

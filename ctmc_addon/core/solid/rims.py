@@ -21,8 +21,8 @@ TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutatio
 TURNED = np.array([order not in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) for order in permutations(range(3))])
 CODE_BITS, FIELD_BITS = 3, 5
 FIELDS_OF_NODE, CORNERS_OF_NODE = 3, 4
-APART = 2.0**-11  # Least way between two vertices on one edge, as a share of it.
-INSIDE = 2.0**-10  # Least weight of a corner at a point inside a face or a tetrahedron.
+APART = 2.0**-12  # Least way between two vertices on one edge, as a share of it.
+INSIDE = 2.0**-14  # Least weight of a corner at a point inside a face or a tetrahedron.
 
 
 @dataclass(frozen=True, eq=False)
