@@ -23,7 +23,7 @@ from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.distance.triangle_tree import TriangleTree
 from ..progress import PAUSE, Steps, equal_part, timed_steps
 from .lattice import Lattice
-from .nearby import Words, nearby_steps, packed, unpacked
+from .nearby import WORD, Words, nearby_steps, packed, unpacked, words_of
 
 LARGEST = 8  # Begin with blocks of this many cells a side.
 BLOCKS_AT_ONCE = 1 << 14  # Halve this many of them at once.
@@ -166,8 +166,11 @@ class _Field:
 
     def near_surface_steps(self, inside: Flags) -> Steps[None]:
         """Give a value to samples that are surely between the surface and the levels next to it."""
-        words: Words = np.concatenate([packed(inside[part]) for part in self.layers])
-        yield PAUSE
+        depth, height, width = self.lattice.shape
+        words: Words = np.empty((depth, height, words_of(width)), WORD)
+        for part in self.layers:
+            words[part] = packed(inside[part])
+            yield PAUSE
         near_outside: Words | None = None  # None: all are near enough.
         near_inside: Words | None = None
         if self.lowest < self.far:
@@ -176,7 +179,6 @@ class _Field:
             )
         if self.highest > -self.far:
             near_inside = yield from equal_part(nearby_steps(words, self.lattice, -self.highest, self.budget), 1, 2)
-        width = self.lattice.shape[2]
         for part in self.layers:
             here, values, state = inside[part], self.values[part], self.state[part]
             values[:] = np.where(here, np.float32(self.lowest / 2), np.float32(self.highest / 2))
@@ -251,6 +253,7 @@ class _Field:
             found = []
             for offset in offsets:
                 self._infer(low, offset, [other for other in measured if _touch(other, offset)])
+                yield PAUSE
             for offset in offsets:
                 flat = self._flat(np.minimum(low + np.array(offset)[:, None], self.last))
                 flat = np.unique(flat[self.state.take(flat) == OPEN])

@@ -49,10 +49,15 @@ def nearby_steps(flags: Words, lattice: Lattice, distance: float, budget: Budget
     return flags
 
 
+def words_of(width: int) -> int:
+    """Return the number of words of a row of samples."""
+    return -(-width // 64)
+
+
 def packed(flags: Flags) -> Words:
     """Return flags (z, y, x) as words of 64 along x, (z, y, words) uint64."""
     depth, height, width = flags.shape
-    out = np.zeros((depth, height, -(-width // 64) * 8), np.uint8)
+    out = np.zeros((depth, height, 8 * words_of(width)), np.uint8)
     out[:, :, : -(-width // 8)] = np.packbits(flags, axis=2, bitorder="little")
     return out.view(WORD)
 
