@@ -22,8 +22,9 @@ from ..errors import SettingsError
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.vectors import dot
 from ..progress import Steps
+from .cubes import deepest_steps
 from .depth import Depth
-from .hollows import Cavities, cavities_steps, deepest_steps
+from .hollows import Cavities, cavities_steps
 from .outer import OuterSurfaces
 from .request import Drain, Point
 from .shapes import Bar, Shape, Union
