@@ -67,7 +67,7 @@ def test_the_foot_of_a_box_has_round_corners():
     exact = np.minimum(np.minimum(points[2] + 5, -3 - points[2]), 2 - np.linalg.norm(over, axis=0))
     beside_corners = (over > 0).all(axis=0)
     assert 50 < beside_corners.sum() < 1000
-    np.testing.assert_allclose(made.at(points)[~beside_corners], exact[~beside_corners], atol=0.002)
+    np.testing.assert_allclose(made.at(points)[~beside_corners], exact[~beside_corners], atol=0.01)
     np.testing.assert_allclose(made.at(points), exact, atol=0.075)
 
 
