@@ -25,12 +25,12 @@ from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, Scope, SurfaceRequest, scope_of
 from ..volume.volume import Volume
 from .body import Body
+from .cubes import deepest_steps
 from .depth import Depth, depth_below
 from .drains import drains_steps
 from .extract import Recipe, extract_parts_steps
 from .fields import Field, ShapeField
 from .finish import finished_parts_steps
-from .hollows import deepest_steps
 from .lattice import lattice_around
 from .pegs import placed_pegs_steps, require_met
 from .request import SolidRequest
