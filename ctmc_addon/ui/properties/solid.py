@@ -13,6 +13,7 @@ from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
+from ...core import SettingsError
 from ...core.solid import (
     LARGEST_MM,
     MOST_PEGS,
@@ -132,6 +133,10 @@ class CTMCCombination(PropertyGroup):
             If there are fewer than two structures.
         """
         names = tuple(operand.structure for operand in self.of if operand.structure)
+        if len(names) < 2:
+            raise SettingsError(
+                "a combination takes two structures or more; choose them in the part Solid, or remove it"
+            )
         return Combination(Combining(self.how), self.title.strip() or "+".join(names), names)
 
 
@@ -173,6 +178,8 @@ class CTMCSolid(PropertyGroup):
         SettingsError
             If two settings contradict each other.
         """
+        if not self.hollow and any(drain.auto for drain in self.drains):
+            raise SettingsError("an automatic drain opens a hollow; set Hollow in the part Solid, or remove the drain")
         lengths = {name: as_written(getattr(self, name)) for name in ("thicken", "hollow", "base", "least_wall")}
         pegs = (as_written(getattr(self, name)) for name in ("peg_diameter", "peg_length", "clearance"))
         return SolidRequest(

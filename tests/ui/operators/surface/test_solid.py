@@ -146,9 +146,9 @@ def test_reconstruct_says_what_the_solid_does_to_the_next_surfaces(solid):
 def test_settings_that_contradict_are_said_above_and_refused(solid):
     bpy.ops.ctmc.drain_add(auto=True)
     page = drawn(CTMC_PT_surface)
-    assert "--drain auto opens a hollow" in " ".join(page.texts)
+    assert "An automatic drain opens a hollow" in " ".join(page.texts)
     assert "Makes a solid" in page.texts
-    with pytest.raises(RuntimeError, match="drain auto opens a hollow"):
+    with pytest.raises(RuntimeError, match="An automatic drain opens a hollow"):
         bpy.ops.ctmc.reconstruct()
 
 
@@ -277,6 +277,8 @@ def test_structures_are_combined_by_name_or_number(labels):
     solid = labels.ctmc_solid
     bpy.ops.ctmc.combination_add(how="subtract")
     [combination] = solid.combinations
+    with pytest.raises(SettingsError, match="a combination takes two structures or more"):
+        solid.to_request()
     combination.of[0].structure, combination.of[1].structure = "left hip", "2"
     assert [operand.structure for operand in combination.of] == ["left hip", "2", ""], "room for another"
     assert solid.to_request().combinations == (Combination(Combining.SUBTRACT, "left hip+2", ("left hip", "2")),)
