@@ -35,7 +35,7 @@ class HalfSpace:
     def unit(self) -> Doubles:
         """Normal of length 1, (3,)."""
         normal = np.array(self.normal, np.float64)
-        return normal / np.sqrt(normal @ normal)
+        return normal / np.sqrt(dot(normal, normal))
 
     def at(self, points: Doubles) -> Doubles:
         """Return the height of points above the plane."""
