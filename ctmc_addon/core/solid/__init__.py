@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from ..later import lazy_names
 
 if TYPE_CHECKING:
+    from .drains import auto_diameter as auto_diameter
     from .lattice import Lattice as Lattice
     from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
     from .outlines import (
