@@ -64,7 +64,7 @@ def case(tmp_path_factory):
     folder = tmp_path_factory.mktemp("solid")
     labels = np.zeros((12, 20, 24), np.uint8)
     labels[3:9, 4:14, 4:14], labels[3:9, 4:14, 14:20] = 1, 2
-    nibabel.save(nibabel.Nifti1Image(labels.T, np.diag([1.0, 1.0, 2.0, 1.0])), folder / "labels.nii")
+    nibabel.save(nibabel.Nifti1Image(labels.T, np.diag([1.0, 1.0, 2.0, 1.0])), folder / "boxes.nii")
     return folder
 
 
@@ -142,7 +142,7 @@ def test_flags_become_a_request(words, expected):
     ],
 )
 def test_flags_that_make_no_solid_are_misuse(misused, case, tmp_path, words, sentence):
-    assert sentence in misused("reconstruct", case / "labels.nii", *words, "-o", tmp_path / "a.stl")
+    assert sentence in misused("reconstruct", case / "boxes.nii", *words, "-o", tmp_path / "a.stl")
     assert list(tmp_path.iterdir()) == []
 
 
@@ -157,7 +157,7 @@ def test_every_command_that_makes_surfaces_has_the_flags(ctmc):
 def test_parts_of_a_cut_are_files_of_a_folder(stub, ctmc, case, tmp_path):
     report = tmp_path / "report.json"
     done = ctmc(
-        *("reconstruct", case / "labels.nii", "--label", "1", *CUT, "--pegs", "2", "--report", report),
+        *("reconstruct", case / "boxes.nii", "--label", "1", *CUT, "--pegs", "2", "--report", report),
         *("-o", f"{tmp_path}/out/", "--format", "stl"),
     )
     assert done.code == 0, done.errors
@@ -170,15 +170,15 @@ def test_parts_of_a_cut_are_files_of_a_folder(stub, ctmc, case, tmp_path):
 
 
 def test_parts_of_a_threshold_are_called_after_the_input(stub, ctmc, case, tmp_path):
-    done = ctmc("reconstruct", case / "labels.nii", "--threshold", "1", *CUT, "-o", f"{tmp_path}/out/")
+    done = ctmc("reconstruct", case / "boxes.nii", "--threshold", "1", *CUT, "-o", f"{tmp_path}/out/")
     assert done.code == 0, done.errors
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["labels a.stl", "labels b.stl"]
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["boxes a.stl", "boxes b.stl"]
 
 
 def test_one_part_has_a_file_of_its_own_without_a_letter(stub, ctmc, case, tmp_path):
     report = tmp_path / "report.json"
     words = ("--threshold", "1", "--hollow", "2", "--drain", "auto", "--report", report, "-o", tmp_path / "a.stl")
-    done = ctmc("reconstruct", case / "labels.nii", *words)
+    done = ctmc("reconstruct", case / "boxes.nii", *words)
     assert done.code == 0, done.errors
     assert json.loads(report.read_text("utf-8"))["solid"] == {"hollow": 2.0, "drains": [{"diameter": 4.0}]}
     assert (tmp_path / "a.stl").stat().st_size > 84
@@ -186,14 +186,14 @@ def test_one_part_has_a_file_of_its_own_without_a_letter(stub, ctmc, case, tmp_p
 
 
 def test_a_folder_holds_one_part_by_the_name_of_the_input(stub, ctmc, case, tmp_path):
-    done = ctmc("reconstruct", case / "labels.nii", "--threshold", "1", "--base", "2", "-o", f"{tmp_path}/out/")
+    done = ctmc("reconstruct", case / "boxes.nii", "--threshold", "1", "--base", "2", "-o", f"{tmp_path}/out/")
     assert done.code == 0, done.errors
-    assert [path.name for path in (tmp_path / "out").iterdir()] == ["labels.stl"]
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["boxes.stl"]
 
 
 @pytest.mark.parametrize("suffix", [".glb", ".3mf", ".html", ".obj"])
 def test_a_file_of_several_objects_holds_all_parts(stub, ctmc, case, tmp_path, suffix):
-    done = ctmc("reconstruct", case / "labels.nii", "--label", "1", *CUT, "-o", tmp_path / f"a{suffix}")
+    done = ctmc("reconstruct", case / "boxes.nii", "--label", "1", *CUT, "-o", tmp_path / f"a{suffix}")
     assert done.code == 0, done.errors
     assert "label 1 b" in done.out
     assert (tmp_path / f"a{suffix}").stat().st_size > 0
@@ -201,7 +201,7 @@ def test_a_file_of_several_objects_holds_all_parts(stub, ctmc, case, tmp_path, s
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply"])
 def test_a_file_of_one_surface_does_not_hold_the_parts_of_a_cut(refused, case, tmp_path, suffix):
-    sentence = refused("reconstruct", case / "labels.nii", "--label", "1", *CUT, "-o", tmp_path / f"a{suffix}")
+    sentence = refused("reconstruct", case / "boxes.nii", "--label", "1", *CUT, "-o", tmp_path / f"a{suffix}")
     assert f"a{suffix} can hold one surface, and a cut makes two parts; give a folder, such as -o a/" in sentence
     assert list(tmp_path.iterdir()) == []
 
@@ -209,17 +209,17 @@ def test_a_file_of_one_surface_does_not_hold_the_parts_of_a_cut(refused, case, t
 def test_a_combination_takes_its_labels_and_one_file(stub, ctmc, case, tmp_path):
     report = tmp_path / "report.json"
     words = ("--merge", "both=1,2", "--report", report, "-o", tmp_path / "both.stl")
-    done = ctmc("reconstruct", case / "labels.nii", *words)
+    done = ctmc("reconstruct", case / "boxes.nii", *words)
     assert done.code == 0, done.errors
     assert json.loads(report.read_text("utf-8"))["label_name"] == "both"
-    done = ctmc("reconstruct", case / "labels.nii", "--merge", "both=1,2", "-o", f"{tmp_path}/out/")
+    done = ctmc("reconstruct", case / "boxes.nii", "--merge", "both=1,2", "-o", f"{tmp_path}/out/")
     assert done.code == 0, done.errors
     assert [path.name for path in (tmp_path / "out").iterdir()] == ["both.stl"]
 
 
 def test_a_combination_of_other_labels_is_refused(stub, refused, case, tmp_path):
     words = ("--label", "1", "--merge", "both=1,2", "-o", tmp_path / "both.stl")
-    sentence = refused("reconstruct", case / "labels.nii", *words)
+    sentence = refused("reconstruct", case / "boxes.nii", *words)
     assert "--merge names '2', but the labels are 1; add --label 2, or leave out --label" in sentence
     assert list(tmp_path.iterdir()) == []
 
@@ -232,11 +232,11 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
 
 def test_opacity_knows_the_names_of_parts(stub, ctmc, case, tmp_path):
     words = ("--label", "1", *CUT, "--opacity", "label 1 b=0.5", "-o", tmp_path / "a.glb")
-    assert ctmc("reconstruct", case / "labels.nii", *words).code == 0
+    assert ctmc("reconstruct", case / "boxes.nii", *words).code == 0
 
 
 def test_a_bed_alone_changes_no_surface(ctmc, case, tmp_path):
-    words = ("reconstruct", case / "labels.nii", "--label", "1", "-o")
+    words = ("reconstruct", case / "boxes.nii", "--label", "1", "-o")
     assert ctmc(*words, tmp_path / "plain.stl").code == 0
     report = tmp_path / "report.json"
     done = ctmc(*words, tmp_path / "bed.stl", "--bed", "220", "220", "250", "--report", report)
@@ -246,45 +246,45 @@ def test_a_bed_alone_changes_no_surface(ctmc, case, tmp_path):
 
 
 def test_measure_has_a_row_for_each_part(stub, ctmc, misused, case, tmp_path):
-    done = ctmc("measure", case / "labels.nii", "--label", "1", "2", *CUT, "-o", tmp_path / "a.csv")
+    done = ctmc("measure", case / "boxes.nii", "--label", "1", "2", *CUT, "-o", tmp_path / "a.csv")
     assert done.code == 0, done.errors
     rows = (tmp_path / "a.csv").read_text("utf-8").splitlines()
     assert [row.partition(",")[0] for row in rows] == ["name", "label 1 a", "label 1 b", "label 2 a", "label 2 b"]
-    sentence = misused("measure", case / "labels.nii", "--label", "1", *CUT, "--ct", case / "labels.nii")
+    sentence = misused("measure", case / "boxes.nii", "--label", "1", *CUT, "--ct", case / "boxes.nii")
     assert "gray values and doses are those of labels, which a solid changes; leave out --ct" in sentence
-    sentence = misused("measure", case / "labels.nii", case / "labels.nii", "--label", "1", "--hollow", "2")
+    sentence = misused("measure", case / "boxes.nii", case / "boxes.nii", "--label", "1", "--hollow", "2")
     assert "two volumes are compared by their surfaces; leave out flags of solids" in sentence
 
 
 def test_a_deviation_map_does_not_fit_a_solid(misused, case, tmp_path):
     words = ("--label", "1", "--hollow", "2", "--deviation", "-o", tmp_path / "a.png")
-    assert "leave out --deviation, or flags of solids" in misused("figure", case / "labels.nii", *words)
+    assert "leave out --deviation, or flags of solids" in misused("figure", case / "boxes.nii", *words)
 
 
 def test_a_batch_puts_parts_in_a_folder_and_makes_them_again_for_other_flags(stub, ctmc, case, tmp_path):
     out = tmp_path / "out"
-    words = ("batch", case / "labels.nii", "-o", out, "--label", "1", "--no-thumbnails", "--quiet")
+    words = ("batch", case / "boxes.nii", "-o", out, "--label", "1", "--no-thumbnails", "--quiet")
     assert ctmc(*words, *CUT).code == 0
-    assert sorted(path.name for path in (out / "labels").iterdir()) == ["label 1 a.stl", "label 1 b.stl"]
-    first = (out / "labels.json").read_text("utf-8")
+    assert sorted(path.name for path in (out / "boxes").iterdir()) == ["label 1 a.stl", "label 1 b.stl"]
+    first = (out / "boxes.json").read_text("utf-8")
     assert json.loads(first)["solid"] == SolidRequest(cuts=(UP,)).to_dict()
     assert ctmc(*words, *CUT, "--resume").code == 0
-    assert (out / "labels.json").read_text("utf-8") == first
+    assert (out / "boxes.json").read_text("utf-8") == first
     assert ctmc(*words, *CUT, "--hollow", "2", "--resume").code == 0
-    assert json.loads((out / "labels.json").read_text("utf-8"))["solid"]["hollow"] == 2
+    assert json.loads((out / "boxes.json").read_text("utf-8"))["solid"]["hollow"] == 2
     assert ctmc(*words, "--resume").code == 0
-    assert json.loads((out / "labels.json").read_text("utf-8"))["solid"] is None
-    assert (out / "labels.stl").exists()
-    assert not (out / "labels").exists()
+    assert json.loads((out / "boxes.json").read_text("utf-8"))["solid"] is None
+    assert (out / "boxes.stl").exists()
+    assert not (out / "boxes").exists()
 
 
 def test_columns_of_a_manifest_win_over_flags(case, tmp_path):
     manifest = case / "cases.csv"
     manifest.write_text(
         "input,case,hollow,drain,merge,pegs,least-wall\n"
-        "labels.nii,one,,,,,\n"
-        'labels.nii,two,3,0 0 -4 5|auto,"both=1,2",2,1.5\n'
-        "labels.nii,three,,none,,0,\n",
+        "boxes.nii,one,,,,,\n"
+        'boxes.nii,two,3,0 0 -4 5|auto,"both=1,2",2,1.5\n'
+        "boxes.nii,three,,none,,0,\n",
         "utf-8",
     )
     common = {"hollow": 2.0, "drain": [None], "cut": [UP], "pegs": 1}
@@ -299,7 +299,7 @@ def test_columns_of_a_manifest_win_over_flags(case, tmp_path):
         least_wall=1.5,
     )
     assert three.solid == SolidRequest(hollow=2, cuts=(UP,))
-    [case_] = collect([str(case / "labels.nii")], {}, ReadingOptions(), solid={"combinations": two.solid.combinations})
+    [case_] = collect([str(case / "boxes.nii")], {}, ReadingOptions(), solid={"combinations": two.solid.combinations})
     assert [output.labels for output in case_.outputs] == [(1, 2)]
 
 
@@ -315,6 +315,6 @@ def test_columns_of_a_manifest_win_over_flags(case, tmp_path):
 )
 def test_a_cell_that_makes_no_solid_is_refused_with_its_line(refused, case, tmp_path, columns, cells, sentence):
     manifest = tmp_path / "cases.csv"
-    manifest.write_text(f"input,{columns}\n{case / 'labels.nii'},{cells}\n", "utf-8")
+    manifest.write_text(f"input,{columns}\n{case / 'boxes.nii'},{cells}\n", "utf-8")
     assert sentence in refused("batch", manifest, "-o", tmp_path / "out")
     assert not (tmp_path / "out").exists()
