@@ -13,7 +13,7 @@ from bpy.props import PointerProperty
 from bpy.types import PropertyGroup, Scene
 from bpy.utils import register_class, unregister_class
 
-from ...core import SettingsError
+from ...core import SettingsError, defaults, descriptions
 from ...core.solid import (
     LARGEST_MM,
     MOST_PEGS,
@@ -26,10 +26,11 @@ from ...core.solid import (
     moved_to,
     position_of,
 )
-from .described import as_written
+from .described import as_typed, as_written, property_of, tooltip
 from .kinds import boolean, choice, collection, decimal, decimals, integer, text
 from .structures import structure_choices
 
+ABOUT = descriptions(SolidRequest)
 LEAST_MM = 0.1  # Of what must be above 0.
 COMBININGS = (
     (Combining.MERGE, "Merge", "Make one structure of all that lies in any of them"),
@@ -37,6 +38,11 @@ COMBININGS = (
     (Combining.INTERSECT, "Intersect", "Keep what lies in all of them"),
 )
 """Ways to combine structures, with their names and explanations."""
+
+
+def _own(name: str, **options: Any) -> Any:
+    """Return a length of `SolidRequest`, which says name, text and limits."""
+    return property_of(ABOUT[name], defaults(SolidRequest)[name], unit="CAMERA", soft_max=20.0, precision=2, **options)
 
 
 def _length(name: str, description: str, default: float = 0.0, low: float = 0.0, **options: Any) -> Any:
@@ -143,16 +149,8 @@ class CTMCCombination(PropertyGroup):
 class CTMCSolid(PropertyGroup):
     """What is done to structures before the next surfaces are made."""
 
-    thicken: _length(
-        "Thicken",
-        "Move the surface outward by this distance; inward if it is negative",
-        SolidRequest.thicken,
-        -LARGEST_MM,
-        soft_min=-20.0,
-    )
-    hollow: _length(
-        "Hollow", "Leave a wall of this thickness below the surface, and empty the rest. 0 = solid", SolidRequest.hollow
-    )
+    thicken: _own("thicken", soft_min=-20.0)
+    hollow: _own("hollow")
     drains: collection("Drains", "Holes through the wall", type=CTMCDrain)
     cuts: collection("Cuts", "Planes that cut the solid into parts", type=CTMCCut)
     use_pegs: boolean("Pegs", "Join the parts by pegs that fit into holes of the part beyond the cut")
@@ -163,12 +161,10 @@ class CTMCSolid(PropertyGroup):
     )
     clearance: _length("Clearance", "Set the gap between a peg and its hole", Pegs.clearance, soft_max=1.0)
     combinations: collection("Combinations", "Structures made of others", type=CTMCCombination)
-    base: _length("Base", "Add a flat foot of this height below the lowest point. 0 = none", SolidRequest.base)
-    least_wall: _length(
-        "Least Wall", "Thicken walls that are thinner than this, and only those. 0 = none", SolidRequest.least_wall
-    )
-    use_bed: boolean("Bed", "Report parts that do not fit into the printer")
-    bed: _place("Bed Size", "Set the room of the printer along x, y and z [mm]", default=(220.0, 220.0, 250.0), min=1.0)
+    base: _own("base")
+    least_wall: _own("least_wall")
+    use_bed: boolean(f"Use {ABOUT['bed'].label}", tooltip(ABOUT["bed"]))
+    bed: property_of(ABOUT["bed"], ABOUT["bed"].start, precision=1, step=100)
 
     def to_request(self) -> SolidRequest:
         """Return the solid as core takes it, checked.
@@ -180,15 +176,14 @@ class CTMCSolid(PropertyGroup):
         """
         if not self.hollow and any(drain.auto for drain in self.drains):
             raise SettingsError("an automatic drain opens a hollow; set Hollow in the part Solid, or remove the drain")
-        lengths = {name: as_written(getattr(self, name)) for name in ("thicken", "hollow", "base", "least_wall")}
+        own = {name: as_typed(getattr(self, name), about) for name, about in ABOUT.items()}
         pegs = (as_written(getattr(self, name)) for name in ("peg_diameter", "peg_length", "clearance"))
         return SolidRequest(
-            **lengths,
+            **(own if self.use_bed else own | {"bed": None}),
             drains=tuple(drain.to_request() for drain in self.drains),
             cuts=tuple(cut.to_request() for cut in self.cuts),
             pegs=Pegs(self.peg_count, *pegs) if self.use_pegs and len(self.cuts) else None,
             combinations=tuple(combination.to_request() for combination in self.combinations),
-            bed=_numbers(self.bed) if self.use_bed else None,
         )
 
 

@@ -37,7 +37,7 @@ from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
 from .placing import MeasuredSurface, NewMesh, ObjectRequest
-from .solid import SolidParts, runs_of
+from .solid import SolidParts, runs_of, solid_of
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -82,7 +82,7 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         scene = context.scene
         loaded = volumes.require_loaded(scene)
-        solid = scene.ctmc_solid.to_request()
+        solid = solid_of(scene)
         runs = runs_of(scene, solid)
         parts = surfaces.part_targets(context) if solid and not self.new else {}
         targets = {} if self.new or solid else surfaces.targets(context, runs)

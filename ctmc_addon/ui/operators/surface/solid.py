@@ -31,7 +31,7 @@ from ...needs import Needs
 from ...properties.kinds import choice
 from ...properties.preferences import machine
 from ...properties.solid import COMBININGS
-from ...properties.structures import of_structure, structure_choices
+from ...properties.structures import LABEL, of_structure, structure_choices
 from ...state import session, surfaces, volumes
 from ...translations import translate
 from .placing import ObjectRequest
@@ -76,11 +76,12 @@ class SolidParts:
         made_of = surfaces.made_of(part.settings)
         own = next((each for each in requests if surfaces.made_of(each.settings) == made_of), requests[0])
         name = part.label_name or own.structure or translate("Part")
-        return replace(own, settings=part.settings, part=name, target=self.targets.get(name))
+        prefix = "" if part.settings.label is None else own.prefix  # That of a threshold is in the name of the part.
+        return replace(own, settings=part.settings, part=name, prefix=prefix, target=self.targets.get(name))
 
 
 def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionSettings]:
-    """Return the settings of every surface of the panel, and of the structures that combinations name.
+    """Return the settings of every surface of the panel, and of the labels that combinations of `solid_of` name.
 
     Raises
     ------
@@ -88,13 +89,33 @@ def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionS
         If settings contradict each other, no structure is ticked, or there are no structures to combine.
     """
     stored, names = scene.ctmc, {name for combination in solid.combinations for name in combination.of}
+    if solid and stored.simplifier == "decimate" and stored.to_settings().simplifies:
+        raise SettingsError("Decimate would move the cuts of a solid; choose Built-In, or remove the solid")
     if not names:
         runs: list[ReconstructionSettings] = stored.all_settings()
         return runs
     if not stored.use_label:
         raise SettingsError("a threshold has no structures to combine; choose Structures, or remove the combinations")
-    settings, named = stored.to_settings(), [item for key, item in structure_choices(stored) if key in names]
-    return [of_structure(item, settings) for item in stored.labels if item.chosen or item in named]
+    settings = stored.to_settings()
+    return [
+        of_structure(item, settings)
+        for item in stored.labels
+        if item.chosen or (item.kind == LABEL and str(item.value) in names)
+    ]
+
+
+def solid_of(scene: bpy.types.Scene) -> SolidRequest:
+    """Return the panel's solid, whose combinations name labels by their numbers: the list may call them otherwise.
+
+    Raises
+    ------
+    SettingsError
+        If two settings contradict each other.
+    """
+    solid: SolidRequest = scene.ctmc_solid.to_request()
+    numbers = {key: str(item.value) for key, item in structure_choices(scene.ctmc)}
+    numbered = [replace(each, of=tuple(numbers.get(name, name) for name in each.of)) for each in solid.combinations]
+    return replace(solid, combinations=tuple(numbered))
 
 
 def makes_solid(scene: bpy.types.Scene) -> bool:

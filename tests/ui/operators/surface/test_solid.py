@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import shlex
 from dataclasses import replace
 
 import numpy as np
@@ -15,6 +16,7 @@ from ctmc_addon.blender.surface import own_mesh, read_provenance
 from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
 from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
+from ctmc_addon.ui.operators.surface.results import command_text
 from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
 from ctmc_addon.ui.viewport.solid import outline_of
@@ -152,6 +154,21 @@ def test_settings_that_contradict_are_said_above_and_refused(solid):
         bpy.ops.ctmc.reconstruct()
 
 
+def test_blenders_decimate_is_refused(solid, loaded):
+    solid.hollow, loaded.ctmc.simplifier, loaded.ctmc.reduction = 1.0, "decimate", 0.5
+    with pytest.raises(RuntimeError, match="Decimate would move the cuts of a solid; choose Built-In"):
+        bpy.ops.ctmc.reconstruct()
+
+
+def test_the_command_has_the_solid(solid, loaded):
+    solid.hollow = 1.5
+    bpy.ops.ctmc.cut_add(direction="X")
+    words = shlex.split(command_text(loaded))
+    assert words[words.index("--hollow") + 1] == "1.5"
+    assert words[words.index("--cut") + 1 :][:6] == ["0", "0", "0", "1", "0", "0"]
+    assert words[words.index("-o") + 1] == "ball.3mf", "which holds several parts"
+
+
 def test_everything_is_drawn(solid):
     bpy.ops.ctmc.drain_add()
     bpy.ops.ctmc.drain_add(auto=True)
@@ -284,11 +301,14 @@ def test_structures_are_combined_by_name_or_number(labels):
     assert solid.to_request().combinations == (Combination(Combining.SUBTRACT, "left hip+2", ("left hip", "2")),)
     combination.title = "both"
     assert solid.to_request().combinations[0].name == "both"
-    runs = operators.runs_of(labels, solid.to_request())
+    runs = operators.runs_of(labels, operators.solid_of(labels))
     assert [run.label for run in runs] == [1, 2], "the second is not ticked, but named"
+    words = shlex.split(command_text(labels))
+    assert words[words.index("--subtract") + 1] == "both=1,2"
+    assert "--label" not in words, "those of the combination"
     labels.ctmc.use_label = False
     with pytest.raises(SettingsError, match="a threshold has no structures to combine"):
-        operators.runs_of(labels, solid.to_request())
+        operators.runs_of(labels, operators.solid_of(labels))
 
 
 def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
@@ -346,3 +366,17 @@ def own_center(scene):
     from ctmc_addon.ui.state import volumes
 
     return volume_box(volumes.current_full(scene)).mean(axis=0)
+
+
+def test_core_makes_the_parts_of_a_hollow_ball(loaded):
+    """The wall is the space between balls of 6 and of 4 mm; each half has half of it."""
+    cursor_at(*own_center(loaded))
+    bpy.ops.ctmc.cut_add(direction="Z")
+    loaded.ctmc_solid.hollow = 2.0
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    halves = meshes_in(loaded)
+    assert [obj.name for obj in halves] == ["ball a", "ball b"]
+    volumes_mm3 = [own_mesh(obj).measures.volume for obj in halves]
+    assert volumes_mm3 == pytest.approx([2 * np.pi / 3 * (6.0**3 - 4.0**3)] * 2, rel=0.05)
+    heights = [own_mesh(obj).vertices[:, 2] for obj in halves]
+    assert heights[0].min() == pytest.approx(heights[1].max(), abs=1e-3)
