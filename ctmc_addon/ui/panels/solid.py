@@ -12,6 +12,8 @@ from ..operators.surface.solid import place_text, solid_text
 from ..translations import translate
 from .layout import block, draw_name, draw_pair, draw_text
 
+BUTTON = 24.0  # Width of the button beside a text, pixels.
+
 
 def draw_solid(room: Any, context: bpy.types.Context) -> None:
     """Draw lengths, drains, cuts with their pegs, combinations, and the printer's limits."""
@@ -27,7 +29,7 @@ def draw_solid(room: Any, context: bpy.types.Context) -> None:
     row.prop(solid, "use_bed", text="")
     sides = row.row(align=True)
     sides.active = solid.use_bed
-    sides.prop(solid, "bed", text="")
+    _draw_three(sides, solid, "bed")
 
 
 def _draw_drains(layout: Any, context: bpy.types.Context, solid: Any) -> None:
@@ -58,7 +60,7 @@ def _draw_cuts(layout: Any, solid: Any) -> None:
         row.prop(cut, "position", text="")
         row.operator("ctmc.cut_flip", text="", icon="ARROW_LEFTRIGHT").index = index
         _draw_remove(row, "cuts", index)
-        draw_name(column, translate("Normal"), 0.3).prop(cut, "normal", text="")
+        _draw_three(draw_name(column, translate("Normal"), 0.3), cut, "normal")
     if not len(solid.cuts):
         return
     row = layout.row()
@@ -88,6 +90,12 @@ def _draw_combinations(layout: Any, solid: Any) -> None:
             operands.prop(operand, "structure", text="", placeholder=translate("Structure"))
 
 
+def _draw_three(row: Any, owner: Any, name: str) -> None:
+    """Draw the three numbers of a property side by side."""
+    for axis in range(3):
+        row.prop(owner, name, index=axis, text="")
+
+
 def _draw_remove(row: Any, kind: str, index: int) -> None:
     remove = row.operator("ctmc.solid_remove", text="", icon="X")
     remove.kind, remove.index = kind, index
@@ -101,5 +109,5 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
         text = translate("Makes a solid")
     if text:
         row = layout.row(align=True)
-        draw_text(row, context, text, "MOD_SOLIDIFY")
+        draw_text(row, context, text, "MOD_SOLIDIFY", beside=BUTTON)
         row.operator("ctmc.solid_reset", text="", icon="X", emboss=False)
