@@ -25,9 +25,10 @@ def draw_solid(room: Any, context: bpy.types.Context) -> None:
     _draw_combinations(layout, solid)
     for name in ("base", "least_wall"):
         layout.prop(solid, name)
-    row = draw_name(layout, translate("Bed [mm]"))
-    row.prop(solid, "use_bed", text="")
-    sides = row.row(align=True)
+    column = layout.column(align=True)
+    column.use_property_split = False
+    column.prop(solid, "use_bed", text=translate("Bed [mm]"), translate=False)
+    sides = column.row(align=True)
     sides.active = solid.use_bed
     _draw_three(sides, solid, "bed")
 

@@ -166,6 +166,17 @@ class CTMCSolid(PropertyGroup):
     use_bed: boolean(f"Use {ABOUT['bed'].label}", tooltip(ABOUT["bed"]))
     bed: property_of(ABOUT["bed"], ABOUT["bed"].start, precision=1, step=100)
 
+    def pegs_request(self) -> Pegs | None:
+        """Return the pegs as core takes them; None without any, or without a cut.
+
+        Raises
+        ------
+        SettingsError
+            If a peg is shorter than its round end.
+        """
+        sizes = (as_written(getattr(self, name)) for name in ("peg_diameter", "peg_length", "clearance"))
+        return Pegs(self.peg_count, *sizes) if self.use_pegs and len(self.cuts) else None
+
     def to_request(self) -> SolidRequest:
         """Return the solid as core takes it, checked.
 
@@ -177,12 +188,11 @@ class CTMCSolid(PropertyGroup):
         if not self.hollow and any(drain.auto for drain in self.drains):
             raise SettingsError("an automatic drain opens a hollow; set Hollow in the part Solid, or remove the drain")
         own = {name: as_typed(getattr(self, name), about) for name, about in ABOUT.items()}
-        pegs = (as_written(getattr(self, name)) for name in ("peg_diameter", "peg_length", "clearance"))
         return SolidRequest(
             **(own if self.use_bed else own | {"bed": None}),
             drains=tuple(drain.to_request() for drain in self.drains),
             cuts=tuple(cut.to_request() for cut in self.cuts),
-            pegs=Pegs(self.peg_count, *pegs) if self.use_pegs and len(self.cuts) else None,
+            pegs=self.pegs_request(),
             combinations=tuple(combination.to_request() for combination in self.combinations),
         )
 

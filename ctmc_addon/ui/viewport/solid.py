@@ -43,26 +43,27 @@ class SolidOutline:
 
 
 def outline_of(scene: bpy.types.Scene) -> SolidOutline | None:
-    """Return the outline of the panel's solid; None without one, or while its settings contradict each other."""
+    """Return the outline of the panel's solid; None without one. Lines that make no sense yet are left out."""
     stored = scene.ctmc_solid
     if not len(stored.cuts) and not len(stored.drains):
-        return None
-    try:
-        solid = stored.to_request()
-    except SettingsError:
         return None
     box = solids.box_of(scene)
     if box is None:
         return None
-    planes = [rectangle_of(cut, box) for cut in solid.cuts]
-    pegs = []
-    if solid.pegs is not None:
-        pegs = [bar for cut, plane in zip(solid.cuts, planes, strict=True) for bar in peg_bars(cut, solid.pegs, plane)]
-    vertices = solids.vertices_of(scene) if solid.drains else None
+    cuts = [cut.to_request() for cut in stored.cuts if any(cut.normal)]
+    planes = [rectangle_of(cut, box) for cut in cuts]
+    try:
+        pegs = stored.pegs_request()
+    except SettingsError:
+        pegs = None
+    pairs = zip(cuts, planes, strict=True)
+    standing = [] if pegs is None else [bar for cut, plane in pairs for bar in peg_bars(cut, pegs, plane)]
+    drains = [drain.to_request() for drain in stored.drains]
+    vertices = solids.vertices_of(scene) if drains else None
     if vertices is None:
-        places = [(drain.point, drain.diameter / 2) for drain in solid.drains if drain.point is not None]
-        return SolidOutline(planes, pegs, [], places)
-    return SolidOutline(planes, pegs, [bar for drain in solid.drains for bar in drain_bars(drain, vertices)], [])
+        places = [(drain.point, drain.diameter / 2) for drain in drains if drain.point is not None]
+        return SolidOutline(planes, standing, [], places)
+    return SolidOutline(planes, standing, [bar for drain in drains for bar in drain_bars(drain, vertices)], [])
 
 
 def draw(context: bpy.types.Context, size: tuple[float, float]) -> None:

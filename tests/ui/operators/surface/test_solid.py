@@ -360,6 +360,17 @@ def test_pegs_and_drains_have_outlines_and_drains_find_the_wall_once_there_is_on
     assert highest.end[2] - lowest.end[2] == pytest.approx(12.0 + 4.0, abs=0.4)
 
 
+def test_the_outline_leaves_out_what_makes_no_sense_yet(labels):
+    solid = labels.ctmc_solid
+    for direction in "XZ":
+        bpy.ops.ctmc.cut_add(direction=direction)
+    bpy.ops.ctmc.combination_add()  # of no structure
+    solid.cuts[0].normal = (0, 0, 0)
+    solid.use_pegs, solid.peg_length, solid.peg_diameter = True, 1.0, 5.0
+    outline = outline_of(labels)
+    assert (len(outline.planes), outline.pegs) == (1, [])
+
+
 def own_center(scene):
     """The middle of the CT, which is the ball's, mm."""
     from ctmc_addon.core.volume import volume_box
