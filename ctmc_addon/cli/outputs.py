@@ -54,8 +54,8 @@ class Outputs:
         Of the files in the folder, such as ".stl".
     opacity : tuple of (label number, name or 'all', float)
         Chosen for structures.
-    maps : bool
-        Whether the surfaces have maps, for which all are held until they are written.
+    holds_all : bool
+        Whether all surfaces are held until they are written, as those with maps and the parts of solids are.
     shown_map : str
         Name of the map whose colors are shown; empty for the first.
     map_table : Path or None
@@ -69,7 +69,7 @@ class Outputs:
     folder: Path | None = None
     suffix: str = ""
     opacity: tuple[tuple[int | str, float], ...] = ()
-    maps: bool = False
+    holds_all: bool = False
     shown_map: str = ""
     map_table: Path | None = None
 
@@ -109,7 +109,7 @@ class Outputs:
         """Give a writer of each surface as it is made; None where all are held until they are written."""
         path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
         held = (
-            self.maps
+            self.holds_all
             or bool(self.blender_needed_for(simplifier))
             or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
         )

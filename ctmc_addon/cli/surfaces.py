@@ -22,8 +22,11 @@ from ..core import (
     make_surfaces_steps,
     structure_names,
 )
+from ..core.maps import MapRequest
+from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
 from .map_flags import AskedMaps
+from .solid_flags import NOTHING, require_structures
 from .surface_writer import SurfaceWriter
 
 
@@ -77,9 +80,9 @@ class Surfaces:
     @property
     def titles(self) -> tuple[str, ...]:
         """Return a title for each surface, even for a single one: the name of its label if it has one."""
-        return self.names or (
-            structure_names(self.results) if self.results[0].settings.label is not None else (self.name,)
-        )
+        first = self.results[0]
+        has_name = first.settings.label is not None or first.label_name
+        return self.names or (structure_names(self.results) if has_name else (self.name,))
 
     @property
     def notes(self) -> list[str]:
@@ -123,6 +126,7 @@ def surfaces_steps(
     written_bytes: int = 0,
     require_room_for: Callable[[int], None] = lambda _: None,
     maps: AskedMaps | None = None,
+    solid: SolidRequest = NOTHING,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
@@ -136,11 +140,13 @@ def surfaces_steps(
         Told how many labels there are before they are made; raises where they cannot be written.
     maps : AskedMaps, optional
         Maps to make on every surface; there is no writer then.
+    solid : SolidRequest
+        Shapes every surface, whose parts are returned; there is no writer then.
 
     Raises
     ------
     CtmcError
-        As `reconstruct_labels_steps`.
+        As `reconstruct_labels_steps` and `solid_parts_steps`.
     """
     stages = Stages({"Finding the labels": 1, "Reconstructing": 30})
     finding, making = stages.shares
@@ -149,16 +155,21 @@ def surfaces_steps(
     if choices:
         box = region_box(volume, settings)
         labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
-        require_room_for(len(labels))
+        if not solid.combinations:
+            require_room_for(len(labels))
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
+    if solid:
+        chosen = [replace(settings, label=label) for label in labels] if choices else [settings]
+        requests = [SurfaceRequest(each, written_bytes=written_bytes) for each in chosen]
+        return (yield from stages.run(making, _solid_steps(volume, requests, solid, budget, mapping, several)))
     if not several:
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
         working = make_surfaces_steps(volume, [request], budget, all_needed=True, maps=mapping)
         [surface] = yield from stages.run(making, working)
         assert isinstance(surface, MadeSurface), "an error is raised"
-        return surface_of(volume, surface, writer)
+        return for_bed(surface_of(volume, surface, writer), solid)
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -166,9 +177,33 @@ def surfaces_steps(
     labelling = reconstruct_labels_steps(volume, settings, requested, budget, sink_of, mapping)
     finished = yield from stages.run(making, labelling)
     files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
-    return Surfaces(
-        volume.name, tuple(finished.surfaces), structure_names(finished.surfaces), tuple(finished.left_out), files=files
-    )
+    names, left_out = structure_names(finished.surfaces), tuple(finished.left_out)
+    return for_bed(Surfaces(volume.name, tuple(finished.surfaces), names, left_out, files=files), solid)
+
+
+def for_bed(surfaces: Surfaces, solid: SolidRequest) -> Surfaces:
+    """Return surfaces with the request for a solid that changes none of them: the space of a printer alone."""
+    if solid == NOTHING:
+        return surfaces
+    return replace(surfaces, results=tuple(replace(result, solid=solid) for result in surfaces.results))
+
+
+def _solid_steps(
+    volume: Volume,
+    requests: Sequence[SurfaceRequest],
+    solid: SolidRequest,
+    budget: Budget,
+    maps: MapRequest | None,
+    several: bool,
+) -> Steps[Surfaces]:
+    """Make the parts of a solid; `several` labels have names of their own, even if one part comes of them."""
+    from ..core.solid import solid_parts_steps
+
+    labels = [request.settings.label for request in requests if request.settings.label is not None]
+    require_structures(solid, labels, volume.label_names)
+    parts = yield from solid_parts_steps(volume, requests, solid, budget, maps=maps)
+    are_named = len(parts) > 1 or (several and not solid.combinations)
+    return Surfaces(volume.name, tuple(parts), structure_names(parts) if are_named else ())
 
 
 def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:

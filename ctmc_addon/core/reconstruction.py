@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
+    from .solid.request import SolidRequest
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 
@@ -87,6 +88,8 @@ class Reconstruction:
         Choice of alpha from the surface; None if alpha was given.
     maps : tuple of SurfaceMap
         Values on the vertices of the mesh.
+    solid : SolidRequest or None
+        Request that the surface is a part of; None for a surface as it was extracted.
     """
 
     mesh: TriangleMesh
@@ -113,6 +116,7 @@ class Reconstruction:
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
+    solid: SolidRequest | None = None
 
     @property
     def measures(self) -> Measures:
@@ -151,5 +155,6 @@ class Reconstruction:
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
             "maps": [each.about() for each in self.maps],
+            "solid": None if self.solid is None else self.solid.to_dict(),
             "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }

@@ -149,7 +149,8 @@ def _plain(name: str) -> str:
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
     """Return names of results: by their labels, with numbers if several have one name, or by the volume.
 
-    Names are those of the volume on one line, and 'label 3' for a label without one.
+    Names are those of the volume on one line, and 'label 3' for a label without one. Parts of a solid have names of
+    their own, a threshold's too.
     """
     names = [printable(result.label_name) for result in results]
     count = Counter(file_key(name) for name in names)
@@ -157,7 +158,7 @@ def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
     for name, result in zip(names, results, strict=True):
         label = result.settings.label
         shared = f" {label}" if count[file_key(name)] > 1 else ""
-        out.append(printable(result.name) if label is None else f"{name}{shared}" if name else f"label {label}")
+        out.append(name or printable(result.name) if label is None else f"{name}{shared}" if name else f"label {label}")
     return tuple(out)
 
 

@@ -44,12 +44,12 @@ from ..arguments import (
     asks_all_times,
     command_of,
     reading_of,
-    settings_and_labels,
     with_flags,
 )
 from ..blender_host import require_blender
 from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs, surface_output, written_steps
+from ..solid_flags import NOTHING, add_solid, may_have_parts, require_room_for_parts, settings_labels_and_solid
 from ..surfaces import Surfaces, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
@@ -89,6 +89,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument(
         "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
     )
+    add_solid(parser)
     add_maps(parser)
     add_work(group)
     group.add_argument(
@@ -101,12 +102,15 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
-    settings, choices = settings_and_labels(args)
+    settings, choices, solid = settings_labels_and_solid(args)
     maps = asked_maps(args)
     if maps and settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("maps are made on surfaces of the built-in simplifier; leave out --simplifier decimate")
     if maps and (asks_all_times(args) or args.scheduler):
         raise UsageError("maps are made here and of one time; leave out --scheduler, and give a single --time")
+    if solid != NOTHING and (asks_all_times(args) or args.scheduler):
+        raise UsageError("solids are made here and of one time; leave out --scheduler, and give a single --time")
+    require_room_for_parts(solid, args.output)
     if asks_all_times(args):
         suffix = Path(args.output).suffix.lower()
         require_one_each(choices, suffix if suffix in mesh_files.SURFACE_SUFFIXES else "", args.figure, args.scheduler)
@@ -115,14 +119,14 @@ def run(args: argparse.Namespace) -> None:
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
         opacity=tuple(args.opacity),
-        maps=bool(maps),
+        holds_all=bool(maps) or solid != NOTHING,
         shown_map=maps.shown,
         map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
         **surface_output(
             args.output,
             f".{args.format}",
-            may_be_several(choices) or asks_all_times(args),
-            is_counted=len(choices) > 1 or asks_all_times(args),
+            may_be_several(choices) or may_have_parts(solid) or asks_all_times(args),
+            is_counted=(len(choices) > 1 and not solid.combinations) or asks_all_times(args),
         ),
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
@@ -144,13 +148,18 @@ def run(args: argparse.Namespace) -> None:
     ):
         reading = fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler))
         volume = progress.finish(stages.run("Reading", reading))
-        require_opacities(args.opacity, volume.label_names.items())
+        if not solid:
+            require_opacities(args.opacity, volume.label_names.items())
         budget = Budget(args.threads, workers=workers)
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         room = outputs.require_room_for
-        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room, maps)
+        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room, maps, solid)
         making = measured_steps(making, outputs)
         surfaces = progress.finish(stages.run("Reconstructing", making))
+        if solid:  # whose parts have names of their own
+            require_opacities(
+                args.opacity, ((result.settings.label or 0, result.label_name) for result in surfaces.results)
+            )
         stage = Stage("Reading", stages.seconds["Reading"])
         results = tuple(replace(result, stages=(stage, *result.stages)) for result in surfaces.results)
         writing = written_steps(replace(surfaces, results=results), outputs)
@@ -331,7 +340,7 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
-    settings = f"settings: {command_of(_given_of(result)) or 'the defaults'}"
+    settings = f"settings: {command_of(_given_of(result), result.solid) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
@@ -356,7 +365,8 @@ def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path
     measures = _measures_in(Place.SURFACES, surfaces.results)
     head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]
-    numbers = surfaces.times or [result.settings.label for result in surfaces.results]
+    labels = ["" if result.settings.label is None else result.settings.label for result in surfaces.results]
+    numbers = surfaces.times or labels
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         facts = [each.text(each.value(result.finished)) for each in measures]
         choice = result.alpha_choice
@@ -365,7 +375,7 @@ def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path
         rows.append((str(number), name, *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{sum(seconds.values()):.3f}")])
-    settings = command_of(shared if surfaces.times else replace(shared, label=None))
+    settings = command_of(shared if surfaces.times else replace(shared, label=None), surfaces.results[0].solid)
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
     opened = sum(not result.measures.closed for result in surfaces.results)

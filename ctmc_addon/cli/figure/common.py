@@ -23,6 +23,7 @@ from ...core import (
 )
 from ...core.files.atomic_write import own_folder
 from ...core.files.input_files import plan_output
+from ...core.solid import SolidRequest
 from ...core.volume import ALL, ValueKind
 from ...reporting.captions import figure_caption
 from ..arguments import (
@@ -147,6 +148,12 @@ def maps_of(args: argparse.Namespace, settings: ReconstructionSettings) -> Asked
     if maps and values_of(args, DistanceMapSettings).get("deviation") and args.kind == "figure":
         raise UsageError("a figure shows one map; leave out --deviation, or the other maps")
     return maps
+
+
+def require_no_solid(solid: SolidRequest) -> None:
+    """Raise `UsageError` for a solid, whose distance to the surface of the volume is not that of simplification."""
+    if solid:
+        raise UsageError("a deviation map shows the surface of the volume; leave out --deviation, or flags of solids")
 
 
 def in_colors(style: FigureStyle, results: Sequence[Reconstruction], maps: AskedMaps) -> FigureStyle:
