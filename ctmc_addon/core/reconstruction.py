@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
+    from .solid.print_facts import PrintFacts
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 
@@ -87,6 +88,8 @@ class Reconstruction:
         Choice of alpha from the surface; None if alpha was given.
     maps : tuple of SurfaceMap
         Values on the vertices of the mesh.
+    printing : PrintFacts or None
+        Facts for a print lab, of a part for print.
     """
 
     mesh: TriangleMesh
@@ -113,6 +116,7 @@ class Reconstruction:
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
+    printing: PrintFacts | None = None
 
     @property
     def measures(self) -> Measures:
@@ -129,6 +133,7 @@ class Reconstruction:
             collapsed_components={"count": self.collapsed_components, "mm3": self.collapsed_mm3},
             self_intersections=self.self_intersections,
             maps={each.name: each for each in self.maps},
+            printing=self.printing,
         )
 
     def report(self) -> dict[str, Any]:
@@ -151,5 +156,6 @@ class Reconstruction:
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
             "maps": [each.about() for each in self.maps],
+            "print": None if self.printing is None else self.printing.report(),
             "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }

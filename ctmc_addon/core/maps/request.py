@@ -17,7 +17,7 @@ from .surface_map import Limits
 TAKEN = {
     *(each.name for each in MEASURES),
     *("name", "version", "label", "label_name", "alpha", "alpha_choice", "threshold", "voxels_visited", "smoothing"),
-    *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "notes", "time"),
+    *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "print", "notes", "time"),
     *("case", "status", "error", "reading", "format", "space", "run", "seconds", "memory_bytes", "files", "file_bytes"),
 }
 """Names that reports and the records of a batch have already."""

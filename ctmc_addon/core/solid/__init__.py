@@ -8,6 +8,11 @@ from ..later import lazy_names
 if TYPE_CHECKING:
     from .lattice import Lattice as Lattice
     from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
+    from .print_facts import (
+        PrintFacts as PrintFacts,
+        cuts_to_fit as cuts_to_fit,
+        print_facts_steps as print_facts_steps,
+    )
     from .request import (
         Combination as Combination,
         Combining as Combining,
@@ -17,5 +22,6 @@ if TYPE_CHECKING:
         SolidRequest as SolidRequest,
     )
     from .shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
+    from .walls import Walls as Walls, walls_steps as walls_steps
 
 __getattr__ = lazy_names(__name__)
