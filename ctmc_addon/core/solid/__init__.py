@@ -13,6 +13,7 @@ if TYPE_CHECKING:
         cuts_to_fit as cuts_to_fit,
         print_facts_steps as print_facts_steps,
     )
+    from .printed import PRINTING as PRINTING, printed_steps as printed_steps
     from .request import (
         Combination as Combination,
         Combining as Combining,

@@ -123,8 +123,8 @@ def print_facts_steps(
     """
     overhanging, measuring = STAGES
     stages = Stages(STAGES)
-    walls = yield from stages.run(measuring, walls_steps(mesh, budget or Budget(), spacing))
     measures = mesh.measures
+    walls = yield from stages.run(measuring, walls_steps(mesh, budget or Budget(), _sampling(solid, spacing)))
     largest, share = yield from stages.run(overhanging, _overhang_steps(mesh, measures.area))
     least = solid.least_wall or None
     cuts = cuts_to_fit(mesh.vertices.min(axis=0).tolist(), mesh.vertices.max(axis=0).tolist(), solid)
@@ -135,7 +135,7 @@ def print_facts_steps(
         material_ml=None if volume is None else volume / MM3_PER_ML,
         area_cm2=measures.area / MM2_PER_CM2,
         thinnest_wall_mm=walls.thinnest,
-        below_least_wall=None if least is None else walls.area_below(least) / (measures.area or 1.0),
+        below_least_wall=None if least is None else walls.share_below(least),
         pieces=measures.bodies,
         closed_cavities=measures.cavities,
         largest_overhang_deg=largest,
@@ -145,6 +145,13 @@ def print_facts_steps(
         fits_bed=None if solid.bed is None else not cuts,
         cuts=cuts,
     )
+
+
+def _sampling(solid: SolidRequest, spacing: float | None) -> float | None:
+    """Return how far samples of walls are apart: as far as the walls that the request names are thick, at most."""
+    if spacing is None:
+        return None
+    return min([spacing, *(wall for wall in (solid.hollow, solid.least_wall) if wall)])
 
 
 def _overhang_steps(mesh: TriangleMesh, area: float) -> Steps[tuple[float, float]]:

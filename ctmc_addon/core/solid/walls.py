@@ -6,8 +6,8 @@ Toward a sharp edge it falls to 0, which no print lab calls a wall. A place belo
 a surface that faces it: the two sides are parallel to within 30 degrees (`FACING`). So edges of 30 degrees and more do
 not count, and a blade that is sharper does.
 
-A wall has an area. The thinnest one is the least thickness at which walls that are not thicker have the area of both
-sides of a square as wide as they are thick, so that a single sample decides nothing.
+A wall has an area, so a single sample decides nothing: the thinnest wall is the least thickness at which the walls that
+are not thicker cover the two sides of a square millimeter, or a thousandth of the surface where that is less.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps
 
 FACING = -math.sqrt(0.75)  # The cosine of 150 degrees between the normals of both sides.
-SAMPLES = 50_000  # Without a spacing, triangles are sampled so that a surface has at least about so many samples.
+LEAST_MM2, LEAST_SHARE = 2.0, 0.001  # The area of the thinnest wall, both sides; the lesser of both counts.
+SAMPLES = 50_000  # Without a spacing, a surface has at least about so many samples.
+MOST_SAMPLES = 300_000  # However thin the walls are that are looked for, about so many are added to the vertices.
 BETWEEN = 2.0  # Triangles with an edge of more than this many spacings have samples of their own.
 SAME = 0.02  # A wall is below a limit if it is thinner by more than this share, twice the error of a ball.
 BOX_MARGIN = 0.1  # for normals that are not quite right
@@ -43,25 +45,27 @@ class Walls:
         Millimeters, rising.
     areas : (n,) float64
         Area of each sample, mm2.
+    area : float
+        Area of the whole surface, mm2.
     thickest : float or None
         The largest ball inside, mm; None where nothing limits any, as in an open surface.
     """
 
     thickness: Doubles
     areas: Doubles
+    area: float
     thickest: float | None
 
     @property
     def thinnest(self) -> float | None:
         """The thinnest wall, mm; that of the largest ball where no two sides face each other, as in a cube."""
-        covered = np.cumsum(self.areas)
-        enough = np.flatnonzero(covered >= 2 * self.thickness * self.thickness)
-        return float(self.thickness[enough[0]]) if len(enough) else self.thickest
+        enough = int(np.searchsorted(np.cumsum(self.areas), min(LEAST_MM2, LEAST_SHARE * self.area)))
+        return float(self.thickness[enough]) if enough < len(self.thickness) else self.thickest
 
-    def area_below(self, limit: float) -> float:
-        """Return the area of walls thinner than a limit by more than `SAME`, mm2."""
+    def share_below(self, limit: float) -> float:
+        """Return the share of the area with walls thinner than a limit by more than `SAME`, 0 to 1."""
         count = int(np.searchsorted(self.thickness, limit * (1 - SAME)))
-        return float(np.cumsum(self.areas[:count])[-1]) if count else 0.0
+        return float(np.cumsum(self.areas[:count])[-1]) / self.area if count else 0.0
 
 
 def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None) -> Steps[Walls]:
@@ -73,7 +77,8 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
         RAS+ mm, its triangles outward.
     budget : Budget
     spacing : float, optional
-        Spacing of what it was made from, mm: about how fine its samples are; by default by its area.
+        How far samples within its triangles are apart, mm, such as the spacing of what it was made from; at most about
+        as far as the walls are thin. By default by its area.
 
     Raises
     ------
@@ -84,7 +89,8 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
         raise MeshError("a part without triangles has no walls; lower the threshold, or cut somewhere else")
     sampling, measuring = STAGES
     stages = Stages(STAGES)
-    longest = BETWEEN * (math.sqrt(mesh.area / SAMPLES) if spacing is None else spacing)
+    wide, fine = (math.sqrt(mesh.area / count) for count in (SAMPLES, MOST_SAMPLES))
+    longest = BETWEEN * (wide if spacing is None else max(spacing, fine))
     sampled = surface_samples_steps(mesh, longest or 1.0, side=-1)
     tree, gap, areas = yield from stages.run(sampling, sampled)
     limit = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).min())
@@ -98,4 +104,4 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
     wall = np.flatnonzero(balls.facing(places) <= FACING)
     order = wall[np.argsort(thickness[wall], kind="stable")]
     thickest = float(thickness.max()) if len(thickness) else None
-    return Walls(thickness[order], areas[tree.order[places[order]]], thickest)
+    return Walls(thickness[order], areas[tree.order[places[order]]], mesh.area, thickest)
