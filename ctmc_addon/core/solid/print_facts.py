@@ -183,8 +183,8 @@ def _degrees_of_sine(sine: float) -> float:
 
     Examples
     --------
-    >>> _degrees_of_sine(0.5), _degrees_of_sine(1.0)
-    (30.000000000000004, 90.0)
+    >>> round(_degrees_of_sine(0.5), 12), _degrees_of_sine(1.0)
+    (30.0, 90.0)
     """
     cosine = math.sqrt(max(0.0, 1.0 - sine * sine))
     return math.degrees(float(arctangents(np.array([sine / cosine]))[0])) if cosine else 90.0
