@@ -96,7 +96,7 @@ class PrintFacts:
                 remedy = f"it takes {len(self.cuts)} cuts, and {MOST_CUTS} are possible; give a larger bed"
             notes.append(f"The part does not fit the bed of {bed} mm; {remedy}")
         if self.closed_cavities:
-            what = "a cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"
+            what = "1 cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"
             notes.append(f"The part encloses {what} without a drain; --drain X Y Z MM opens one")
         return tuple(notes)
 

@@ -55,7 +55,9 @@ def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> st
     value = about.value(surface)
     if about.unit == "mm3" and surface.measures is not None and not surface.measures.closed:
         return translate("- (open)")
-    if isinstance(value, int) and not isinstance(value, bool):
+    if isinstance(value, bool):
+        return translate(about.text(value))
+    if isinstance(value, int):
         return count(value)
     shown = {HU: unit, GY: GY}.get(about.unit, "")
     return f"{about.text(value)} {shown}".rstrip()

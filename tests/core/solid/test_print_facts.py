@@ -107,7 +107,7 @@ def test_a_hollow_ball_has_a_cavity_without_a_drain_and_its_wall():
     assert facts.thinnest_wall_mm == pytest.approx(2.0, rel=0.005)
     assert facts.below_least_wall == pytest.approx(1.0, abs=0.01)
     assert (facts.pieces, facts.closed_cavities) == (1, 1)
-    assert facts.notes == ("The part encloses a cavity without a drain; --drain X Y Z MM opens one",)
+    assert facts.notes == ("The part encloses 1 cavity without a drain; --drain X Y Z MM opens one",)
 
 
 def test_a_hole_opens_the_cavity_and_its_sharp_edges_are_no_thin_walls():
