@@ -86,9 +86,15 @@ class Surfaces:
 
     @property
     def notes(self) -> list[str]:
-        """Return the notes of all surfaces, and those on what was left out."""
+        """Return the notes of all surfaces, those on prints of single ones, and those on what was left out."""
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
-        return [*shared, *self.left_out]
+        of_parts = [
+            f"{name}: {note}"
+            for name, result in zip(self.titles, self.results, strict=True)
+            for note in (() if result.printing is None else result.printing.notes)
+            if note not in shared
+        ]
+        return [*shared, *of_parts, *self.left_out]
 
     def report(self) -> dict[str, Any]:
         """Return plain data for JSON: the report of one surface, or a list of reports with names."""

@@ -71,6 +71,7 @@ from .measures import (
     GY as GY,
     HU as HU,
     MEASURES as MEASURES,
+    PRINT_MEASURES as PRINT_MEASURES,
     UNKNOWN as UNKNOWN,
     FinishedSurface as FinishedSurface,
     Measure as Measure,
@@ -81,6 +82,7 @@ from .measures import (
     maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
+    printed_of as printed_of,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.distance.surface_distance import SurfaceDistance
     from .mesh.measures import Measures
+    from .solid.print_facts import PrintFacts
     from .volume.statistics.inside import InsideValues
     from .volume.statistics.sampled_inside import SampledValues
 
@@ -37,6 +38,8 @@ class FinishedSurface:
         The gray values inside, or the dose or uptake.
     maps : mapping of str to SurfaceMap
         Maps on its vertices by name; each is a measure of its own (`map_measure`).
+    printing : PrintFacts
+        Of a part for print.
     """
 
     measures: Measures | None = None
@@ -48,3 +51,4 @@ class FinishedSurface:
     largest_diameter_mm: float | None = None
     inside: InsideValues | SampledValues | None = None
     maps: Mapping[str, SurfaceMap] = field(default_factory=dict)
+    printing: PrintFacts | None = None

@@ -8,14 +8,14 @@ one entry here and appears in all of them. Files keep mm, mm2 and mm3; a person 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, asdict, dataclass, field, is_dataclass
 from enum import Flag, auto
 from functools import partial
 from typing import Any
 
 from .finished_surface import FinishedSurface as FinishedSurface
-from .units import UNITS, length_text, number_text, one_way_text, sizes_text, volume_text
+from .units import UNITS, length_text, number_text, one_way_text, percent_text, sizes_text, volume_text
 from .volume.value_kind import ValueKind
 
 HU, GY = "HU", "Gy"
@@ -275,6 +275,26 @@ MEASURES = (
 )
 """All measures, in the order of reports; new ones come last, because scripts read tables."""
 
+_PRINT = _TERMINAL | Place.TABLE | Place.PANEL | _BATCH
+
+PRINT_MEASURES = (
+    Measure(
+        "thinnest_wall_mm", "Thinnest Wall", "mm", of="printing.thinnest_wall_mm", where=_PRINT, shown=_DISTANCE_TEXT
+    ),
+    Measure("below_least_wall", "Below Least Wall", of="printing.below_least_wall", where=_PRINT, shown=percent_text),
+    Measure(
+        "largest_overhang_deg",
+        "Largest Overhang",
+        "deg",
+        of="printing.largest_overhang_deg",
+        where=_PRINT,
+        shown="{:.3g}°".format,
+    ),
+    Measure("overhang_share", "Overhang above 45°", of="printing.overhang_share", where=_PRINT, shown=percent_text),
+    Measure("fits_bed", "Fits the Bed", of="printing.fits_bed", where=_PRINT, summed="all"),
+)
+"""Measures of a part for print, by names of its facts; reports have all facts as `print`, so Place.REPORT has none."""
+
 GRAY_VALUES = tuple(each for each in MEASURES if each.unit == HU)
 
 
@@ -362,11 +382,15 @@ def dose_measure(dose: float) -> Measure:
 
 
 def measures_in(
-    place: Place, maps: Iterable[tuple[str, str]] = (), kind: ValueKind | str | None = None, doses: Iterable[float] = ()
+    place: Place,
+    maps: Iterable[tuple[str, str]] = (),
+    kind: ValueKind | str | None = None,
+    doses: Iterable[float] = (),
+    printed: Collection[str] = (),
 ) -> tuple[Measure, ...]:
     """Return the measures that a place shows, in their order.
 
-    Those of doses (Gy), and then those of maps, given by name and unit, come last.
+    Those of parts for print, of doses (Gy), and then those of maps, given by name and unit, come last.
 
     Parameters
     ----------
@@ -376,8 +400,11 @@ def measures_in(
         Kind of the values inside, for the measures that only a dose or a PET has.
     doses : iterable of float
         Gy, for the share of the volume that gets at least so much.
+    printed : collection of str
+        Names of those of `PRINT_MEASURES` that are known.
     """
-    every = (*MEASURES, *map(dose_measure, doses), *(map_measure(*about) for about in maps))
+    of_print = (each for each in PRINT_MEASURES if each.name in printed)
+    every = (*MEASURES, *of_print, *map(dose_measure, doses), *(map_measure(*about) for about in maps))
     return tuple(each for each in every if each.where & place and each.kind in (None, kind))
 
 
@@ -390,6 +417,12 @@ def doses_of(surfaces: Iterable[FinishedSurface]) -> tuple[float, ...]:
 def maps_of(surfaces: Iterable[FinishedSurface]) -> dict[str, str]:
     """Return the units of all maps of surfaces, by name."""
     return {name: each.unit for surface in surfaces for name, each in surface.maps.items()}
+
+
+def printed_of(surfaces: Iterable[FinishedSurface]) -> frozenset[str]:
+    """Return the names of those of `PRINT_MEASURES` that are known of any surface."""
+    parts = [surface for surface in surfaces if surface.printing is not None]
+    return frozenset(each.name for each in PRINT_MEASURES if any(each.value(part) is not None for part in parts))
 
 
 def measure(name: str) -> Measure:

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
     from .solid.request import SolidRequest
+    from .solid.print_facts import PrintFacts
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 
@@ -90,6 +91,8 @@ class Reconstruction:
         Values on the vertices of the mesh.
     solid : SolidRequest or None
         Request that the surface is a part of; None for a surface as it was extracted.
+    printing : PrintFacts or None
+        Facts for a print lab, of a part for print.
     """
 
     mesh: TriangleMesh
@@ -117,6 +120,7 @@ class Reconstruction:
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
     solid: SolidRequest | None = None
+    printing: PrintFacts | None = None
 
     @property
     def measures(self) -> Measures:
@@ -133,6 +137,7 @@ class Reconstruction:
             collapsed_components={"count": self.collapsed_components, "mm3": self.collapsed_mm3},
             self_intersections=self.self_intersections,
             maps={each.name: each for each in self.maps},
+            printing=self.printing,
         )
 
     def report(self) -> dict[str, Any]:
@@ -156,5 +161,6 @@ class Reconstruction:
             "spacing_mm": list(self.spacing_mm),
             "maps": [each.about() for each in self.maps],
             "solid": None if self.solid is None else self.solid.to_dict(),
+            "print": None if self.printing is None else self.printing.report(),
             "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from .files.atomic_write import csv_text
 from .maps.surface_map import SurfaceMap
-from .measures import UNKNOWN, FinishedSurface, Measure, Place, doses_of, maps_of, measures_in
+from .measures import UNKNOWN, FinishedSurface, Measure, Place, doses_of, maps_of, measures_in, printed_of
 from .mesh.diameter import largest_diameter_steps
 from .mesh.measures import Measures
 from .mesh.triangle_mesh import TriangleMesh
@@ -27,6 +27,9 @@ from .volume.statistics.inside import InsideValues, inside_values_steps, range_v
 from .volume.statistics.sampled_inside import SampledValues, sampled_inside_label_steps, sampled_inside_range_steps
 from .volume.value_kind import ValueKind
 from .volume.volume import Volume
+
+if TYPE_CHECKING:
+    from .solid.print_facts import PrintFacts
 
 DIGITS = 9  # A number in a CSV has this many digits.
 
@@ -69,7 +72,8 @@ class StructureRow:
 
 
 def _measures_of(surface: FinishedSurface, kind: ValueKind | str) -> tuple[Measure, ...]:
-    return measures_in(Place.TABLE, maps_of([surface]).items(), kind, doses_of([surface]))
+    printed = printed_of([surface])
+    return measures_in(Place.TABLE, maps_of([surface]).items(), kind, doses_of([surface]), printed)
 
 
 def measure_structures(
@@ -130,9 +134,8 @@ def measure_structures_steps(
     called = names or structure_names(results)
     stages = Stages(dict.fromkeys(called, 1))
     for name, result in zip(called, results, strict=True):
-        measuring = structure_row_steps(
-            name, result.mesh, result.measures, result.settings, result.threshold, ct, labels, result.maps, doses
-        )
+        about = (name, result.mesh, result.measures, result.settings, result.threshold, ct, labels)
+        measuring = structure_row_steps(*about, result.maps, doses, result.printing)
         rows.append((yield from stages.run(name, measuring)))
     return rows
 
@@ -147,6 +150,7 @@ def structure_row_steps(
     labels: Volume | None = None,
     maps: tuple[SurfaceMap, ...] = (),
     doses: Sequence[float] = (),
+    printing: PrintFacts | None = None,
 ) -> Steps[StructureRow]:
     """Return the row of a surface in mm whose measures are known, and of the gray values inside.
 
@@ -164,6 +168,8 @@ def structure_row_steps(
     maps : tuple of SurfaceMap
     doses : sequence of float
         As in `measure_structures`.
+    printing : PrintFacts, optional
+        Of a part for print.
     """
     diameter = yield from largest_diameter_steps(mesh.vertices)
     inside = yield from _inside_steps(settings, threshold, ct, labels, doses)
@@ -172,7 +178,11 @@ def structure_row_steps(
         label=settings.label,
         threshold=threshold if settings.label is None else None,
         surface=FinishedSurface(
-            measures=measures, largest_diameter_mm=diameter, inside=inside, maps={each.name: each for each in maps}
+            measures=measures,
+            largest_diameter_mm=diameter,
+            inside=inside,
+            maps={each.name: each for each in maps},
+            printing=printing,
         ),
     )
 
@@ -242,4 +252,6 @@ def _written(value: Any) -> Any:
 
 
 def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     return number_text(value) if isinstance(value, float) else UNKNOWN if value is None else str(value)

@@ -90,6 +90,17 @@ def sizes_text(numbers: Sequence[float], unit: str = "mm", digits: int = DIGITS)
     return f"{' x '.join(number_text(number / fitting.size, digits) for number in numbers)} {fitting.name}"
 
 
+def percent_text(share: float) -> str:
+    """Return a share from 0 to 1 in percent.
+
+    Examples
+    --------
+    >>> percent_text(0.1234), percent_text(0.00012), percent_text(1.0), percent_text(0.0)
+    ('12.3 %', '0.012 %', '100 %', '0 %')
+    """
+    return f"{100 * share:.3g} %"
+
+
 def specks_text(count: int, volume_mm3: float) -> str:
     """Return how many small components simplification removed, and what they enclosed.
 

@@ -13,11 +13,30 @@ import numpy as np
 import pytest
 from batches import page_content
 
-from ctmc_addon.core import MEASURES, FinishedSurface, Place, measure, measures_in
+from ctmc_addon.core import (
+    MEASURES,
+    PRINT_MEASURES,
+    FinishedSurface,
+    Place,
+    ReconstructionSettings,
+    StructureRow,
+    Volume,
+    measure,
+    measures_in,
+    printed_of,
+    reconstruct,
+    table_cells,
+    table_csv,
+)
 from ctmc_addon.core.mesh import Measures, OneWayDistance, SurfaceDistance, TriangleQuality
+from ctmc_addon.core.solid import PrintFacts
 from ctmc_addon.core.volume import InsideValues, ValueKind
 from ctmc_addon.core.volume.statistics.sampled_inside import SampledValues
 
+PRINTING = PrintFacts(
+    *((90.0, 80.0, 40.5), 12.5, 99.0, 1.234, 0.125, 1, 0, 78.91, 0.25), least_wall_mm=1.5, bed_mm=(60.0, 220.0, 250.0),
+    fits_bed=False, cuts=("--cut 45 40 20.25 1 0 0",),
+)  # fmt: skip
 FULL = FinishedSurface(
     measures=Measures(
         8, 2.5, 1.5, True, 2, 1, vertices=6, quality=TriangleQuality(9.0, 0.0, 0.25, 1.5), size=(3, 2, 1)
@@ -29,11 +48,20 @@ FULL = FinishedSurface(
     distance=SurfaceDistance(OneWayDistance(0.1, 0.2, 0.3)),
     largest_diameter_mm=3.5,
     inside=InsideValues(10, 40.0, 2.0),
+    printing=PRINTING,
 )
 
 SAMPLED = {
     ValueKind.DOSE: SampledValues(ValueKind.DOSE, 10, 0, 40.0, 2.0, 50.0, d95=30.0, percent_at={20.0: 75.0}),
     ValueKind.SUV: SampledValues(ValueKind.SUV, 10, 0, 4.0, 2.0, 9.0, peak=6.0),
+}
+
+PRINT_TEXTS = {
+    "thinnest wall": "1.23 mm",
+    "below least wall": "12.5 %",
+    "largest overhang": "78.9°",
+    "overhang above 45°": "25 %",
+    "fits the bed": "no",
 }
 
 
@@ -63,11 +91,12 @@ def rows_of(path):
 
 
 def test_each_name_and_column_belongs_to_one_measure_and_each_is_found_on_a_finished_surface():
-    names = [each.name for each in MEASURES]
-    columns = [column for each in MEASURES for column in each.cells(None)]
+    every = (*MEASURES, *PRINT_MEASURES)
+    names = [each.name for each in every]
+    columns = [column for each in every for column in each.cells(None)]
     assert len(set(names)) == len(names)
     assert len(set(columns)) == len(columns)
-    for each in MEASURES:
+    for each in every:
         assert each.where, each.name
         assert each.summed in ("sum", "all", "none"), each.name
         value = each.value(FULL if each.kind is None else replace(FULL, inside=SAMPLED[each.kind]))
@@ -211,3 +240,84 @@ def test_records_of_older_versions_are_read_and_what_they_lack_is_empty(record, 
     columns = row.columns()
     assert {name: columns[name] for name in expected} == expected
     assert row.text(measure("size_mm")) == ""
+
+
+def ball():
+    z, y, x = np.ogrid[-8:9, -8:9, -8:9]
+    return Volume((6.0 - np.sqrt(x * x + y * y + z * z)).astype(np.float32), np.eye(4))
+
+
+def test_the_terminal_shows_the_facts_for_print_of_a_part_and_nothing_that_was_not_asked_for():
+    from ctmc_addon.cli.commands.reconstruct import summary
+
+    volume = ball()
+    result = reconstruct(volume, ReconstructionSettings(threshold=0.0))
+    part = replace(result, printing=PRINTING)
+
+    def lines(of):
+        return dict(line.split("  ", 1) for line in summary(of, volume, []).splitlines() if "  " in line)
+
+    shown = {head: text.strip() for head, text in lines(part).items()}
+    assert PRINT_TEXTS.items() <= shown.items()
+    assert not PRINT_TEXTS.keys() & lines(result).keys()
+    unasked = replace(part, printing=replace(PRINTING, below_least_wall=None, fits_bed=None))
+    assert lines(part).keys() - lines(unasked).keys() == {"below least wall", "fits the bed"}
+
+
+def test_the_notes_of_several_parts_name_those_that_do_not_fit():
+    from ctmc_addon.cli.surfaces import Surfaces
+
+    result = reconstruct(ball(), ReconstructionSettings(threshold=0.0))
+    part = replace(result, printing=PRINTING, notes=(*result.notes, *PRINTING.notes))
+    fitting = replace(result, printing=replace(PRINTING, fits_bed=True, cuts=()))
+    told = "The part does not fit the bed of 60 x 220 x 250 mm; cut it with --cut 45 40 20.25 1 0 0"
+    assert Surfaces("hips", (part, fitting), ("hip a", "hip b")).notes == [*result.notes, f"hip a: {told}"]
+    assert Surfaces("hips", (part, part), ("hip a", "hip b")).notes == [*result.notes, told]
+
+
+def test_the_table_of_structures_has_the_facts_for_print_of_parts_alone():
+    rows = [
+        StructureRow(name, 1, None, FinishedSurface(printing=facts)) for name, facts in (("a", PRINTING), ("b", None))
+    ]
+    [head, first, second] = csv.reader(table_csv(rows).splitlines())
+    facts = {"thinnest_wall_mm": "1.234", "below_least_wall": "0.125", "largest_overhang_deg": "78.91"}
+    facts |= {"overhang_share": "0.25", "fits_bed": "False"}
+    assert facts.items() <= dict(zip(head, first, strict=True)).items()
+    assert {dict(zip(head, second, strict=True))[name] for name in facts} == {""}
+    assert not facts.keys() & set(table_csv(rows[1:]).splitlines()[0].split(","))
+    shown = dict(zip(*table_cells(rows)[:2], strict=True))
+    assert (shown["thinnest_wall_mm"], shown["fits_bed"]) == ("1.234", "no")
+
+
+def test_a_batch_reads_the_facts_for_print_from_its_records():
+    from ctmc_addon.cli.batch.summary import SummaryRow
+    from ctmc_addon.cli.batch.summary.page import html_text
+
+    done = {"status": "done", "seconds": 1.0, "error": None}
+    parts = [PRINTING, replace(PRINTING, thinnest_wall_mm=2.0, fits_bed=True)]
+    surfaces = [
+        {"name": name, "label": 1, "faces": 10, "print": facts.report()}
+        for name, facts in zip(("hip a", "hip b"), parts, strict=True)
+    ]
+    one, several, plain = SummaryRow("one"), SummaryRow("several"), SummaryRow("plain")
+    one.fill({**done, "faces": 10, "print": PRINTING.report()})
+    several.fill({**done, "surfaces": surfaces})
+    plain.fill({**done, "faces": 10, "print": None})
+    names = [each.name for each in PRINT_MEASURES]
+    assert [one.columns()[name] for name in names] == [1.234, 0.125, 78.91, 0.25, False]
+    assert [several.columns()[name] for name in names] == [None, None, None, None, False]
+    assert [row["thinnest_wall_mm"] for row in several.label_rows()] == [1.234, 2.0]
+    assert not set(names) & plain.columns().keys()
+    page = page_content(html_text([one, several, plain], over=True))
+    heads = [about["head"] for about in page["measures"]]
+    assert dict(zip(heads, page["rows"][0]["texts"], strict=True)).items() >= PRINT_TEXTS.items()
+    assert {dict(zip(heads, page["rows"][2]["texts"], strict=True))[head] for head in PRINT_TEXTS} == {""}
+    assert (
+        dict(zip(page["surface_heads"], page["rows"][1]["surfaces"][1]["texts"], strict=True))["fits the bed"] == "yes"
+    )
+
+
+def test_only_facts_that_are_known_are_shown():
+    known = FinishedSurface(printing=replace(PRINTING, below_least_wall=None))
+    assert printed_of([known, FinishedSurface()]) == {each.name for each in PRINT_MEASURES} - {"below_least_wall"}
+    assert printed_of([FinishedSurface()]) == frozenset()

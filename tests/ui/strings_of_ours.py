@@ -16,7 +16,7 @@ from pathlib import Path
 import bpy
 
 import ctmc_addon
-from ctmc_addon.core import Place, measures_in
+from ctmc_addon.core import PRINT_MEASURES, Place, measures_in
 from ctmc_addon.ui import translations
 from ctmc_addon.ui.properties import (
     drawing as drawing_properties,
@@ -166,7 +166,8 @@ def steps_of(tree: ast.Module, constants: Mapping[str, str]) -> Iterator[str]:
 
 def measure_strings() -> set[str]:
     """Names of measures that panels show."""
-    return {each.label for each in measures_in(Place.PANEL | Place.TABLE)}
+    of_print = [each.name for each in PRINT_MEASURES]
+    return {each.label for each in measures_in(Place.PANEL | Place.TABLE, printed=of_print)}
 
 
 def all_strings() -> set[str]:

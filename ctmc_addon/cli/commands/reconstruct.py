@@ -27,6 +27,7 @@ from ...core import (
     length_text,
     maps_of,
     measures_in,
+    printed_of,
     reads_at_once,
     require_opacities,
     volume_text,
@@ -328,7 +329,9 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
     report = result.report()
     stages = [(stage.name, f"{stage.seconds:.3f}") for stage in result.stages]
     total = sum(stage.seconds for stage in result.stages)
-    measured = {each.name: (each.head, each.text(report[each.name])) for each in _measures_in(Place.TERMINAL, [result])}
+    finished = result.finished
+    shown = _measures_in(Place.TERMINAL, [result])
+    measured = {each.name: (each.head, each.text(each.value(finished))) for each in shown}
     if report["full_faces"] != report["faces"]:
         head, faces = measured["faces"]
         measured["faces"] = (head, f"{faces} of {report['full_faces']}")
@@ -346,7 +349,8 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
 
 
 def _measures_in(place: Place, results: Sequence[Reconstruction]) -> tuple[Measure, ...]:
-    return measures_in(place, maps_of(result.finished for result in results).items())
+    finished = [result.finished for result in results]
+    return measures_in(place, maps_of(finished).items(), printed=printed_of(finished))
 
 
 def _given_of(result: Reconstruction) -> ReconstructionSettings:

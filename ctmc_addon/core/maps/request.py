@@ -9,15 +9,16 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ..errors import SettingsError
-from ..measures import MEASURES
+from ..measures import MEASURES, PRINT_MEASURES
 from .quantity import Quantity
 from .ramps import RAMPS
 from .surface_map import Limits
 
 TAKEN = {
-    *(each.name for each in MEASURES),
+    *(each.name for each in (*MEASURES, *PRINT_MEASURES)),
     *("name", "version", "label", "label_name", "alpha", "alpha_choice", "threshold", "voxels_visited", "smoothing"),
-    *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "solid", "notes", "time"),
+    *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "print", "notes", "time"),
+    "solid",
     *("case", "status", "error", "reading", "format", "space", "run", "seconds", "memory_bytes", "files", "file_bytes"),
 }
 """Names that reports and the records of a batch have already."""

@@ -16,6 +16,12 @@ if TYPE_CHECKING:
         position_of as position_of,
         rectangle_of as rectangle_of,
     )
+    from .print_facts import (
+        PrintFacts as PrintFacts,
+        cuts_to_fit as cuts_to_fit,
+        print_facts_steps as print_facts_steps,
+    )
+    from .printed import PRINTING as PRINTING, printed_steps as printed_steps
     from .request import (
         LARGEST_MM as LARGEST_MM,
         MOST_CUTS as MOST_CUTS,
@@ -28,5 +34,6 @@ if TYPE_CHECKING:
         SolidRequest as SolidRequest,
     )
     from .shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
+    from .walls import Walls as Walls, walls_steps as walls_steps
 
 __getattr__ = lazy_names(__name__)

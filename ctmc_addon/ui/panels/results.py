@@ -12,7 +12,7 @@ import bpy
 
 from ...blender.surface import Provenance, read_provenance, shown_faces
 from ...blender.units import shows_mm
-from ...core import UNKNOWN, FinishedSurface, Place, measures_in, volume_text
+from ...core import UNKNOWN, FinishedSurface, Place, measures_in, printed_of, volume_text
 from ...core.mesh import Measures
 from ...reporting.formatting import count
 from ..operators.surface.pick_component import ACTIONS
@@ -149,7 +149,8 @@ def facts_of(
     A threshold is shown with its unit, and a label with its name in the list.
     """
     surface = FinishedSurface() if measurement is None else measurement.finished
-    facts = {each.name: (each.label, measure_text(each, surface)) for each in measures_in(Place.PANEL)}
+    shown = measures_in(Place.PANEL, printed=printed_of([surface]))
+    facts = {each.name: (each.label, measure_text(each, surface)) for each in shown}
     threshold = ("Threshold", UNKNOWN)
     if provenance is not None:
         faces = provenance.faces if surface.measures is None else surface.measures.faces

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ...core import GY, HU, FinishedSurface, Measure, Place, StructureRow, measures_in
+from ...core import GY, HU, FinishedSurface, Measure, Place, StructureRow, measures_in, printed_of
 from ...core.volume import ValueKind
 from ...reporting.formatting import count
 from .. import jobs
@@ -45,7 +45,7 @@ def facts_of(row: StructureRow, kind: ValueKind) -> list[tuple[str, str]]:
     """Return names and values of a row, without unknown gray values."""
     return [
         (translate(each.label), measure_text(each, row.surface, kind.mark))
-        for each in measures_in(Place.TABLE, kind=kind)
+        for each in measures_in(Place.TABLE, kind=kind, printed=printed_of([row.surface]))
         if each.unit != HU or row.surface.inside is not None
     ]
 
@@ -55,7 +55,9 @@ def measure_text(about: Measure, surface: FinishedSurface, unit: str = "") -> st
     value = about.value(surface)
     if about.unit == "mm3" and surface.measures is not None and not surface.measures.closed:
         return translate("- (open)")
-    if isinstance(value, int) and not isinstance(value, bool):
+    if isinstance(value, bool):
+        return translate(about.text(value))
+    if isinstance(value, int):
         return count(value)
     shown = {HU: unit, GY: GY}.get(about.unit, "")
     return f"{about.text(value)} {shown}".rstrip()

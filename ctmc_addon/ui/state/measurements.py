@@ -28,6 +28,7 @@ from ...core.mesh import (
     self_intersections_steps,
     surface_distance_steps,
 )
+from ...core.solid import PrintFacts
 
 PROPERTY = "ctmc_measurement"
 """The object's custom property that holds it."""
@@ -41,12 +42,14 @@ STAGES = {"Measuring": 2, "Looking for self-intersections": 2, "Comparing with t
 class Measurement:
     """Measures of a surface, and its distance to the full surface in mm, if it is simplified and that is known.
 
-    `self_intersections` are pairs of triangles that cross, touch or overlap each other, None of an older file.
+    `self_intersections` are pairs of triangles that cross, touch or overlap each other, None of an older file;
+    `printing` is known of a part for print.
     """
 
     measures: Measures
     distance: SurfaceDistance | None = None
     self_intersections: int | None = None
+    printing: PrintFacts | None = None
 
     @property
     def finished(self) -> FinishedSurface:
@@ -60,6 +63,7 @@ class Measurement:
             collapsed_components=collapsed,
             distance=self.distance,
             self_intersections=self.self_intersections,
+            printing=self.printing,
         )
 
 
@@ -68,6 +72,7 @@ def measurement_steps(
     full: TriangleMesh | None,
     self_intersections: int | None = None,
     topology: Topology | None = None,
+    printing: PrintFacts | None = None,
 ) -> Steps[Measurement]:
     """Measure a surface, and its distance from the surface before simplification; both meshes in RAS+ mm.
 
@@ -82,7 +87,7 @@ def measurement_steps(
     distance = None
     if full is not None and len(mesh.faces) < len(full.faces):
         distance = yield from stages.run(comparing, surface_distance_steps(mesh, ReferenceSurface(full)))
-    return Measurement(measures, distance, self_intersections)
+    return Measurement(measures, distance, self_intersections, printing)
 
 
 def mesh_state(obj: bpy.types.Object) -> State:

@@ -10,6 +10,7 @@ import blf
 from ui.drawing import drawn
 from ui.strings_of_ours import step_strings
 
+from ctmc_addon.core import PRINT_MEASURES
 from ctmc_addon.ui import translations
 from ctmc_addon.ui.panels import main
 
@@ -81,6 +82,7 @@ def test_three_buttons_side_by_side_are_not_cut(language):
 @pytest.mark.parametrize("language", TABLES)
 def test_names_of_measures_in_the_table_are_not_cut(language):
     names = {"Volume", "Area", "Components", "Largest Diameter", "Mean", "Standard Deviation"}
+    names |= {each.label for each in PRINT_MEASURES}
     assert too_wide(names, MEASURE, TABLES[language]) == {}
 
 

@@ -13,8 +13,10 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.blender.stored_values import from_stored
-from ctmc_addon.core import HU, Place, ReconstructionSettings, measures_in
+from ctmc_addon.core import HU, PRINT_MEASURES, Place, ReconstructionSettings, measures_in
 from ctmc_addon.core.mesh import LostComponents, Measures, OneWayDistance, SurfaceDistance, TriangleQuality
+from ctmc_addon.core.solid import PrintFacts
+from ctmc_addon.ui.operators.surface.table import csv_of
 from ctmc_addon.ui.panels.results import CTMC_PT_results, facts_of
 from ctmc_addon.ui.panels.table import draw_measurements
 from ctmc_addon.ui.state import measurements, session
@@ -26,7 +28,11 @@ MEASURES = Measures(
 DISTANCE = SurfaceDistance(
     OneWayDistance(0.01, 0.02, 0.3), OneWayDistance(0.02, 0.3, 4.0), LostComponents(562, 1.9, 46.6)
 )
-FULL = Measurement(MEASURES, DISTANCE, 2)
+PRINTING = PrintFacts(
+    *((90.0, 80.0, 40.5), 12.5, 99.0, 1.234, 0.125, 1, 0, 78.91, 0.25), least_wall_mm=1.5, bed_mm=(60.0, 220.0, 250.0),
+    fits_bed=False, cuts=("--cut 45 40 20.25 1 0 0",),
+)  # fmt: skip
+FULL = Measurement(MEASURES, DISTANCE, 2, PRINTING)
 
 
 @pytest.fixture
@@ -36,9 +42,9 @@ def surface(loaded):
 
 
 def test_every_field_of_a_measurement_comes_back_from_the_object(surface):
-    for kind, value in ((Measures, MEASURES), (Measurement, FULL)):
+    for kind, value in ((Measures, MEASURES), (PrintFacts, PRINTING), (Measurement, FULL)):
         assert None not in [getattr(value, each.name) for each in fields(kind)]
-    for kept in (FULL, replace(FULL, distance=None, self_intersections=None)):
+    for kept in (FULL, replace(FULL, distance=None, self_intersections=None, printing=None)):
         measurements.keep(surface, kept, measurements.mesh_state(surface))
         assert measurements.of(surface) == kept
     without = replace(
@@ -83,7 +89,31 @@ def test_results_have_each_of_their_measures(surface):
         expected = each.text(each.value(FULL.finished))
         assert text == expected or (each.name == "faces" and text.startswith(f"{expected} of ")), each.name
     assert texts[texts.index("Size") + 1] == "50 x 20 x 10 um"
-    assert [name for name, _ in facts_of(None, None)] == [name for name, _ in facts_of(None, FULL)]
+    plain = replace(FULL, printing=None)
+    assert [name for name, _ in facts_of(None, None)] == [name for name, _ in facts_of(None, plain)]
+
+
+def test_results_have_the_facts_for_print_of_a_part_alone(surface):
+    measurements.keep(surface, FULL, measurements.mesh_state(surface))
+    texts = drawn(CTMC_PT_results).texts
+    shown = {each.label: texts[texts.index(each.label) + 1] for each in PRINT_MEASURES}
+    assert shown == {
+        "Thinnest Wall": "1.23 mm",
+        "Below Least Wall": "12.5 %",
+        "Largest Overhang": "78.9°",
+        "Overhang above 45°": "25 %",
+        "Fits the Bed": "no",
+    }
+    measurements.keep(surface, replace(FULL, printing=None), measurements.mesh_state(surface))
+    assert not {each.label for each in PRINT_MEASURES} & set(drawn(CTMC_PT_results).texts)
+
+
+def test_measurements_have_the_facts_for_print_of_a_part(surface):
+    measurements.keep(surface, FULL, measurements.mesh_state(surface))
+    bpy.ops.ctmc.table()
+    texts = drawn(draw_measurements).texts
+    assert texts[texts.index("Thinnest Wall") + 1] == "1.23 mm"
+    assert "thinnest_wall_mm" in csv_of(bpy.context.scene).splitlines()[0].split(",")
 
 
 def test_measurements_have_each_of_their_measures(surface):

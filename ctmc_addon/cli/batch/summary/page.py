@@ -11,15 +11,15 @@ import json
 import math
 import re
 import statistics
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from importlib.resources import files
 from typing import Any
 from urllib.parse import quote
 
-from ....core import VERSION, Place, measures_in, unit_of
+from ....core import VERSION, Measure, Place, measures_in, unit_of
 from ....core.files.mesh_files import PAGE
 from ..files import DONE, THUMBNAILS
-from .rows import NOTES_BETWEEN, SummaryRow, counts, maps_of_rows, present_values
+from .rows import NOTES_BETWEEN, SummaryRow, counts, measures_of_rows, present_values
 
 TEMPLATE = files(__package__) / "template"
 RELOAD_SECONDS = 10  # An open page reloads itself this often while the batch runs.
@@ -38,26 +38,25 @@ def html_text(rows: Sequence[SummaryRow], over: bool) -> str:
 
 def _page_content(rows: Sequence[SummaryRow]) -> dict[str, Any]:
     """Return the data of the script: the rows of summary.json with texts and links, and totals of each label."""
-    maps = maps_of_rows(rows)
-    shown = measures_in(Place.PAGE, maps.items())
+    shown, of_labels = (measures_of_rows(place, rows) for place in (Place.PAGE, Place.LABELS))
     return {
         "title": counts(rows),
         "version": VERSION,
         "notes_between": NOTES_BETWEEN,
-        "measures": [
-            {"head": each.head, "columns": list(each.cells(None)), "number": each.name != "closed"} for each in shown
+        "measures": [  # Those that all surfaces must fulfil are truth values.
+            {"head": each.head, "columns": list(each.cells(None)), "number": each.summed != "all"} for each in shown
         ],
-        "surface_heads": [each.head for each in measures_in(Place.LABELS, maps.items())],
-        "rows": [_page_row(row, maps) for row in rows],
+        "surface_heads": [each.head for each in of_labels],
+        "rows": [_page_row(row, shown, of_labels) for row in rows],
         "cohorts": [_cohort(group) for group in _by_label(rows)],
     }
 
 
-def _page_row(row: SummaryRow, maps: Mapping[str, str]) -> dict[str, Any]:
+def _page_row(row: SummaryRow, shown: Sequence[Measure], of_labels: Sequence[Measure]) -> dict[str, Any]:
     """Return a row of summary.json with its texts for a person, and the links to its page and thumbnail."""
-    content = row.plain() | {"texts": [row.text(each) for each in measures_in(Place.PAGE, maps.items())]}
+    content = row.plain() | {"texts": [row.text(each) for each in shown]}
     for surface, values in zip(content.get("surfaces", ()), row.surfaces, strict=True):
-        measured = [(each, values.get(each.name)) for each in measures_in(Place.LABELS, maps.items())]
+        measured = [(each, values.get(each.name)) for each in of_labels]
         surface["texts"] = ["" if value is None else each.text(value) for each, value in measured]
     has_page = row.status == DONE and row.page
     content["page"] = quote(f"{row.case}{PAGE}") if has_page else None

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from ....core import Measure, Place, columns_in, combined, measures_in
+from ....core import PRINT_MEASURES, Measure, Place, columns_in, combined, measures_in
 from ....core.files.mesh_files import PAGE
 from ..files import ABSENT, DONE, FAILED, RUNNING, WAITING, thumbnail_path
 
@@ -41,6 +41,7 @@ class SummaryRow:
     page: bool = False  # True if the case has a page.
     thumbnail: bool = False
     maps: dict[str, str] = field(default_factory=dict)  # Units of the maps, by name.
+    printed: frozenset[str] = frozenset()  # Names of the measures of parts for print that are known.
     labels_as_one: bool = False  # Otsu's threshold made one surface of all labels
 
     def fill(self, record: Mapping[str, Any] | None, folder: Path | None = None) -> None:
@@ -50,11 +51,16 @@ class SummaryRow:
             return
         self.status, self.seconds, self.error = record["status"], record["seconds"], record["error"]
         self.label = record.get("settings", {}).get("label")
-        surfaces = record.get("surfaces", ())
-        self.maps = {each["name"]: each["unit"] for one in (surfaces or (record,)) for each in one.get("maps", ())}
-        kept = (*OWN_OF_LABELS, *(each.name for each in measures_in(Place.LABELS, self.maps.items())))
+        record = _with_print(record)
+        surfaces = [_with_print(surface) for surface in record.get("surfaces", ())]
+        every = surfaces or [record]
+        self.printed = frozenset(
+            each.name for each in PRINT_MEASURES if any(one.get(each.name) is not None for one in every)
+        )
+        self.maps = {each["name"]: each["unit"] for one in every for each in one.get("maps", ())}
+        kept = (*OWN_OF_LABELS, *(each.name for each in self.measures_in(Place.LABELS)))
         self.surfaces = [{name: surface.get(name) for name in kept} for surface in surfaces]
-        self.values = {each.name: _of_all(each, record) for each in measures_in(SHOWN, self.maps.items())}
+        self.values = {each.name: _of_all(each, record, surfaces) for each in self.measures_in(SHOWN)}
         first = surfaces[0] if surfaces else record
         self.spacing_x_mm, self.spacing_y_mm, self.spacing_z_mm = first.get("spacing_mm") or (None, None, None)
         self.memory_bytes = record.get("memory_bytes")
@@ -63,9 +69,13 @@ class SummaryRow:
         self.labels_as_one = bool(record.get("labels_as_one"))
         self.thumbnail = folder is not None and self.status == DONE and thumbnail_path(folder, self.case).is_file()
 
+    def measures_in(self, place: Place) -> tuple[Measure, ...]:
+        """Return the measures that a place shows of it."""
+        return measures_in(place, self.maps.items(), printed=self.printed)
+
     def columns(self) -> dict[str, Any]:
         """Return the cells of the CSV and the JSON."""
-        measures = _columns(Place.BATCH, self.values, self.maps)
+        measures = _columns(self.measures_in(Place.BATCH), self.values)
         names = dict.fromkeys([*COLUMNS, *measures])
         return {name: measures[name] if name in measures else getattr(self, name) for name in names}
 
@@ -75,7 +85,8 @@ class SummaryRow:
 
     def label_rows(self) -> list[dict[str, Any]]:
         """Return the cells of the CSV of labels and of the JSON, for each of several surfaces."""
-        measures = [_columns(Place.LABELS, surface, self.maps) for surface in self.surfaces]
+        shown = self.measures_in(Place.LABELS)
+        measures = [_columns(shown, surface) for surface in self.surfaces]
         cells = [surface | own for surface, own in zip(self.surfaces, measures, strict=True)]
         names = dict.fromkeys([*LABEL_COLUMNS, *(measures[0] if measures else ())])
         return [{name: surface[name] for name in names} for surface in cells]
@@ -100,22 +111,27 @@ OWN_OF_LABELS = ("label", "name")
 LABEL_COLUMNS = columns_in(Place.LABELS, (*OWN_OF_LABELS, "faces", "volume_mm3", "area_mm2", "components", "closed"))
 
 
-def _columns(place: Place, values: Mapping[str, Any], maps: Mapping[str, str]) -> dict[str, Any]:
-    """Return the measures of a place by column, those of maps last."""
-    measures = measures_in(place, maps.items())
+def _with_print(record: Mapping[str, Any]) -> Mapping[str, Any]:
+    """Return a record in which the facts of a part for print stand beside the rest."""
+    return {**(record.get("print") or {}), **record}
+
+
+def _columns(measures: Sequence[Measure], values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return measures by column."""
     return {column: cell for each in measures for column, cell in each.cells(values.get(each.name)).items()}
 
 
-def maps_of_rows(rows: Sequence[SummaryRow]) -> dict[str, str]:
-    """Return the units of the maps of all rows, by name."""
-    return {name: unit for row in rows for name, unit in row.maps.items()}
+def measures_of_rows(place: Place, rows: Sequence[SummaryRow]) -> tuple[Measure, ...]:
+    """Return the measures that a place shows of any row, those of maps last."""
+    maps = {name: unit for row in rows for name, unit in row.maps.items()}
+    return measures_in(place, maps.items(), printed=frozenset().union(*(row.printed for row in rows)))
 
 
-def _of_all(about: Measure, record: Mapping[str, Any]) -> Any:
+def _of_all(about: Measure, record: Mapping[str, Any], surfaces: Sequence[Mapping[str, Any]]) -> Any:
     """Return a measure of an output: from its JSON, else combined from its surfaces."""
     if about.name in record:
         return record[about.name]
-    return combined(about, [surface.get(about.name) for surface in record.get("surfaces", ())])
+    return combined(about, [surface.get(about.name) for surface in surfaces])
 
 
 def present_values(name: str, rows: Sequence[SummaryRow]) -> list[float]:

@@ -103,6 +103,15 @@ class TangentBalls:
             hints = self._other[now], self._radius[now]  # copies: threads change the originals
         return radii
 
+    def facing(self, places: Indices) -> Floats:
+        """Return the cosines between the normals at places and at what their balls meet, -1 where that faces them.
+
+        NaN where a ball meets nothing. `radii_steps` has run.
+        """
+        other = self._other[places]
+        cosines = dot(self.tree.normals[:, places], self.tree.normals[:, other])
+        return np.where(other >= 0, cosines, np.float32(np.nan))
+
     def _search(self, places: Indices, hints: Hints, start: int, group: int) -> None:
         """Search for places, the first of them number `start`.
 

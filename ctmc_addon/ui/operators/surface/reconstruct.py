@@ -174,7 +174,7 @@ def measured_steps(
         result, full = surface
         # Beside labels that share interfaces, pairs of two labels count for both; here the surface's own are shown.
         crossings = result.self_intersections if result.beyond is None else None
-        measuring = _with_topology_steps(result.mesh, None if full is None else full.mesh, crossings)
+        measuring = _with_topology_steps(result, None if full is None else full.mesh, crossings)
         measurement, topology = yield from measuring
         if full is not None and full.mesh.faces is result.mesh.faces:
             full = replace(full, components=topology.components)
@@ -187,11 +187,12 @@ def measured_steps(
 
 
 def _with_topology_steps(
-    mesh: TriangleMesh, full: TriangleMesh | None, crossings: int | None
+    result: Reconstruction, full: TriangleMesh | None, crossings: int | None
 ) -> Steps[tuple[Measurement, Topology]]:
     """Measure a surface; its topology is found once, for the measures, Blender and Remove Small Components."""
+    mesh = result.mesh
     topology = yield from topology_steps(mesh.faces, len(mesh.vertices))
-    return (yield from measurement_steps(mesh, full, crossings, topology)), topology
+    return (yield from measurement_steps(mesh, full, crossings, topology, result.printing)), topology
 
 
 def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> str:

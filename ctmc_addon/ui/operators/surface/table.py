@@ -68,7 +68,9 @@ def table_steps(scene_uid: int, uids: Sequence[int]) -> Steps[jobs.Conclusion]:
         if labels is None and provenance.fingerprint == scene.ctmc.volume_fingerprint:
             labels = structures.label_volume(scene)
         measures = shown.mesh.measures if measurement is None else measurement.measures
-        measuring = structure_row_steps(name, shown.mesh, measures, shown.settings, shown.threshold, ct, labels)
+        printing = None if measurement is None else measurement.printing
+        about = (name, shown.mesh, measures, shown.settings, shown.threshold, ct, labels)
+        measuring = structure_row_steps(*about, printing=printing)
         rows.append((yield from equal_part(measuring, number, len(uids))))
         kinds |= set() if ct is None else {ct.kind}
     kind = ValueKind.GRAY if ValueKind.GRAY in kinds else ValueKind.HU
