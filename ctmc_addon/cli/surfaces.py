@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -23,6 +24,7 @@ from ..core import (
     structure_names,
 )
 from ..core.volume import ALL, chosen_labels_steps, region_box
+from .arguments import UsageError
 from .map_flags import AskedMaps
 from .surface_writer import SurfaceWriter
 
@@ -180,3 +182,17 @@ def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | Non
 def may_be_several(choices: Sequence[int | str]) -> bool:
     """Return whether choices ask for several labels, before anything is known of the volume."""
     return len(choices) > 1 or ALL in choices
+
+
+def explode_of(args: argparse.Namespace, several: bool) -> float:
+    """Return the shift that --explode gives the farthest of several surfaces, mm; 0 without the flag.
+
+    Raises
+    ------
+    UsageError
+        If there is one surface.
+    """
+    explode = float(getattr(args, "explode", 0.0))
+    if explode and not several:
+        raise UsageError("--explode moves several surfaces of one time apart, and there is one; give several labels")
+    return explode
