@@ -60,10 +60,11 @@ def shifts_of(meshes: Sequence[Triangles], distance: float) -> Doubles:
 
     Examples
     --------
-    >>> corners = np.array([[0, 0, 0], [3, 0, 0], [0, 3, 0]], np.float64)
-    >>> left, right = (corners - (10, 0, 0), np.array([[0, 1, 2]])), (corners + (10, 0, 0), np.array([[0, 1, 2]]))
-    >>> np.round(shifts_of([left, right], 5.0) - shifts_of([right, left], 5.0), 9)[:, 0].tolist()
-    [-9.523809524, 9.523809524]
+    Three squares, whose common box has its middle at x = 10:
+
+    >>> corners, faces = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+    >>> shifts_of([(corners + (x, 0, 0), faces) for x in (-10, 0, 30)], 6.0)[:, 0].tolist()
+    [-6.0, -3.0, 6.0]
     """
     offsets = offsets_of(meshes)
     longest = reach_of(offsets)

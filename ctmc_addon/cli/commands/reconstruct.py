@@ -132,7 +132,8 @@ def run(args: argparse.Namespace) -> None:
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
         raise UsageError("STL and PLY files hold no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
     if outputs.explode and not outputs.can_explode:
-        mesh_files.require_placements(Path(args.output))
+        if outputs.folder is None:
+            mesh_files.require_placements(Path(args.output))
         raise UsageError("each file of a folder holds one surface, which --explode cannot move; write one file")
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
