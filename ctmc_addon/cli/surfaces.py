@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -25,6 +26,7 @@ from ..core import (
 from ..core.maps import MapRequest
 from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
+from .arguments import UsageError
 from .map_flags import AskedMaps
 from .solid_flags import NOTHING, require_structures
 from .surface_writer import SurfaceWriter
@@ -221,3 +223,17 @@ def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | Non
 def may_be_several(choices: Sequence[int | str]) -> bool:
     """Return whether choices ask for several labels, before anything is known of the volume."""
     return len(choices) > 1 or ALL in choices
+
+
+def explode_of(args: argparse.Namespace, several: bool) -> float:
+    """Return the shift that --explode gives the farthest of several surfaces, mm; 0 without the flag.
+
+    Raises
+    ------
+    UsageError
+        If there is one surface.
+    """
+    explode = float(getattr(args, "explode", 0.0))
+    if explode and not several:
+        raise UsageError("--explode moves several surfaces of one time apart, and there is one; give several labels")
+    return explode

@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
-    from .solid.request import SolidRequest
     from .solid.print_facts import PrintFacts
+    from .solid.request import SolidRequest
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 

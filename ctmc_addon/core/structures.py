@@ -168,6 +168,7 @@ def save_structures(
     names: Sequence[str] = (),
     space: str = "ras",
     shown: str = "",
+    explode: float = 0.0,
 ) -> None:
     """Write surfaces to one file with names, colors and opacity, whole or not at all; the suffix chooses the format.
 
@@ -183,12 +184,15 @@ def save_structures(
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
     shown : str
         Name of the map whose colors are shown; empty for plain colors.
+    explode : float
+        Shift of the structure that is farthest from the common center in an exploded view, mm; a GLB or HTML page
+        holds it beside the vertices.
 
     Raises
     ------
     OutputError
-        For another suffix, or a place that cannot be written to.
+        For another suffix, a place that cannot be written to, or an exploded view in an OBJ or 3MF.
     """
     from .files.structures import write_structures
 
-    write_structures(path, structures_of(results, names, shown=shown), space)
+    write_structures(path, structures_of(results, names, shown=shown), space, explode)

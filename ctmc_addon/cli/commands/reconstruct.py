@@ -14,6 +14,7 @@ from ... import readers
 from ...core import (
     AUTO,
     Budget,
+    ExplodedView,
     LabelError,
     Measure,
     Place,
@@ -48,10 +49,11 @@ from ..arguments import (
     with_flags,
 )
 from ..blender_host import require_blender
+from ..described_flags import add_described
 from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs, surface_output, written_steps
 from ..solid_flags import NOTHING, add_solid, may_have_parts, require_room_for_parts, settings_labels_and_solid
-from ..surfaces import Surfaces, may_be_several, open_words, surfaces_steps
+from ..surfaces import Surfaces, explode_of, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
@@ -87,6 +89,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="picture of the surface, in the style illustration")
     add_opacity(group, "opacity", "default: by anatomical name, a single surface opaque")
+    add_described(group, ExplodedView)
     group.add_argument(
         "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
     )
@@ -123,6 +126,7 @@ def run(args: argparse.Namespace) -> None:
         holds_all=bool(maps) or solid != NOTHING,
         shown_map=maps.shown,
         map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
+        explode=explode_of(args, may_be_several(choices) and not asks_all_times(args)),
         **surface_output(
             args.output,
             f".{args.format}",
@@ -132,6 +136,10 @@ def run(args: argparse.Namespace) -> None:
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
         raise UsageError("STL and PLY files hold no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
+    if outputs.explode and not outputs.can_explode:
+        if outputs.folder is None:
+            mesh_files.require_placements(Path(args.output))
+        raise UsageError("each file of a folder holds one surface, which --explode cannot move; write one file")
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     if asks_all_times(args):

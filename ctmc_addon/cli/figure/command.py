@@ -79,7 +79,8 @@ def run(args: argparse.Namespace) -> None:
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
-                    caption = common.caption_of(results, volume.kind, args.names or (), style)
+                    explode = common.exploded_by(args)
+                    caption = common.caption_of(results, volume.kind, args.names or (), style, explode)
                     style = replace(style, caption=caption)
                 figure = figure_steps([Cell(shown)], target, page, style, blend, scene, own_process=True)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))
