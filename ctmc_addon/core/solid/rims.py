@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,7 +80,7 @@ class CutRims:
 def cut_rims_steps(
     fields: Sequence[Field],
     table: NDArray[np.uint8],
-    words: NDArray[np.unsignedinteger],
+    words: NDArray[Any],
     cells: NDArray[np.intp],
     corners: NDArray[np.intp],
     threads: int,
