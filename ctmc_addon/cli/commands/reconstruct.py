@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> None:
         holds_all=bool(maps) or solid != NOTHING,
         shown_map=maps.shown,
         map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
-        explode=explode_of(args, may_be_several(choices) and not asks_all_times(args)),
+        explode=explode_of(args, (may_be_several(choices) or may_have_parts(solid)) and not asks_all_times(args)),
         **surface_output(
             args.output,
             f".{args.format}",
