@@ -80,8 +80,9 @@ class PartsMaking:
         meshes = [structure.result.mesh for structure in self.structures]
         self.bodies = yield from self._bodies_steps(meshes)
         if self.thicken and (self.hollow or solid.combinations):
+            self.hollow = 0.0
             yield from self._again_steps("--thicken")
-            self.thicken = 0.0
+            self.thicken, self.hollow = 0.0, solid.hollow
         if solid.combinations:
             if self.hollow:
                 yield from self._again_steps("--hollow")
@@ -131,8 +132,6 @@ class PartsMaking:
     def _again_steps(self, flag: str) -> Steps[None]:
         """Extract the structures as they are by now, so that distances are measured from that."""
         mesh = yield from self._extracted_steps({}, everything=False)
-        if flag == "--hollow":
-            self.hollow = 0.0
         meshes = []
         for number, structure in enumerate(self.structures):
             own = mesh.of_label(1 + number * self._per_structure(False))
