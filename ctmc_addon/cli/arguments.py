@@ -178,10 +178,15 @@ def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
     return settings
 
 
-def settings_and_labels(args: argparse.Namespace) -> tuple[ReconstructionSettings, tuple[int | str, ...]]:
-    """Return the settings of flags and file, and the labels they choose; the settings have one of these, or any."""
+def settings_and_labels(
+    args: argparse.Namespace, named: Sequence[int | str] = ()
+) -> tuple[ReconstructionSettings, tuple[int | str, ...]]:
+    """Return the settings of flags and file, and the labels they choose; the settings have one of these, or any.
+
+    Without labels those that are `named` elsewhere are taken.
+    """
     values = given_settings(args)
-    choices = choices_of(values)
+    choices = choices_of(values) or tuple(named)
     with flags_checked():
         return ReconstructionSettings(**values | {"label": label_for_checks(choices)}), choices
 

@@ -54,11 +54,13 @@ class Outputs:
         Of the files in the folder, such as ".stl".
     opacity : tuple of (label number, name or 'all', float)
         Chosen for structures.
-    maps : bool
-        Whether the surfaces have maps, for which all are held until they are written.
+    holds_all : bool
+        Whether all surfaces are held until they are written, as those with maps and the parts of solids are.
     shown_map : str
         Name of the map whose colors are shown; empty for the first.
     map_table : Path or None
+    explode : float
+        Shift of the farthest surface in an exploded view, mm, in the figure and in files that hold placements.
     """
 
     surfaces: tuple[Path, ...] = ()
@@ -69,9 +71,10 @@ class Outputs:
     folder: Path | None = None
     suffix: str = ""
     opacity: tuple[tuple[int | str, float], ...] = ()
-    maps: bool = False
+    holds_all: bool = False
     shown_map: str = ""
     map_table: Path | None = None
+    explode: float = 0.0
 
     def surfaces_in(self, surfaces: Surfaces) -> dict[Path, list[int]]:
         """Return every file with surfaces, and the numbers of those in it."""
@@ -109,7 +112,7 @@ class Outputs:
         """Give a writer of each surface as it is made; None where all are held until they are written."""
         path = self.surfaces[0] if len(self.surfaces) == 1 and self.folder is None else None
         held = (
-            self.maps
+            self.holds_all
             or bool(self.blender_needed_for(simplifier))
             or not set(mesh_files.SUFFIXES).issuperset(self.suffixes)
         )
@@ -125,6 +128,13 @@ class Outputs:
     def map_shown_of(self, results: Sequence[Reconstruction]) -> str:
         """Return the name of the map whose colors are shown, by default the first; empty without maps."""
         return self.shown_map or next((each.name for result in results for each in result.maps), "")
+
+    @property
+    def can_explode(self) -> bool:
+        """Return whether a file that holds several surfaces, or the figure, can show them moved apart."""
+        return self.figure is not None or any(
+            path.suffix.lower() in mesh_files.PLACED_SUFFIXES for path in self.surfaces
+        )
 
     def require_room_for(self, count: int) -> None:
         """Raise `OutputError` where one file is to hold more surfaces than its format can."""
@@ -210,7 +220,8 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
                     shares = opacities_of(chosen, outputs.opacity)
                     titles = [surfaces.titles[number] for number in numbers]
                     structures = structures_of(chosen, titles, shares, outputs.map_shown_of(chosen))
-                    for step in write_structures_steps(temporaries[path], structures, outputs.space):
+                    apart = outputs.explode if path.suffix.lower() in mesh_files.PLACED_SUFFIXES else 0.0
+                    for step in write_structures_steps(temporaries[path], structures, outputs.space, apart):
                         yield Step(0.8 + 0.1 * step.fraction, step.message)
         if outputs.map_table is not None:
             from ..core.files.map_table import write_map_table_steps
@@ -228,6 +239,7 @@ def written_steps(surfaces: Surfaces, outputs: Outputs) -> Steps[tuple[Surfaces,
 
 def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mapping[Path, Path]) -> Steps[Surfaces]:
     """Make objects in a scene of their own, and write what only Blender writes; returns the surfaces as shown."""
+    from ..blender.exploded import moved_apart
     from ..blender.export import export_together
     from ..blender.figure.map_colors import scale_shown
     from ..blender.figure.rendering.render import PICTURE_SIZE, render_figure_steps
@@ -253,7 +265,8 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                 with timed(stages, f"Writing {path.suffix.lower()}"), blender_at_work():
                     for obj in those:
                         show_map(obj, outputs.map_shown_of(surfaces.results))
-                    export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
+                    with moved_apart(those, scene, outputs.explode):
+                        export_together(those, temporaries[path], outputs.space, scene, collection, surfaces.times)
         if outputs.figure is not None:
             width, height = outputs.thumbnail or PICTURE_SIZE
             yield Step(0.4, f"Rendering {outputs.figure.name}, {width} x {height} pixels")
@@ -271,6 +284,7 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                     "chosen": chosen,
                     "own_process": not outputs.thumbnail,
                     "colors": colors,
+                    "explode": outputs.explode,
                     **small,
                 }
                 rendering = render_figure_steps(objects, scene, temporaries[outputs.figure], **how)

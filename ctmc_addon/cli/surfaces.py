@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import argparse
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,8 +23,12 @@ from ..core import (
     make_surfaces_steps,
     structure_names,
 )
+from ..core.maps import MapRequest
+from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
+from .arguments import UsageError
 from .map_flags import AskedMaps
+from .solid_flags import NOTHING, require_structures
 from .surface_writer import SurfaceWriter
 
 
@@ -77,21 +82,20 @@ class Surfaces:
     @property
     def titles(self) -> tuple[str, ...]:
         """Return a title for each surface, even for a single one: the name of its label if it has one."""
-        return self.names or (
-            structure_names(self.results) if self.results[0].settings.label is not None else (self.name,)
-        )
+        first = self.results[0]
+        has_name = first.settings.label is not None or first.label_name
+        return self.names or (structure_names(self.results) if has_name else (self.name,))
 
     @property
     def notes(self) -> list[str]:
-        """Return the notes of all surfaces, those on prints of single ones, and those on what was left out."""
+        """Return the notes of all surfaces, those on single parts of a solid, and those on what was left out."""
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
-        of_parts = [
-            f"{name}: {note}"
-            for name, result in zip(self.titles, self.results, strict=True)
-            for note in (() if result.printing is None else result.printing.notes)
-            if note not in shared
-        ]
-        return [*shared, *of_parts, *self.left_out]
+        of_parts: dict[str, list[str]] = {}
+        for name, result in zip(self.titles, self.results, strict=True):
+            for note in () if result.solid is None else result.notes:
+                if note not in shared:
+                    of_parts.setdefault(note, []).append(name)
+        return [*shared, *(f"{', '.join(names)}: {note}" for note, names in of_parts.items()), *self.left_out]
 
     def report(self) -> dict[str, Any]:
         """Return plain data for JSON: the report of one surface, or a list of reports with names."""
@@ -129,6 +133,7 @@ def surfaces_steps(
     written_bytes: int = 0,
     require_room_for: Callable[[int], None] = lambda _: None,
     maps: AskedMaps | None = None,
+    solid: SolidRequest = NOTHING,
 ) -> Steps[Surfaces]:
     """Make a surface of every label that is chosen by number, name or `all`; without choices the one of the settings.
 
@@ -142,11 +147,13 @@ def surfaces_steps(
         Told how many labels there are before they are made; raises where they cannot be written.
     maps : AskedMaps, optional
         Maps to make on every surface; there is no writer then.
+    solid : SolidRequest
+        Shapes every surface, whose parts are returned; there is no writer then.
 
     Raises
     ------
     CtmcError
-        As `reconstruct_labels_steps`.
+        As `reconstruct_labels_steps` and `solid_parts_steps`.
     """
     stages = Stages({"Finding the labels": 1, "Reconstructing": 30})
     finding, making = stages.shares
@@ -155,16 +162,21 @@ def surfaces_steps(
     if choices:
         box = region_box(volume, settings)
         labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
-        require_room_for(len(labels))
+        if not solid.combinations:
+            require_room_for(len(labels))
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
+    if solid:
+        chosen = [replace(settings, label=label) for label in labels] if choices else [settings]
+        requests = [SurfaceRequest(each, written_bytes=written_bytes) for each in chosen]
+        return (yield from stages.run(making, _solid_steps(volume, requests, solid, budget, mapping, several)))
     if not several:
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
         working = make_surfaces_steps(volume, [request], budget, all_needed=True, maps=mapping)
         [surface] = yield from stages.run(making, working)
         assert isinstance(surface, MadeSurface), "an error is raised"
-        return surface_of(volume, surface, writer)
+        return (yield from for_bed_steps(surface_of(volume, surface, writer), solid, budget))
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -172,9 +184,37 @@ def surfaces_steps(
     labelling = reconstruct_labels_steps(volume, settings, requested, budget, sink_of, mapping)
     finished = yield from stages.run(making, labelling)
     files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
-    return Surfaces(
-        volume.name, tuple(finished.surfaces), structure_names(finished.surfaces), tuple(finished.left_out), files=files
-    )
+    names, left_out = structure_names(finished.surfaces), tuple(finished.left_out)
+    surfaces = Surfaces(volume.name, tuple(finished.surfaces), names, left_out, files=files)
+    return (yield from for_bed_steps(surfaces, solid, budget))
+
+
+def for_bed_steps(surfaces: Surfaces, solid: SolidRequest, budget: Budget) -> Steps[Surfaces]:
+    """Return surfaces with facts for print where a solid changes none of them: where it is the bed of a printer."""
+    if solid == NOTHING:
+        return surfaces
+    from ..core.solid import printed_steps
+
+    results = [replace(result, solid=solid) for result in surfaces.results]
+    return replace(surfaces, results=tuple((yield from printed_steps(results, solid, budget))))
+
+
+def _solid_steps(
+    volume: Volume,
+    requests: Sequence[SurfaceRequest],
+    solid: SolidRequest,
+    budget: Budget,
+    maps: MapRequest | None,
+    several: bool,
+) -> Steps[Surfaces]:
+    """Make the parts of a solid; `several` labels have names of their own, even if one part comes of them."""
+    from ..core.solid import solid_parts_steps
+
+    labels = [request.settings.label for request in requests if request.settings.label is not None]
+    require_structures(solid, labels, volume.label_names)
+    parts = yield from solid_parts_steps(volume, requests, solid, budget, maps=maps)
+    are_named = len(parts) > 1 or (several and not solid.combinations)
+    return Surfaces(volume.name, tuple(parts), structure_names(parts) if are_named else ())
 
 
 def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:
@@ -186,3 +226,17 @@ def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | Non
 def may_be_several(choices: Sequence[int | str]) -> bool:
     """Return whether choices ask for several labels, before anything is known of the volume."""
     return len(choices) > 1 or ALL in choices
+
+
+def explode_of(args: argparse.Namespace, several: bool) -> float:
+    """Return the shift that --explode gives the farthest of several surfaces, mm; 0 without the flag.
+
+    Raises
+    ------
+    UsageError
+        If there is one surface.
+    """
+    explode = float(getattr(args, "explode", 0.0))
+    if explode and not several:
+        raise UsageError("--explode moves several surfaces of one time apart, and there is one; give several labels")
+    return explode

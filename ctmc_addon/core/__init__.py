@@ -28,6 +28,7 @@ from .errors import (
     VolumeError as VolumeError,
     one_line as one_line,
 )
+from .exploded import ExplodedView as ExplodedView, shifts_of as shifts_of
 from .extraction.field_pieces import (
     SlabResult as SlabResult,
     SlabTask as SlabTask,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
     from .solid.print_facts import PrintFacts
+    from .solid.request import SolidRequest
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."
 
@@ -88,6 +89,8 @@ class Reconstruction:
         Choice of alpha from the surface; None if alpha was given.
     maps : tuple of SurfaceMap
         Values on the vertices of the mesh.
+    solid : SolidRequest or None
+        Request that the surface is a part of; None for a surface as it was extracted.
     printing : PrintFacts or None
         Facts for a print lab, of a part for print.
     """
@@ -116,6 +119,7 @@ class Reconstruction:
     neighbors: tuple[Neighbor, ...] = ()
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
+    solid: SolidRequest | None = None
     printing: PrintFacts | None = None
 
     @property
@@ -156,6 +160,7 @@ class Reconstruction:
             "settings": self.settings.to_dict(),
             "spacing_mm": list(self.spacing_mm),
             "maps": [each.about() for each in self.maps],
+            "solid": None if self.solid is None else self.solid.to_dict(),
             "print": None if self.printing is None else self.printing.report(),
             "notes": [*self.notes, *(() if self.measures.closed else (OPEN_NOTE,))],
         }

@@ -149,7 +149,8 @@ def _plain(name: str) -> str:
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
     """Return names of results: by their labels, with numbers if several have one name, or by the volume.
 
-    Names are those of the volume on one line, and 'label 3' for a label without one.
+    Names are those of the volume on one line, and 'label 3' for a label without one. Parts of a solid have names of
+    their own, a threshold's too.
     """
     names = [printable(result.label_name) for result in results]
     count = Counter(file_key(name) for name in names)
@@ -157,7 +158,7 @@ def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:
     for name, result in zip(names, results, strict=True):
         label = result.settings.label
         shared = f" {label}" if count[file_key(name)] > 1 else ""
-        out.append(printable(result.name) if label is None else f"{name}{shared}" if name else f"label {label}")
+        out.append(name or printable(result.name) if label is None else f"{name}{shared}" if name else f"label {label}")
     return tuple(out)
 
 
@@ -167,6 +168,7 @@ def save_structures(
     names: Sequence[str] = (),
     space: str = "ras",
     shown: str = "",
+    explode: float = 0.0,
 ) -> None:
     """Write surfaces to one file with names, colors and opacity, whole or not at all; the suffix chooses the format.
 
@@ -182,12 +184,15 @@ def save_structures(
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
     shown : str
         Name of the map whose colors are shown; empty for plain colors.
+    explode : float
+        Shift of the structure that is farthest from the common center in an exploded view, mm; a GLB or HTML page
+        holds it beside the vertices.
 
     Raises
     ------
     OutputError
-        For another suffix, or a place that cannot be written to.
+        For another suffix, a place that cannot be written to, or an exploded view in an OBJ or 3MF.
     """
     from .files.structures import write_structures
 
-    write_structures(path, structures_of(results, names, shown=shown), space)
+    write_structures(path, structures_of(results, names, shown=shown), space, explode)

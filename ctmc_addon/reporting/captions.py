@@ -15,10 +15,12 @@ def figure_caption(
     triangles: int,
     name: str = "",
     unit: str = "",
+    explode: float = 0.0,
 ) -> str:
     """Return every setting that shaped a figure's surface, in a line; of several surfaces, what they have in common.
 
-    `spacing_mm` is empty where surfaces have different ones; `unit` is that of the threshold, HU or none.
+    `spacing_mm` is empty where surfaces have different ones; `unit` is that of the threshold, HU or none. In an
+    exploded view the farthest surface moves by `explode` mm.
 
     Examples
     --------
@@ -44,6 +46,8 @@ def figure_caption(
     for phrase in _shape_phrases(first):
         if all(phrase in _shape_phrases(surface) for surface in settings):
             phrases.append(phrase)
+    if explode and len(settings) > 1:
+        phrases.append(f"exploded by {explode:g} mm")
     text = ", ".join([*phrases, f"{triangles:,} triangles"])
     return text[0].upper() + text[1:]
 

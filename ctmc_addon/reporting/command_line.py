@@ -8,6 +8,7 @@ import sys
 from collections.abc import Sequence
 
 from ..core import Described, ReconstructionSettings, Setting, defaults, descriptions, used_settings
+from ..core.solid import Pegs, SolidRequest
 
 
 def flag_of(name: str, about: Setting) -> str:
@@ -21,8 +22,10 @@ def flag_of(name: str, about: Setting) -> str:
     return "--" + (about.flag or name.replace("_", "-"))
 
 
-def command_of(settings: ReconstructionSettings) -> str:
+def command_of(settings: ReconstructionSettings, solid: SolidRequest | None = None) -> str:
     """Return the flags that give these settings, without those at their default and steps that no smoothing takes.
+
+    Those of a solid follow.
 
     Examples
     --------
@@ -32,9 +35,37 @@ def command_of(settings: ReconstructionSettings) -> str:
     '--threshold 200'
     """
     used = used_settings(settings)
-    return " ".join(
-        _flags_of(settings, but=[name for name in descriptions(ReconstructionSettings) if name not in used])
-    )
+    words = _flags_of(settings, but=[name for name in descriptions(ReconstructionSettings) if name not in used])
+    return " ".join([*words, *(map(shlex.quote, solid_flags(solid)) if solid is not None else ())])
+
+
+def solid_flags(solid: SolidRequest) -> list[str]:
+    """Return the words of the flags that ask for a solid.
+
+    Examples
+    --------
+    >>> solid_flags(SolidRequest(hollow=2, drains=(Drain(5, (0, 0, -40)),)))
+    ['--hollow', '2', '--drain', '0', '0', '-40', '5']
+    """
+    words = _flags_of(solid)
+    for drain in solid.drains:
+        words += ["--drain", *(["auto"] if drain.point is None else _numbers(*drain.point, drain.diameter))]
+    for cut in solid.cuts:
+        words += ["--cut", *_numbers(*cut.point, *cut.normal)]
+    if solid.pegs is not None:
+        own, pegs = Pegs(solid.pegs.count), solid.pegs
+        words += ["--pegs", str(pegs.count)]
+        if (pegs.diameter, pegs.length) != (own.diameter, own.length):
+            words += ["--peg-mm", *_numbers(pegs.diameter, pegs.length)]
+        if pegs.clearance != own.clearance:
+            words += ["--clearance", *_numbers(pegs.clearance)]
+    for each in solid.combinations:
+        words += [f"--{each.how.value}", f"{each.name}={','.join(each.of)}"]
+    return words
+
+
+def _numbers(*values: float) -> list[str]:
+    return [f"{value:.12g}" for value in values]
 
 
 def _flags_of(values: Described, but: Sequence[str] = ()) -> list[str]:
@@ -52,7 +83,13 @@ def _flags_of(values: Described, but: Sequence[str] = ()) -> list[str]:
     return words
 
 
-def command_line(source: str, output: str, settings: ReconstructionSettings, reading: Described | None = None) -> str:
+def command_line(
+    source: str,
+    output: str,
+    settings: ReconstructionSettings,
+    reading: Described | None = None,
+    solid: SolidRequest | None = None,
+) -> str:
     """Return the whole line, its words quoted for this system's shell; `reading` is how the source is read.
 
     Examples
@@ -62,6 +99,7 @@ def command_line(source: str, output: str, settings: ReconstructionSettings, rea
     """
     read = _flags_of(reading) if reading is not None else []
     words = ["ctmc", "reconstruct", source, "-o", output, *read, *command_of(settings).split()]
+    words += solid_flags(solid) if solid is not None else []
     if sys.platform != "win32":
         return shlex.join(words)
     import subprocess  # takes long to import

@@ -7,13 +7,13 @@ from typing import Any
 def modules() -> tuple[Any, ...]:
     """Return every module that registers, in order; imported only when Blender asks."""
     from . import jobs, operators, panels, translations
-    from .properties import drawing, figure, maps, page, preferences, scans, settings, studio, view
-    from .state import drawing_files, drawings, label_looks, scans as active_scan, session, structures, volumes
+    from .properties import drawing, figure, maps, page, preferences, scans, settings, solid, studio, view
+    from .state import drawing_files, drawings, label_looks, scans as active_scan, session, solids, structures, volumes
     from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
 
     return (
-        *(translations, preferences, session, volumes, structures, settings, scans, active_scan),
-        *(page, view, studio, maps, drawing, drawings, drawing_files, figure, jobs, label_looks, live),
+        *(translations, preferences, session, volumes, structures, solids, settings, scans, active_scan),
+        *(page, view, studio, maps, solid, drawing, drawings, drawing_files, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
         *(region, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),

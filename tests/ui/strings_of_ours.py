@@ -24,6 +24,7 @@ from ctmc_addon.ui.properties import (
     maps as map_properties,
     preferences,
     settings as properties,
+    solid as solid_properties,
     structures,
     studio as studio_properties,
     view as view_properties,
@@ -44,6 +45,7 @@ GROUPS = (
     drawing_properties.CTMCDrawnStructure,
     figure_properties.CTMCFigure,
     map_properties.CTMCMap,
+    *solid_properties.CLASSES,
     studio_properties.CTMCStudio,
     preferences.CTMCPreferences,
 )

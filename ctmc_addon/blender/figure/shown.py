@@ -4,17 +4,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import bpy
 import numpy as np
+from numpy.typing import NDArray
 
-from ...core.volume import is_lesion, transform_points
+from ...core.volume import is_lesion
+from ..exploded import scene_shifts, triangles_in_scene
 from ..materials import material_color, material_opacity
 from ..scene.studio import view_axes
-from ..surface import mesh_data as meshes
-from ..surface.evaluate import evaluated_object
-from ..surface.placement import matrix_of
 from .rendering.visibility import depth_maps, hiding
 from .spec import FigureStyle, ShownSurface, Transparency
 
@@ -26,6 +24,7 @@ def shown_surfaces(
     names: Sequence[str] = (),
     chosen: Sequence[float | None] = (),
     transparency: Transparency | None = None,
+    explode: float = 0.0,
 ) -> tuple[ShownSurface, ...]:
     """Return objects with their look: a single one opaque in the style's color, several each in its own.
 
@@ -40,6 +39,8 @@ def shown_surfaces(
         For legend and anatomy; by default those of the objects, and no legend.
     chosen : sequence of float or None
         Opacity that a person has chosen for each.
+    explode : float
+        Shift of the farthest of several in an exploded view, mm.
     """
     chosen = chosen or [None] * len(objects)
     if len(objects) == 1:
@@ -48,18 +49,24 @@ def shown_surfaces(
         return (ShownSurface(objects[0], written(name), opacity=1.0 if by_hand is None else by_hand),)
     called = names or [obj.name for obj in objects]
     hides = [False] * len(objects)
-    if None in chosen:
-        axes = view_axes(style.azimuth, style.elevation)
-        hides = hiding(
-            depth_maps([_seen_by(axes, obj, scene) for obj in objects]), [is_lesion(name) for name in called]
-        )
+    shifts = [(0.0, 0.0, 0.0)] * len(objects)
+    if explode or None in chosen:
+        triangles = [triangles_in_scene(obj, scene) for obj in objects]
+        if explode:
+            shifts = scene_shifts(objects, triangles, explode)
+        if None in chosen:
+            axes = view_axes(style.azimuth, style.elevation)
+            seen = [
+                (_along(axes, points + shift), faces) for (points, faces), shift in zip(triangles, shifts, strict=True)
+            ]
+            hides = hiding(depth_maps(seen), [is_lesion(name) for name in called])
     most = (transparency or Transparency()).hiding_opacity
     shown = []
     for at, obj in enumerate(objects):
         by_hand, own = chosen[at], material_opacity(obj)
         opacity = by_hand if by_hand is not None else min(own, most) if hides[at] else own
         color = None if style.style == "print" else material_color(obj)
-        shown.append(ShownSurface(obj, written(names[at]) if names else "", color, opacity))
+        shown.append(ShownSurface(obj, written(names[at]) if names else "", color, opacity, shifts[at]))
     return tuple(shown)
 
 
@@ -68,10 +75,6 @@ def written(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _seen_by(axes: Any, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> tuple[Any, Any]:
-    """Return an object's vertices along the camera's axes and its triangles, as `depth_maps` takes them."""
-    with evaluated_object(obj, scene) as (evaluated, _):
-        points = transform_points(matrix_of(evaluated.matrix_world), meshes.read_positions(evaluated.data))
-        faces = meshes.read_triangles(evaluated.data)
-    seen = np.stack([(points * axes[:, at]).sum(axis=1) for at in range(3)], axis=1)
-    return seen, faces
+def _along(axes: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return points along the camera's axes, (n, 3)."""
+    return np.stack([(points * axes[:, at]).sum(axis=1) for at in range(3)], axis=1)

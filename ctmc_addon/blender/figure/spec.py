@@ -9,7 +9,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import Any
 
-from ...core import Described, SettingsError, setting
+from ...core import Described, ExplodedView as ExplodedView, SettingsError, setting
 from ..colors import GRAY, INK, RED, YELLOW, Color
 from .color_scale import ColorScale as ColorScale
 from .comparison import Comparison as Comparison
@@ -188,12 +188,15 @@ class ShownSurface:
         Linear; None takes the style's, else that of the object's material.
     opacity : float
         Below 1 it is transparent.
+    shift : (x, y, z) float
+        Where it is shown in an exploded view, Blender units from its place.
     """
 
     obj: Any
     name: str = ""
     color: Color | None = None
     opacity: float = 1.0
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -391,5 +394,5 @@ class Turn(Described):
         return 360.0 * self.revolutions * frame / self.frames
 
 
-FIGURE_SETTINGS = (Page, FigureStyle, Transparency, DistanceMapSettings, Comparison, Turn)
+FIGURE_SETTINGS = (Page, FigureStyle, Transparency, ExplodedView, DistanceMapSettings, Comparison, Turn)
 """All that describes itself here: the table `[figure]` of a settings file."""

@@ -113,7 +113,7 @@ def assign_materials(
         if style.engine == "cycles":  # The other engines have geometry for edges.
             mesh.attributes.new(EDGE_WIDTH, "FLOAT", "FACE").data.foreach_set("value", widths)
             add_edges(material, line, EDGE_WIDTH)
-    pictures.keep_caps(mesh, material)
+    pictures.keep_caps(mesh, material, shown.shift)
     mesh.update()
     added: list[bpy.types.ID] = [material] if colors is None or shown.opacity < 1.0 else blocks_of(material)
     if line and width and style.engine != "cycles":

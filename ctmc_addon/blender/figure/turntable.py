@@ -204,6 +204,7 @@ def _note_of(figure: FigureScene, page: Page, style: FigureStyle, turn: Turn) ->
     """Return a note that identifies a turntable: surfaces, page, style and turn."""
     surfaces = hashlib.sha256()
     for copy in figure.copies[0]:
+        surfaces.update(str([round(part, 6) for row in copy.matrix_world for part in row]).encode())
         surfaces.update(meshes.read_positions(copy.data).tobytes())
         surfaces.update(meshes.read_triangles(copy.data).tobytes())
         if style.colors is not None and style.colors.name in copy.data.attributes:

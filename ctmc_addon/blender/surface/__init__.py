@@ -18,5 +18,5 @@ from .objects import (
     update_reconstruction,
 )
 from .placement import SCALE
-from .provenance import Provenance, read_provenance, require_provenance, set_drawn, settings_of
+from .provenance import Provenance, read_provenance, require_provenance, set_drawn, set_part, settings_of
 from .readback import as_shown, evaluated_triangles, own_mesh, placement_of, read_back, reconstruction_of

@@ -124,7 +124,9 @@ def update_reconstruction(
         write_map(mesh, surface_map)
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
-    write_provenance(obj, replace(provenance_of_result(result, kept, fingerprint), drawn=before.drawn))
+    write_provenance(
+        obj, replace(provenance_of_result(result, kept, fingerprint), drawn=before.drawn, part=before.part)
+    )
     discard(old, mesh)
 
 

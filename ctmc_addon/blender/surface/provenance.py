@@ -46,6 +46,8 @@ class Provenance:
         Fingerprint of the volume's values; empty if not known.
     drawn : str
         A hash of the structure's drawing; empty if nothing was drawn by hand.
+    part : str
+        Name of the part of a solid that it is; empty for a surface as the settings alone make it.
     """
 
     settings: ReconstructionSettings
@@ -61,9 +63,12 @@ class Provenance:
     notes: tuple[str, ...]
     fingerprint: str = ""
     drawn: str = ""
+    part: str = ""
 
 
-OF_THE_PROPERTY = ("settings", "placement", "fingerprint", "drawn")
+TEXTS = ("fingerprint", "drawn", "part")
+"""Fields that are texts of their own in the property; files of earlier versions lack some."""
+OF_THE_PROPERTY = ("settings", "placement", *TEXTS)
 REPORTED = tuple(field.name for field in fields(Provenance) if field.name not in OF_THE_PROPERTY)
 
 
@@ -92,8 +97,8 @@ def read_provenance(obj: bpy.types.Object | None) -> Provenance | None:
     stored = obj.get(PROPERTY)
     try:
         x, y, z = stored["origin"]
-        hashes = (stored.get("fingerprint", ""), stored.get("drawn", ""))
-        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], *hashes)
+        words = tuple(stored.get(name, "") for name in TEXTS)
+        return parsed(stored["settings"], stored["report"], (x, y, z), stored["scale"], words)
     except (TypeError, KeyError, IndexError, AttributeError, ValueError):
         return None  # No property, or another add-on's of any kind.
 
@@ -108,7 +113,7 @@ def require_provenance(obj: bpy.types.Object) -> Provenance:
 
 @lru_cache(maxsize=256)  # Panels ask at every redraw.
 def parsed(
-    settings: str, report: str, origin: tuple[float, float, float], scale: float, fingerprint: str, drawn: str
+    settings: str, report: str, origin: tuple[float, float, float], scale: float, words: tuple[str, ...]
 ) -> Provenance | None:
     """Return the provenance in the property's texts; None if a field is missing or has a wrong type."""
     try:
@@ -127,8 +132,7 @@ def parsed(
             voxels_visited=whole(reported["voxels_visited"]),
             spacing_mm=(positive(x), positive(y), positive(z)),
             notes=texts(reported["notes"]),
-            fingerprint=str(fingerprint),
-            drawn=str(drawn),
+            **{name: str(text) for name, text in zip(TEXTS, words, strict=True)},
         )
     except (TypeError, KeyError, ValueError, AttributeError, ArithmeticError, SettingsError):
         return None
@@ -144,8 +148,7 @@ def write_provenance(obj: bpy.types.Object, provenance: Provenance) -> None:
         "origin": provenance.placement.origin,
         "settings": json.dumps(settings),
         "report": json.dumps(report, ensure_ascii=False),
-        "fingerprint": provenance.fingerprint,
-        "drawn": provenance.drawn,
+        **{name: getattr(provenance, name) for name in TEXTS},
     }
 
 
@@ -157,6 +160,11 @@ def set_settings(obj: bpy.types.Object, settings: ReconstructionSettings) -> Non
 def set_drawn(obj: bpy.types.Object, drawn: str) -> None:
     """Change the hash of the drawing in an object's provenance."""
     write_provenance(obj, replace(require_provenance(obj), drawn=drawn))
+
+
+def set_part(obj: bpy.types.Object, part: str) -> None:
+    """Change the name of the part of a solid in an object's provenance."""
+    write_provenance(obj, replace(require_provenance(obj), part=part))
 
 
 def settings_of(obj: bpy.types.Object) -> ReconstructionSettings:

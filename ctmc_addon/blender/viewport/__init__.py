@@ -3,7 +3,8 @@
 
 from .eye import clip, frame, is_held, show_from
 from .legend import draw_legend
-from .overlay import OverlayPicture, draw_labels, draw_letters, draw_lines, draw_path
+from .overlay import OverlayPicture, draw_fill, draw_labels, draw_letters, draw_lines, draw_path
 from .preview_surface import PreviewSurface
 from .shaders import WHOLE, can_draw, free_shader
 from .strip import Shown, Strip, draw_strip, placed_names, strip_in, width_of
+from .wires import ball, cylinder

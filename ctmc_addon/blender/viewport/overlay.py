@@ -124,6 +124,23 @@ def draw_lines(
     gpu.state.depth_test_set("NONE")
 
 
+def draw_fill(corners: NDArray[Any], color: Color) -> None:
+    """Fill a flat shape whose corners (n, 3) bulge outward, world space; nearer objects hide it."""
+    import gpu
+    from gpu_extras.batch import batch_for_shader
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    fan = [(0, corner, corner + 1) for corner in range(1, len(corners) - 1)]
+    batch = batch_for_shader(shader, "TRIS", {"pos": [tuple(map(float, corner)) for corner in corners]}, indices=fan)
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    shader.bind()
+    shader.uniform_float("color", color)
+    batch.draw(shader)
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
 def draw_letters(
     region: Any, view: Any, letters: Mapping[str, NDArray[Any]], middle: NDArray[Any], size: float
 ) -> None:

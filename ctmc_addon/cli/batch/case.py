@@ -47,8 +47,9 @@ from ..arguments import with_flags
 from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
 from ..outputs import Outputs, written_steps
+from ..solid_flags import NOTHING, may_have_parts
 from ..surface_writer import SurfaceWriter
-from ..surfaces import Surfaces, surface_of, surfaces_steps
+from ..surfaces import Surfaces, for_bed_steps, surface_of, surfaces_steps
 from .files import (
     ABSENT,
     DONE,
@@ -64,6 +65,7 @@ from .files import (
     require_batch,
     settings_of,
     size_of,
+    solid_of_task,
     without_folders,
 )
 
@@ -71,6 +73,7 @@ THUMBNAIL = (160, 120)
 # Held while folders are made and outputs put in their places, so that the end of the batch leaves neither halfway.
 CHANGING_FOLDERS = threading.Lock()
 NO_HU = "mean_hu is empty: --hu takes labels of a CT volume-N with its segmentation-N beside it"
+NO_HU_INSIDE = "mean_hu is empty: gray values are those of labels, which a solid changes"
 NO_MEMORY = "there is not enough memory; choose a region, a larger stride or fewer jobs"
 
 Ask = Callable[[int], None]
@@ -152,6 +155,7 @@ class CaseWork:
         self.task = task
         self.budget = Budget(task["threads"]) if ask is None else announced_budget(task, ask)
         self.maps = maps_of_task(task)
+        self.solid = solid_of_task(task)
         self.unfinished = unfinished
         self.source: Path | None = None
         self.volume: Volume | None = None
@@ -171,18 +175,21 @@ class CaseWork:
             figure=thumbnail,
             space=task["space"],
             thumbnail=THUMBNAIL,
-            maps=bool(self.maps),
+            holds_all=bool(self.maps) or self.solid != NOTHING,
             shown_map=self.maps.shown,
             **self.output_fields(output),
         )
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         with outputs.writer(settings.simplifier) as writer:
-            if choices:
-                surfaces = finish(
-                    surfaces_steps(volume, settings, choices, self.budget, writer, written_bytes, maps=self.maps)
+            if choices or self.solid:
+                maps, solid = self.maps, self.solid
+                making = surfaces_steps(
+                    volume, settings, choices, self.budget, writer, written_bytes, maps=maps, solid=solid
                 )
+                surfaces = finish(making)
             else:
                 surfaces = self.surface(volume, settings, output["beside"], writer, written_bytes)
+                surfaces = finish(for_bed_steps(surfaces, self.solid, self.budget))
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = outputs.surface_files(surfaces) + ([outputs.map_table] if outputs.map_table else [])
         names = [file.relative_to(self.unfinished).as_posix() for file in files]
@@ -190,9 +197,9 @@ class CaseWork:
             surfaces = replace(surfaces, names=surfaces.titles)
         report = _report_of(surfaces)
         notes = [with_flags(without_folders(note, task)) for note in report["notes"]]
-        hu = self.hu_inside(surfaces, volume) if task.get("hu") else []
-        if hu is None:
-            notes.append(NO_HU)
+        hu = self.hu_inside(surfaces, volume) if task.get("hu") and not self.solid else []
+        if hu is None or (task.get("hu") and self.solid):
+            notes.append(NO_HU_INSIDE if self.solid else NO_HU)
         for each, inside in zip(report.get("surfaces", [report]), hu or []):  # noqa: B905  (there may be none)
             each.update(inside)
         record = {
@@ -282,7 +289,7 @@ class CaseWork:
             own = create_folder(self.unfinished)
             pages = (own / f"{name}{PAGE}",) if self.task.get("html") and suffix != PAGE else ()
             table = {"map_table": own / f"{name}-maps.csv"} if self.task.get("map_table") and self.maps else {}
-            if output["labels"] and suffix in SUFFIXES:
+            if (output["labels"] or may_have_parts(self.solid)) and suffix in SUFFIXES:
                 return {"folder": create_folder(own / name), "suffix": suffix, "surfaces": pages, **table}
         return {"surfaces": (own / f"{name}{suffix}", *pages), **table}
 

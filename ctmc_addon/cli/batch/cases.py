@@ -17,9 +17,11 @@ from typing import Any
 from ... import readers
 from ...core import CtmcError, OutputError, ReadError, ReconstructionSettings, SettingsError, share_walls
 from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
+from ...core.solid import SolidRequest
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
 from ..map_flags import NO_MAPS, AskedMaps
+from ..solid_flags import NOTHING, combined_labels, overridden_solid, require_built_in, solid_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # Folders are searched for cases to this depth.
@@ -58,6 +60,7 @@ class Case:
     reading: ReadingOptions
     outputs: tuple[Output, ...]
     maps: AskedMaps = NO_MAPS
+    solid: SolidRequest = NOTHING
 
 
 def collect(
@@ -66,6 +69,7 @@ def collect(
     reading: ReadingOptions,
     aside: Path | None = None,
     maps: AskedMaps = NO_MAPS,
+    solid: Mapping[str, Any] | None = None,
 ) -> list[Case]:
     """Return the cases in the order of the inputs, those of a folder in natural order.
 
@@ -81,6 +85,8 @@ def collect(
         A folder to pass over: the output's, where it lies within an input's.
     maps : AskedMaps
         Of every case; a manifest's own are added.
+    solid : mapping, optional
+        Values of `given_solid` for every case; a manifest's own win.
 
     Raises
     ------
@@ -93,7 +99,7 @@ def collect(
     # A glob or a folder's list brings the labels of LiTS along; they belong to their volumes.
     labels = {readers.segmentation_sibling(source.path) for source in sources if not source.where}
     sources = [source for source in sources if source.where or source.path not in labels]
-    cases = [_case_of(source, settings, reading, maps) for source in sources]
+    cases = [_case_of(source, settings, reading, maps, solid or {}) for source in sources]
     _require_different_files(cases)
     return cases
 
@@ -168,13 +174,20 @@ def _volume_files(folder: Path) -> list[Path]:
     return [file for file in volumes if file not in labels]
 
 
-def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOptions, maps: AskedMaps) -> Case:
-    """Return the case of an input: a surface for each of its labels, or one."""
+def _case_of(
+    source: CaseInput,
+    settings: Mapping[str, Any],
+    reading: ReadingOptions,
+    maps: AskedMaps,
+    solid_values: Mapping[str, Any],
+) -> Case:
+    """Return the case of an input: a surface for each of its labels, or one; the parts of a solid are one output."""
     values = overridden(settings, source.settings)
-    choices = choices_of(values)
-    numbers = [choice for choice in choices if isinstance(choice, int)]
     try:
-        if len(numbers) < len(choices):
+        solid = solid_of(overridden_solid(solid_values, source.solid))
+        choices = choices_of(values) or combined_labels(solid)
+        numbers = [choice for choice in choices if isinstance(choice, int)]
+        if len(numbers) < len(choices) or (solid and len(choices) > 1):
             several = ReconstructionSettings(**values | {"label": label_for_checks(choices)})
             outputs: tuple[Output, ...] = (Output(source.name, several, choices),)
         else:
@@ -184,13 +197,15 @@ def _case_of(source: CaseInput, settings: Mapping[str, Any], reading: ReadingOpt
             outputs = tuple(
                 Output(name, settings, shared_labels=shared_labels) for name, settings in zip(names, every, strict=True)
             )
-    except SettingsError as error:
+        for output in outputs:
+            require_built_in(solid, output.settings)
+    except (SettingsError, UsageError) as error:
         if not source.where:
             raise UsageError(str(error)) from error
         raise SettingsError(f"{source.where}: {error}") from error
     for output in outputs:
         require_file_name(output.name, source.where)
-    return Case(source.name, source.path, replace(reading, **source.reading), outputs, maps.of_case(source.maps))
+    return Case(source.name, source.path, replace(reading, **source.reading), outputs, maps.of_case(source.maps), solid)
 
 
 def _require_different_files(cases: Sequence[Case]) -> None:

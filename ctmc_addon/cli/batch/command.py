@@ -38,6 +38,7 @@ from ..commands.change import add_limits
 from ..commands.reconstruct import source_of
 from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs
+from ..solid_flags import NOTHING, add_solid, given_solid
 from ..surfaces import open_words
 from ..terminal import Progress, listing, require_empty, table
 from .cases import Case, collect, values_of
@@ -116,6 +117,7 @@ def add_parser(commands: Any) -> None:
     group.add_argument(
         "--verify", action="store_true", help="detect changed inputs by content hash instead of size and date"
     )
+    add_solid(parser)
     add_maps(parser)
     group = parser.add_argument_group("pairs")
     group.add_argument(
@@ -149,7 +151,7 @@ def run(args: argparse.Namespace) -> None:
         return
     folder = Path(args.output)
     maps = asked_maps(args, manifest=any(word.lower().endswith(".csv") for word in args.inputs)).in_folder(Path.cwd())
-    cases = collect(args.inputs, given_settings(args), reading_of(args), folder, maps)
+    cases = collect(args.inputs, given_settings(args), reading_of(args), folder, maps, given_solid(args))
     if not args.scheduler:  # on a cluster the workers need it, not this machine
         _require_blender_for(cases, args.output_format)
     if not (args.resume or args.overwrite):
@@ -262,6 +264,7 @@ def _task_of(case: Case, folder: Path, args: argparse.Namespace, run: str) -> di
         "html": args.html,
         "hu": args.hu,
         "maps": case.maps.plain() if case.maps else None,
+        "solid": case.solid.to_dict() if case.solid != NOTHING else None,
         "map_table": args.map_table,
         "thumbnails": not args.no_thumbnails,
         "verify": args.verify,

@@ -23,6 +23,7 @@ from ...core import VERSION, CtmcError, OutputError, ReconstructionSettings, des
 from ...core.files.atomic_write import create_folder, refused, write_json
 from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
+from ...core.solid import SolidRequest
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
 from ..arguments import label_for_checks
 from ..map_flags import NO_MAPS, AskedMaps
@@ -209,6 +210,7 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
         "reading": {name: getattr(reading, name) for name, about in descriptions(ReadingOptions).items() if about.kept},
         "format": task["format"],
         "space": task["space"],
+        "solid": task.get("solid"),
         # A page or a measure more than is asked for does no harm.
         **{name: True for name in ("html", "hu", "map_table") if task.get(name)},
         **({"asked_maps": maps.named(), "map_files": maps.state_of_files()} if (maps := maps_of_task(task)) else {}),
@@ -219,6 +221,11 @@ def identity(task: Mapping[str, Any], output: Mapping[str, Any]) -> dict[str, An
 def maps_of_task(task: Mapping[str, Any]) -> AskedMaps:
     """Return the maps that a task asks for."""
     return AskedMaps.from_plain(task["maps"]) if task.get("maps") else NO_MAPS
+
+
+def solid_of_task(task: Mapping[str, Any]) -> SolidRequest:
+    """Return the solid that a task asks for."""
+    return SolidRequest.from_dict(task.get("solid") or {})
 
 
 def stands_for(record: Mapping[str, Any], task: Mapping[str, Any], output: Mapping[str, Any]) -> bool:

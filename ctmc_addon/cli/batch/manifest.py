@@ -2,7 +2,7 @@
 """Read a CSV manifest: a line for each case, with its input, its name and its own settings.
 
 Columns: `input` (a path, from the manifest's folder), `case` (a name), the settings by name or flag, how the input is
-read, and maps by their flags. An empty cell means what holds for all cases.
+read, and maps and solids by their flags. An empty cell means what holds for all cases.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ...readers import ReadingOptions, stem
 from ..arguments import UsageError, flag_of, label_choices
 from ..described_flags import value_reader
 from ..map_flags import KINDS, NO_MAPS, AskedMaps, limit_of
+from ..solid_flags import COLUMNS as SOLID, cells_of
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]
@@ -38,6 +39,7 @@ class CaseInput:
     settings: Mapping[str, Any] = field(default_factory=dict)
     reading: Mapping[str, Any] = field(default_factory=dict)
     maps: AskedMaps = NO_MAPS
+    solid: Mapping[str, Any] = field(default_factory=dict)
     where: str = ""  # Such as 'cases.csv, line 3'; empty without a manifest.
 
 
@@ -51,6 +53,8 @@ class ManifestRow:
         Columns of this kind of manifest, such as input and case.
     settings, reading : mapping
     maps : AskedMaps
+    solid : mapping
+        As `overridden_solid` takes it.
     where : str
         Such as 'cases.csv, line 3'.
     """
@@ -59,6 +63,7 @@ class ManifestRow:
     settings: Mapping[str, Any]
     reading: Mapping[str, Any]
     maps: AskedMaps
+    solid: Mapping[str, Any]
     where: str
 
 
@@ -72,7 +77,7 @@ def manifest_inputs(path: Path) -> list[CaseInput]:
         input_path = input_of(row, "input", path.parent)
         name = row.own.get("case", stem(input_path))
         maps = row.maps.in_folder(path.parent)
-        inputs.append(CaseInput(input_path, name, row.settings, row.reading, maps, row.where))
+        inputs.append(CaseInput(input_path, name, row.settings, row.reading, maps, row.solid, row.where))
     return inputs
 
 
@@ -149,6 +154,8 @@ def _column_of(title: str, where: str, own: Mapping[str, Parse]) -> tuple[str, s
     columns["soften"] = columns["soften_mm"] = columns["smoothing_mm"]  # as older manifests have it
     for name in (*KINDS, LIMIT_COLUMN):
         columns[_underscored(name)] = ("maps", name, str)
+    for name, read in SOLID.items():
+        columns[name] = ("solid", name, read)
     for kind in KINDS.values():
         for name, about in descriptions(kind.options).items() if kind.options else ():
             columns[name] = ("options", name, _parse_of(name, about))
@@ -156,10 +163,9 @@ def _column_of(title: str, where: str, own: Mapping[str, Parse]) -> tuple[str, s
         columns[name] = ("reading", name, _parse_of(name, about))
     column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
-        raise ReadError(
-            f"{where}: unknown column '{title}'; the columns are "
-            f"{', '.join([*own, *map(_word_of, SETTINGS), *(name.replace('_', '-') for name in READING), *KINDS])}"
-        )
+        others = [*(name.replace("_", "-") for name in READING), *KINDS, *map(_word_of, SOLID)]
+        there = ", ".join([*own, *map(_word_of, SETTINGS), *others])
+        raise ReadError(f"{where}: unknown column '{title}'; the columns are {there}")
     return column
 
 
@@ -171,6 +177,8 @@ def _word_of(name: str) -> str:
     >>> _word_of("min_part_mm3"), _word_of("keep_parts"), _word_of("case")
     ('min-part', 'keep-parts', 'case')
     """
+    if name in SOLID:
+        return name.replace("_", "-")
     return flag_of(name, SETTINGS[name]).lstrip("-") if name in SETTINGS else name
 
 
@@ -190,7 +198,7 @@ def _require_columns(names: list[str], where: str, required: Mapping[str, str]) 
 
 
 def _row_of(columns: list[tuple[str, str, Parse]], cells: list[str], where: str) -> ManifestRow:
-    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}, "maps": {}, "options": {}}
+    values: dict[str, dict[str, Any]] = {"": {}, "settings": {}, "reading": {}, "maps": {}, "options": {}, "solid": {}}
     for (kind, name, parse), cell in zip(columns, cells, strict=False):
         if not cell:
             continue
@@ -199,7 +207,7 @@ def _row_of(columns: list[tuple[str, str, Parse]], cells: list[str], where: str)
         except argparse.ArgumentTypeError as error:
             raise SettingsError(f"{where}: {_word_of(name)} cannot be '{cell}'; {error}") from error
     maps = _maps_of(values["maps"], values["options"], where)
-    return ManifestRow(values[""], values["settings"], values["reading"], maps, where)
+    return ManifestRow(values[""], values["settings"], values["reading"], maps, cells_of(values["solid"]), where)
 
 
 def input_of(row: ManifestRow, name: str, folder: Path) -> Path:

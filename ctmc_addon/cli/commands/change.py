@@ -28,6 +28,7 @@ from ...core.files.atomic_write import require_writable, write_text
 from ...core.files.map_table import write_map_table
 from ..arguments import UsageError, flags_checked, reading_of, settings_and_labels, with_flags
 from ..described_flags import add_described, given
+from ..solid_flags import given_solid
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import head_of, needed_steps, source_of
 
@@ -80,6 +81,8 @@ def run_change(args: argparse.Namespace) -> None:
     require_comparison(settings, choices, args.ct)
     if args.maps or args.map_limit:
         raise UsageError("the map of two volumes is the distance to the earlier surface; leave other maps out")
+    if given_solid(args):
+        raise UsageError("two volumes are compared by their surfaces; leave out flags of solids, or leave AFTER out")
     limits = limits_of(args)
     stages = Stages(STAGES)
     first, last, comparing = STAGES

@@ -25,8 +25,9 @@ from ...core import (
 from ...core.files.atomic_write import require_writable, write_text
 from ...core.files.map_table import write_map_table
 from ...core.volume import ValueKind, samples_on_grid
-from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, settings_and_labels, with_flags
+from ..arguments import UsageError, add_input, add_settings, add_work, reading_of, with_flags
 from ..map_flags import add_maps, asked_maps
+from ..solid_flags import add_solid, settings_labels_and_solid
 from ..surfaces import may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, listing, table, titled
 from .change import add_change, require_no_change, run_change
@@ -64,6 +65,7 @@ def add_parser(commands: Any) -> None:
         help="percent of the volume that receives at least this dose (Gy); may be repeated",
     )
     add_settings(parser, many=("label",))
+    add_solid(parser)
     add_maps(parser, shown=False)
     parser.add_argument(
         "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
@@ -78,7 +80,7 @@ def run(args: argparse.Namespace) -> None:
         run_change(args)
         return
     require_no_change(args)
-    settings, choices = settings_and_labels(args)
+    settings, choices, solid = settings_labels_and_solid(args)
     maps = asked_maps(args)
     output = require_writable(args.output, (".csv",)) if args.output else None
     map_table = require_writable(args.map_table, (".csv",)) if args.map_table else None
@@ -88,16 +90,22 @@ def run(args: argparse.Namespace) -> None:
         raise UsageError("ctmc measure uses the built-in simplifier; leave out --simplifier decimate")
     if args.ct and not choices:
         raise UsageError("--ct needs labels; give --label, or give the CT as INPUT with --threshold")
+    if solid and (args.ct or args.v_dose):
+        raise UsageError(
+            "gray values and doses are those of labels, which a solid changes; leave out --ct and --v-dose, or measure "
+            "the labels in a run without flags of the solid"
+        )
     doses = _checked_doses(args.v_dose)
     stages = Stages(STAGES)
     reading, reading_ct, making, measuring = STAGES
     with Progress() as progress:
         volume = progress.finish(stages.run(reading, fetched_steps(args, settings, may_be_several(choices))))
-        ct = progress.finish(stages.run(reading_ct, _ct_steps(args, volume, settings)))
+        ct = progress.finish(stages.run(reading_ct, _no_ct_steps() if solid else _ct_steps(args, volume, settings)))
         if doses and (ct is None or ct.kind != ValueKind.DOSE):
             raise UsageError("--v-dose needs a dose in Gy; give an RTDOSE with --ct, or as INPUT with --threshold")
         budget = Budget(args.threads)
-        surfaces = progress.finish(stages.run(making, surfaces_steps(volume, settings, choices, budget, maps=maps)))
+        steps = surfaces_steps(volume, settings, choices, budget, maps=maps, solid=solid)
+        surfaces = progress.finish(stages.run(making, steps))
         measure = measure_structures_steps(surfaces.results, ct, volume, surfaces.titles, doses)
         rows = progress.finish(stages.run(measuring, measure))
     kind = ValueKind.HU if ct is None else ct.kind
@@ -138,6 +146,12 @@ def _ct_steps(args: argparse.Namespace, volume: Volume, settings: Reconstruction
     if not ct.kind.is_sampled:
         samples_on_grid(volume, ct)  # raises before the surfaces are made
     return ct
+
+
+def _no_ct_steps() -> Steps[Volume | None]:
+    """Return no CT, as the samples inside a solid are not those of its label."""
+    return None
+    yield
 
 
 def _checked_doses(doses: Sequence[float]) -> tuple[float, ...]:

@@ -14,6 +14,7 @@ from ... import readers
 from ...core import (
     AUTO,
     Budget,
+    ExplodedView,
     LabelError,
     Measure,
     Place,
@@ -45,13 +46,14 @@ from ..arguments import (
     asks_all_times,
     command_of,
     reading_of,
-    settings_and_labels,
     with_flags,
 )
 from ..blender_host import require_blender
+from ..described_flags import add_described
 from ..map_flags import add_maps, asked_maps
 from ..outputs import Outputs, surface_output, written_steps
-from ..surfaces import Surfaces, may_be_several, open_words, surfaces_steps
+from ..solid_flags import NOTHING, add_solid, may_have_parts, require_room_for_parts, settings_labels_and_solid
+from ..surfaces import Surfaces, explode_of, may_be_several, open_words, surfaces_steps
 from ..terminal import Progress, dimensions, listing, table, titled
 from .slabs import workers_of
 from .times import number_of_times, require_one_each, times_steps
@@ -87,9 +89,11 @@ def add_parser(commands: Any) -> None:
     group.add_argument("--report", metavar="FILE.json", help="counts, measures, stages, settings and notes")
     group.add_argument("--figure", metavar="FILE.png", help="picture of the surface, in the style illustration")
     add_opacity(group, "opacity", "default: by anatomical name, a single surface opaque")
+    add_described(group, ExplodedView)
     group.add_argument(
         "--map-table", metavar="FILE.csv", help="position of every vertex, mm, and the values of every map there"
     )
+    add_solid(parser)
     add_maps(parser)
     add_work(group)
     group.add_argument(
@@ -102,12 +106,15 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, write, and print what came out."""
-    settings, choices = settings_and_labels(args)
+    settings, choices, solid = settings_labels_and_solid(args)
     maps = asked_maps(args)
     if maps and settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("maps are made on surfaces of the built-in simplifier; leave out --simplifier decimate")
     if maps and (asks_all_times(args) or args.scheduler):
         raise UsageError("maps are made here and of one time; leave out --scheduler, and give a single --time")
+    if solid != NOTHING and (asks_all_times(args) or args.scheduler):
+        raise UsageError("solids are made here and of one time; leave out --scheduler, and give a single --time")
+    require_room_for_parts(solid, args.output)
     if asks_all_times(args):
         suffix = Path(args.output).suffix.lower()
         require_one_each(choices, suffix if suffix in mesh_files.SURFACE_SUFFIXES else "", args.figure, args.scheduler)
@@ -116,18 +123,23 @@ def run(args: argparse.Namespace) -> None:
         figure=require_writable(args.figure, (".png",)) if args.figure else None,
         space=args.space,
         opacity=tuple(args.opacity),
-        maps=bool(maps),
+        holds_all=bool(maps) or solid != NOTHING,
         shown_map=maps.shown,
         map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
+        explode=explode_of(args, (may_be_several(choices) or may_have_parts(solid)) and not asks_all_times(args)),
         **surface_output(
             args.output,
             f".{args.format}",
-            may_be_several(choices) or asks_all_times(args),
-            is_counted=len(choices) > 1 or asks_all_times(args),
+            may_be_several(choices) or may_have_parts(solid) or asks_all_times(args),
+            is_counted=(len(choices) > 1 and not solid.combinations) or asks_all_times(args),
         ),
     )
     if args.opacity and not (outputs.figure or set(outputs.suffixes) - set(mesh_files.SUFFIXES)):
         raise UsageError("STL and PLY files hold no opacity; write .glb, .obj, .3mf, .html, .blend or --figure")
+    if outputs.explode and not outputs.can_explode:
+        if outputs.folder is None:
+            mesh_files.require_placements(Path(args.output))
+        raise UsageError("each file of a folder holds one surface, which --explode cannot move; write one file")
     if purpose := outputs.blender_needed_for(settings.simplifier):
         require_blender(purpose)
     if asks_all_times(args):
@@ -145,13 +157,18 @@ def run(args: argparse.Namespace) -> None:
     ):
         reading = fetched_steps(args, settings, may_be_several(choices), bool(args.scheduler))
         volume = progress.finish(stages.run("Reading", reading))
-        require_opacities(args.opacity, volume.label_names.items())
+        if not solid:
+            require_opacities(args.opacity, volume.label_names.items())
         budget = Budget(args.threads, workers=workers)
         written_bytes = outputs.triangle_bytes(settings.simplifier)
         room = outputs.require_room_for
-        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room, maps)
+        making = surfaces_steps(volume, settings, choices, budget, writer, written_bytes, room, maps, solid)
         making = measured_steps(making, outputs)
         surfaces = progress.finish(stages.run("Reconstructing", making))
+        if solid:  # whose parts have names of their own
+            require_opacities(
+                args.opacity, ((result.settings.label or 0, result.label_name) for result in surfaces.results)
+            )
         stage = Stage("Reading", stages.seconds["Reading"])
         results = tuple(replace(result, stages=(stage, *result.stages)) for result in surfaces.results)
         writing = written_steps(replace(surfaces, results=results), outputs)
@@ -334,7 +351,7 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
-    settings = f"settings: {command_of(_given_of(result)) or 'the defaults'}"
+    settings = f"settings: {command_of(_given_of(result), result.solid) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
 
@@ -358,18 +375,20 @@ def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path
     """Return a row for every surface, and what holds for all, for a person."""
     shared, chose = _given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
     measures = _measures_in(Place.SURFACES, surfaces.results)
-    head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
+    labels = ["" if result.settings.label is None else str(result.settings.label) for result in surfaces.results]
+    numbers = list(map(str, surfaces.times)) or labels
+    numbered = ["time" if surfaces.times else "label"] if any(numbers) else []  # a threshold's parts have no label
+    head = (*numbered, "name", *(each.head for each in measures))
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]
-    numbers = surfaces.times or [result.settings.label for result in surfaces.results]
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         facts = [each.text(each.value(result.finished)) for each in measures]
         choice = result.alpha_choice
         if choice is not None:
             facts += [f"{choice.alpha:g}", length_text(choice.largest_mm, 3)]
-        rows.append((str(number), name, *facts))
+        rows.append((*([number] if numbered else []), name, *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{sum(seconds.values()):.3f}")])
-    settings = command_of(shared if surfaces.times else replace(shared, label=None))
+    settings = command_of(shared if surfaces.times else replace(shared, label=None), surfaces.results[0].solid)
     written = ", ".join(path.name for path in files[:MOST_FILES])
     more = f" and {len(files) - MOST_FILES} more" if len(files) > MOST_FILES else ""
     opened = sum(not result.measures.closed for result in surfaces.results)

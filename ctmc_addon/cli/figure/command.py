@@ -11,9 +11,10 @@ from typing import Any
 
 from ...blender.figure.spec import Cell
 from ...core import Budget, Reconstruction, Stages
-from ..arguments import Parser, settings_and_labels
+from ..arguments import Parser
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
+from ..solid_flags import add_solid, settings_labels_and_solid
 from ..surfaces import open_words, surfaces_steps
 from ..terminal import Progress
 from . import common, sheet, turntable
@@ -33,6 +34,7 @@ def add_parser(commands: Any) -> None:
     )
     common.add_common(parser, "FILE.png; its folder is created if needed", "figure")
     common.add_surfaces(parser)
+    add_solid(parser)
     common.add_distance_map(parser)
     common.add_map_colors(parser, without=("deviation",))  # It has a figure of its own.
     common.add_blend(parser)
@@ -43,12 +45,13 @@ def add_parser(commands: Any) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render, and print what came out."""
-    settings, choices = settings_and_labels(args)
+    settings, choices, solid = settings_labels_and_solid(args)
     distances = common.map_of(args)
     if distances.deviation:
+        common.require_no_solid(solid)
         settings, choices = common.only_one(args, "a distance map"), ()
     maps = common.maps_of(args, settings)
-    common.require_surfaces(args, choices)
+    common.require_surfaces(args, choices, solid)
     require_blender("a figure")
     from ...blender.figure.page.sheet import deviation_figure_steps
     from ...blender.figure.rendering.render import figure_steps, require_png
@@ -62,7 +65,7 @@ def run(args: argparse.Namespace) -> None:
     stages = Stages(STAGES)
     with Progress() as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps)
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps, solid=solid)
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
         style = common.in_colors(style, surfaces.results, maps)
@@ -75,7 +78,8 @@ def run(args: argparse.Namespace) -> None:
         else:
             with common.shown_of(args, style, surfaces) as (scene, shown, results):
                 if style.caption is None:
-                    caption = common.caption_of(results, volume.kind, args.names or (), style)
+                    explode = common.exploded_by(args)
+                    caption = common.caption_of(results, volume.kind, args.names or (), style, explode)
                     style = replace(style, caption=caption)
                 figure = figure_steps([Cell(shown)], target, page, style, blend, scene, own_process=True)
                 size = progress.finish(stages.run("Rendering", quiet_steps(figure)))

@@ -10,7 +10,15 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from ...blender.figure.spec import PAGES, DistanceMapSettings, FigureStyle, Page, ShownSurface, Transparency
+from ...blender.figure.spec import (
+    PAGES,
+    DistanceMapSettings,
+    ExplodedView,
+    FigureStyle,
+    Page,
+    ShownSurface,
+    Transparency,
+)
 from ...core import (
     OutputError,
     Reconstruction,
@@ -23,6 +31,7 @@ from ...core import (
 )
 from ...core.files.atomic_write import own_folder
 from ...core.files.input_files import plan_output
+from ...core.solid import SolidRequest
 from ...core.volume import ALL, ValueKind
 from ...reporting.captions import figure_caption
 from ..arguments import (
@@ -39,7 +48,8 @@ from ..arguments import (
 from ..blender_host import objects_of, silence
 from ..described_flags import add_described, add_flag
 from ..map_flags import AskedMaps, add_maps, asked_maps
-from ..surfaces import Surfaces, may_be_several
+from ..solid_flags import NOTHING, may_have_parts
+from ..surfaces import Surfaces, explode_of, may_be_several
 from ..terminal import dimensions, listing, titled
 
 
@@ -107,13 +117,21 @@ def with_output_folders(run: Callable[[argparse.Namespace], None]) -> Callable[[
     return run_there
 
 
-def caption_of(results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str], style: FigureStyle) -> str:
+def exploded_by(args: argparse.Namespace) -> float:
+    """Return the shift of the farthest surface in an exploded view, mm."""
+    with flags_checked():
+        return ExplodedView(**values_of(args, ExplodedView)).explode
+
+
+def caption_of(
+    results: Sequence[Reconstruction], kind: ValueKind, names: Sequence[str], style: FigureStyle, explode: float = 0.0
+) -> str:
     """Return in a line what is shown; of a single surface with a map, its numbers too."""
     triangles = sum(len(result.mesh.faces) for result in results)
     name = names[0] if names else ""
     first = results[0]
     settings = [result.settings for result in results]
-    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark)
+    caption = figure_caption(settings, first.spacing_mm, first.threshold, triangles, name, kind.mark, explode)
     maps = [each for each in first.maps if style.colors is not None and each.name == style.colors.name]
     if len(results) > 1 or not maps:
         return caption
@@ -149,6 +167,12 @@ def maps_of(args: argparse.Namespace, settings: ReconstructionSettings) -> Asked
     return maps
 
 
+def require_no_solid(solid: SolidRequest) -> None:
+    """Raise `UsageError` for a solid, whose distance to the surface of the volume is not that of simplification."""
+    if solid:
+        raise UsageError("a deviation map shows the surface of the volume; leave out --deviation, or flags of solids")
+
+
 def in_colors(style: FigureStyle, results: Sequence[Reconstruction], maps: AskedMaps) -> FigureStyle:
     """Return a style that shows the map that the flags choose; without maps the same."""
     if not maps:
@@ -182,6 +206,7 @@ def add_surfaces(parser: argparse.ArgumentParser) -> None:
         group, "opacities", "default: --hiding-opacity for structures that hide a tumor, otherwise by anatomical name"
     )
     add_described(group, Transparency)
+    add_described(group, ExplodedView)
 
 
 def require_names(args: argparse.Namespace, count: int) -> None:
@@ -202,9 +227,13 @@ def require_names(args: argparse.Namespace, count: int) -> None:
         raise UsageError(f"{len(args.names)} names for {count} surfaces; give one for each")
 
 
-def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> None:
-    """Raise `UsageError` if the number of names is not that of the surfaces."""
-    if all(isinstance(choice, int) for choice in choices):
+def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str], solid: SolidRequest = NOTHING) -> None:
+    """Raise `UsageError` if the number of names is not that of the surfaces, or one is to be moved apart.
+
+    How many parts a solid has is known once they are made.
+    """
+    explode_of(args, may_be_several(choices) or may_have_parts(solid))
+    if not solid and all(isinstance(choice, int) for choice in choices):
         require_names(args, max(1, len(choices)))
 
 
@@ -228,7 +257,7 @@ def shown_of(
     with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
         chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
         with silence():  # most of this is NumPy, which an interrupt may end
-            cell = shown_surfaces(objects, scene, style, names, chosen, clear)
+            cell = shown_surfaces(objects, scene, style, names, chosen, clear, exploded_by(args))
         yield scene, cell, shown
 
 

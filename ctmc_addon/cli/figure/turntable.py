@@ -8,10 +8,11 @@ from pathlib import Path
 
 from ...blender.figure.spec import Cell, Turn
 from ...core import Budget, Stages
-from ..arguments import flags_checked, settings_and_labels
+from ..arguments import flags_checked
 from ..blender_host import quiet_steps, require_blender
 from ..commands.reconstruct import input_steps
 from ..described_flags import add_described
+from ..solid_flags import add_solid, settings_labels_and_solid
 from ..surfaces import surfaces_steps
 from ..terminal import Progress, dimensions
 from . import common
@@ -33,6 +34,7 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
     again = group.add_mutually_exclusive_group()
     again.add_argument("--resume", action="store_true", help="continue this turntable if it was interrupted")
     again.add_argument("--overwrite", action="store_true", help="replace an existing turntable")
+    add_solid(parser)
     common.add_map_colors(parser)
     common.add_blend(parser)
     parser.set_defaults(run=common.with_output_folders(run))
@@ -40,9 +42,9 @@ def add_flags(parser: argparse.ArgumentParser) -> None:
 
 def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render every frame, write the video, and print what came out."""
-    settings, choices = settings_and_labels(args)
+    settings, choices, solid = settings_labels_and_solid(args)
     maps = common.maps_of(args, settings)
-    common.require_surfaces(args, choices)
+    common.require_surfaces(args, choices, solid)
     require_blender("a turntable")
     from ...blender.figure.styles import require_engine
     from ...blender.figure.turntable import is_finished_video, is_video, require_turntable, turntable_steps
@@ -60,7 +62,7 @@ def run(args: argparse.Namespace) -> None:
     stages = Stages(STAGES)
     with Progress(lines=True) as progress:
         volume = progress.finish(stages.run("Reading", input_steps(args, settings)))
-        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps)
+        steps = surfaces_steps(volume, settings, choices, Budget(args.threads), maps=maps, solid=solid)
         surfaces = progress.finish(stages.run("Reconstructing", steps))
         common.require_names(args, len(surfaces.results))
         style = common.in_colors(style, surfaces.results, maps)

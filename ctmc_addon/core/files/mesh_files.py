@@ -30,6 +30,7 @@ SPACES = {  # Names of spaces and the directions of their axes.
 PAGE = ".html"
 STRUCTURE_SUFFIXES = (".obj", ".glb", ".3mf", PAGE)  # Files that hold several surfaces, in structures/.
 BLENDER_SUFFIXES = (".blend",)  # Files that Blender writes, in blender/export.py.
+PLACED_SUFFIXES = (".glb", PAGE, *BLENDER_SUFFIXES)  # Files that place each structure without moving its vertices.
 ROWS_AT_ONCE = 1 << 16
 STL_FACE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 PLY_FACE = np.dtype([("count", "u1"), ("vertices", "<i4", 3)])
@@ -154,6 +155,16 @@ def require_one_surface(path: Path, count: int = 0) -> None:
         raise OutputError(
             f"{path.name} can hold one surface, and {asked}; give a folder, such as -o {path.stem}/, "
             "or a .glb, .obj, .3mf, .html or .blend"
+        )
+
+
+def require_placements(path: Path) -> None:
+    """Raise `OutputError` for an exploded view in a file of coordinates alone, which would no longer be true."""
+    if path.suffix.lower() not in PLACED_SUFFIXES:
+        formats = f"{', '.join(PLACED_SUFFIXES[:-1])} or {PLACED_SUFFIXES[-1]}"
+        raise OutputError(
+            f"{path.name} holds the patient's coordinates alone, which an exploded view would make wrong; "
+            f"write {formats}, or leave explode out"
         )
 
 

@@ -18,6 +18,7 @@ TAKEN = {
     *(each.name for each in (*MEASURES, *PRINT_MEASURES)),
     *("name", "version", "label", "label_name", "alpha", "alpha_choice", "threshold", "voxels_visited", "smoothing"),
     *("slice_steps", "wrong_side", "neighbors", "stages", "settings", "spacing_mm", "maps", "print", "notes", "time"),
+    "solid",
     *("case", "status", "error", "reading", "format", "space", "run", "seconds", "memory_bytes", "files", "file_bytes"),
 }
 """Names that reports and the records of a batch have already."""

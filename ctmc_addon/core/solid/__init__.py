@@ -6,8 +6,16 @@ from typing import TYPE_CHECKING
 from ..later import lazy_names
 
 if TYPE_CHECKING:
+    from .drains import auto_diameter as auto_diameter
     from .lattice import Lattice as Lattice
     from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
+    from .outlines import (
+        drain_bars as drain_bars,
+        moved_to as moved_to,
+        peg_bars as peg_bars,
+        position_of as position_of,
+        rectangle_of as rectangle_of,
+    )
     from .print_facts import (
         PrintFacts as PrintFacts,
         cuts_to_fit as cuts_to_fit,
@@ -15,6 +23,9 @@ if TYPE_CHECKING:
     )
     from .printed import PRINTING as PRINTING, printed_steps as printed_steps
     from .request import (
+        LARGEST_MM as LARGEST_MM,
+        MOST_CUTS as MOST_CUTS,
+        MOST_PEGS as MOST_PEGS,
         Combination as Combination,
         Combining as Combining,
         Cut as Cut,

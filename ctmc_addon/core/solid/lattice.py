@@ -3,13 +3,18 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ..arrays import Doubles
-from ..volume.affine import transform_points
+from ..volume.affine import to_index, transform_points
+from ..volume.volume import Volume
+
+AROUND = 3  # Samples beyond what is asked for, at either end.
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +48,75 @@ class Lattice:
         )
         return x, y, z
 
+    @property
+    def shortest_mm(self) -> float:
+        """Shortest step along any axis, mm."""
+        scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
+        return min(
+            float(np.diff(along).min() * each) for along, each in zip((self.x, self.y, self.z), scale, strict=True)
+        )
+
     def points(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> Doubles:
         """Return the places of samples by their numbers, three (n,), as RAS+ mm (3, n)."""
         index = np.stack([self.x.take(x), self.y.take(y), self.z.take(z)], axis=-1)
         return np.ascontiguousarray(transform_points(self.affine, index).T)
+
+
+def lattice_around(
+    volume: Volume,
+    stride: tuple[int, int, int],
+    slice_steps: int,
+    region: Sequence[tuple[int, int]],
+    points: NDArray[np.float32],
+    margin_mm: float,
+    longest_mm: float,
+) -> Lattice:
+    """Return the samples that a surface was extracted from, as far as its points reach, and more around.
+
+    Parameters
+    ----------
+    volume : Volume
+    stride : (x, y, z) int
+    slice_steps : int
+        Steps from slice to slice.
+    region : Box
+        Samples of the volume that were extracted.
+    points : (n, 3) float32
+        Vertices, RAS+ mm.
+    margin_mm : float
+        Space around them; beyond the volume's border samples go on as within.
+    longest_mm : float
+        Longer steps are divided.
+    """
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for start in range(0, len(points), 1 << 18):
+        index = to_index(volume.affine, points[start : start + (1 << 18)].astype(np.float64))
+        low, high = np.minimum(low, index.min(axis=0)), np.maximum(high, index.max(axis=0))
+    along = []
+    for axis, ((start, stop), side, spacing) in enumerate(zip(region, stride, volume.spacing, strict=True)):
+        steps = slice_steps if axis == 2 else 1
+        margin = margin_mm / spacing
+        positions = _positions(
+            start * steps, (stop - 1) * steps, side, (low[axis] - margin) * steps, (high[axis] + margin) * steps
+        )
+        parts = max(1, math.ceil(side * spacing / steps / longest_mm - 1e-6))
+        gaps = np.diff(positions) / parts
+        divided = positions[:-1, None] + gaps[:, None] * np.arange(parts)
+        along.append(np.append(divided.reshape(-1), positions[-1]) / steps)
+    x, y, z = along
+    return Lattice(x, y, z, np.array(volume.affine, np.float64))
+
+
+def _positions(first: int, last: int, side: int, low: float, high: float) -> Doubles:
+    """Return positions from before `low` to beyond `high`: those of a closed grid from `first` to `last`, gone on."""
+    before, beyond = (max(0, math.ceil(each / side)) + AROUND for each in (first - low, high - last))
+    positions = np.concatenate(
+        [
+            first - 1.0 - side * np.arange(before, -1, -1),
+            np.arange(first, last, side, dtype=np.float64),
+            [float(last)],
+            last + 1.0 + side * np.arange(beyond + 1),
+        ]
+    )
+    start = max(0, int(np.searchsorted(positions, low)) - AROUND)
+    return positions[start : int(np.searchsorted(positions, high)) + AROUND]

@@ -4,16 +4,27 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from ..machine.budget import Budget
+from ..maps.make import MAPPING, mapped_steps
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
-from ..progress import Steps, finish
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Stages, Steps, equal_part, finish
 from ..reconstruction import Reconstruction
-from ..settings import ReconstructionSettings
-from ..surfaces.request import SurfaceRequest
+from ..settings import SIMPLIFICATION, ReconstructionSettings
+from ..structures import structure_names
+from ..surfaces.make import make_surfaces_steps
+from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
+from .printed import PRINTING, printed_steps
 from .request import SolidRequest
+from .structures import PartsMaking, Structure
+
+SURFACES, SOLIDS = "Surfaces", "Making the solid"
+MOST_TOGETHER = 4
+"""Structures with common walls that are made together, at most."""
 
 
 def solid_parts(
@@ -49,8 +60,6 @@ def solid_parts(
     CtmcError
         With one sentence for the user.
     """
-    from dataclasses import replace
-
     chosen = [replace(settings, threshold=None, label=label) for label in labels] or [settings]
     requests = [SurfaceRequest(each) for each in chosen]
     return finish(solid_parts_steps(volume, requests, solid, budget, maps=MapRequest.of(maps)))
@@ -66,5 +75,72 @@ def solid_parts_steps(
     maps: MapRequest | None = None,
 ) -> Steps[list[Reconstruction]]:
     """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held."""
-    raise NotImplementedError
-    yield
+    budget = budget or Budget()
+    stages = Stages({SURFACES: 2, SOLIDS: 3, PRINTING: 1} | ({MAPPING: 1} if maps else {}))
+    plain = [
+        SurfaceRequest(replace(request.settings.without(SIMPLIFICATION), close_border=True)) for request in requests
+    ]
+    making = make_surfaces_steps(volume, plain, budget, labels=labels, all_needed=True)
+    made = yield from stages.run(SURFACES, making)
+    results = [each.result for each in made if isinstance(each, MadeSurface)]
+    structures = [
+        Structure(
+            name,
+            replace(result, label_name=name, settings=request.settings, solid=solid),
+            volume if request.settings.label is None else labels or volume,
+        )
+        for name, result, request in zip(_names(volume, results), results, requests, strict=True)
+    ]
+    parts = yield from stages.run(SOLIDS, _parts_steps(structures, solid, budget))
+    parts = yield from stages.run(PRINTING, printed_steps(parts, solid, budget))
+    if not maps:
+        return parts
+
+    def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
+        source = volume if settings.label is None else labels or volume
+        [other] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(other, MadeSurface), "an error is raised"
+        return other.result.mesh
+
+    return (yield from stages.run(MAPPING, mapped_steps(volume, parts, maps, budget, surface_steps)))
+
+
+def _names(volume: Volume, results: Sequence[Reconstruction]) -> list[str]:
+    """Return the name of every structure: its label's, or the volume's."""
+    if len(results) == 1 and results[0].settings.label is None:
+        return [volume.name]
+    return list(structure_names(results))
+
+
+def _parts_steps(structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> Steps[list[Reconstruction]]:
+    """Return the parts of all structures: by themselves, or together where they are combined or share walls."""
+    groups = [[structure] for structure in structures]
+    if solid.combinations:
+        groups = [list(structures)]
+    elif share_walls([structure.result.settings for structure in structures]):
+        groups = _touching(structures)
+    parts: list[Reconstruction] = []
+    for number, group in enumerate(groups):
+        making = PartsMaking(group, solid, budget).parts_steps()
+        parts += yield from equal_part(making, number, len(groups))
+    return parts
+
+
+def _touching(structures: Sequence[Structure]) -> list[list[Structure]]:
+    """Return groups of structures that share walls; where too many do, each by itself, with a note."""
+    groups: list[list[Structure]] = []
+    for structure in structures:
+        borders = {neighbor.label for neighbor in structure.result.neighbors}
+        met = [group for group in groups if any(each.result.settings.label in borders for each in group)]
+        groups = [group for group in groups if group not in met]
+        groups.append([each for group in met for each in group] + [structure])
+    order = {structure.name: at for at, structure in enumerate(structures)}
+    groups = [sorted(group, key=lambda each: order[each.name]) for group in groups]
+    out: list[list[Structure]] = []
+    for group in sorted(groups, key=lambda each: order[each[0].name]):
+        if len(group) <= MOST_TOGETHER:
+            out.append(group)
+            continue
+        note = f"{len(group)} structures touch, more than {MOST_TOGETHER}: their parts share no walls."
+        out += [[replace(each, notes=[*each.notes, note])] for each in group]
+    return out

@@ -4,16 +4,19 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import asdict, dataclass, fields
 from enum import Enum
+from typing import Any, TypeVar
 
+from ..described import Described, plain, setting
 from ..errors import SettingsError
 
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
 MOST_PEGS = 64
-MOST_CUTS = 8
+MOST_CUTS = 6  # Parts are numbered in 8 bits, four structures at a time.
+Item = TypeVar("Item")
 
 
 class Combining(Enum):
@@ -41,8 +44,9 @@ class Drain:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_length("the diameter of a drain", self.diameter)
-        _require_finite("the point of a drain", self.point or ())
+        object.__setattr__(self, "diameter", _length("the diameter of a drain", self.diameter))
+        if self.point is not None:
+            object.__setattr__(self, "point", _point("the point of a drain", self.point))
 
 
 @dataclass(frozen=True)
@@ -62,8 +66,8 @@ class Cut:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        _require_finite("the point of a cut", self.point)
-        _require_finite("the normal of a cut", self.normal)
+        object.__setattr__(self, "point", _point("the point of a cut", self.point))
+        object.__setattr__(self, "normal", _point("the normal of a cut", self.normal))
         if not any(self.normal):
             raise SettingsError("the normal of a cut is 0 0 0; give its direction, such as 0 0 1")
 
@@ -89,16 +93,21 @@ class Pegs:
 
     def __post_init__(self) -> None:
         """Check the numbers."""
-        if not 1 <= self.count <= MOST_PEGS:
-            raise SettingsError(f"{self.count} pegs are not possible; give 1 to {MOST_PEGS}")
-        _require_length("the diameter of a peg", self.diameter)
-        _require_length("the length of a peg", self.length)
+        if not (1 <= self.count <= MOST_PEGS and self.count == int(self.count)):
+            raise SettingsError(f"{self.count:g} pegs on a cut are not possible; give 1 to {MOST_PEGS}")
+        object.__setattr__(self, "count", int(self.count))
+        object.__setattr__(self, "diameter", _length("the diameter of a peg", self.diameter))
+        object.__setattr__(self, "length", _length("the length of a peg", self.length))
+        object.__setattr__(self, "clearance", float(self.clearance))
         if self.length < self.diameter / 2:
             raise SettingsError(
-                f"a peg of {self.length:g} mm is shorter than its round end; give at least {self.diameter / 2:g} mm"
+                f"a peg of {self.length:g} mm is shorter than its round end; give it a length of at least "
+                f"{self.diameter / 2:g} mm, or a smaller diameter"
             )
         if not 0 <= self.clearance <= LARGEST_MM:
-            raise SettingsError(f"a clearance of {self.clearance:g} mm is not possible; give 0 to {LARGEST_MM:g}")
+            raise SettingsError(
+                f"the clearance of a peg is from 0 to {LARGEST_MM:g} mm, not {self.clearance:g}; such as 0.2"
+            )
 
 
 @dataclass(frozen=True)
@@ -120,63 +129,95 @@ class Combination:
 
     def __post_init__(self) -> None:
         """Check the names."""
+        object.__setattr__(self, "how", Combining(self.how))
+        object.__setattr__(self, "of", tuple(map(str, self.of)))
         if not self.name or len(self.of) < 2 or not all(self.of):
-            raise SettingsError(f"--{self.how.value} takes a name and two structures or more, such as both=left,right")
+            how = self.how.value
+            raise SettingsError(f"{how} takes a name and two structures or more, such as {how} both=left,right")
 
 
 @dataclass(frozen=True)
-class SolidRequest:
-    """What to do to structures before they are extracted, in this order.
+class SolidRequest(Described):
+    """What to do to structures before they are extracted.
 
     Parameters
     ----------
-    thicken : float
-        Moves the surface outward, mm; inward where negative.
-    hollow : float
-        Leaves a wall of this thickness below the surface, mm; 0 leaves all.
     drains : tuple of Drain
     cuts : tuple of Cut
     pegs : Pegs, optional
         On every cut.
     combinations : tuple of Combination
-    base : float
-        Height of a flat foot below the lowest point, mm.
-    least_wall : float
-        Walls that are thinner are thickened to this, mm.
-    bed : (x, y, z) float, optional
-        Space of the printer, mm; parts that do not fit are told.
 
     Raises
     ------
     SettingsError
         For numbers that make no solid.
+
+    Examples
+    --------
+    >>> solid = SolidRequest(hollow=2, drains=(Drain(4),))
+    >>> solid.to_dict()
+    {'hollow': 2.0, 'drains': [{'diameter': 4.0}]}
+    >>> SolidRequest.from_dict(solid.to_dict()) == solid
+    True
     """
 
-    thicken: float = 0.0
-    hollow: float = 0.0
+    thicken: float = setting(
+        0.0,
+        "Distance by which the surface moves outward, inward if negative. 0 = none",
+        label="Thicken",
+        unit="mm",
+        low=-LARGEST_MM,
+        high=LARGEST_MM,
+    )
+    hollow: float = setting(
+        0.0,
+        "Wall that is left below the surface; what lies deeper becomes a cavity. 0 = not hollow",
+        label="Hollow",
+        unit="mm",
+        low=0.0,
+        high=LARGEST_MM,
+    )
     drains: tuple[Drain, ...] = ()
     cuts: tuple[Cut, ...] = ()
     pegs: Pegs | None = None
     combinations: tuple[Combination, ...] = ()
-    base: float = 0.0
-    least_wall: float = 0.0
-    bed: Point | None = None
+    base: float = setting(
+        0.0, "Height of a flat foot below the lowest point. 0 = none", label="Base", unit="mm", low=0.0, high=LARGEST_MM
+    )
+    least_wall: float = setting(
+        0.0,
+        "Thickness to which thinner walls are thickened. 0 = none",
+        label="Least Wall",
+        unit="mm",
+        low=0.0,
+        high=LARGEST_MM,
+    )
+    bed: tuple[float, float, float] | None = setting(
+        None,
+        "Space of the printer along x, y and z; parts that do not fit are reported",
+        label="Bed",
+        unit="mm",
+        low=0.0,
+        low_open=True,
+        size=3,
+        start=(220.0, 220.0, 250.0),
+        without="not checked",
+    )
 
     def __post_init__(self) -> None:
         """Check numbers, and what needs something else."""
-        if not abs(self.thicken) <= LARGEST_MM:
-            raise SettingsError(f"--thicken takes -{LARGEST_MM:g} to {LARGEST_MM:g} mm, not {self.thicken:g}")
-        for name, value in (("hollow", self.hollow), ("base", self.base), ("least-wall", self.least_wall)):
-            if not 0 <= value <= LARGEST_MM:
-                raise SettingsError(f"--{name} takes 0 to {LARGEST_MM:g} mm, not {value:g}")
+        super().__post_init__()
+        for name in ("drains", "cuts", "combinations"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
         if self.pegs is not None and not self.cuts:
-            raise SettingsError("pegs join the sides of a cut; add --cut")
+            raise SettingsError("pegs join the two sides of a cut; add a cut, or leave out the pegs")
         if len(self.cuts) > MOST_CUTS:
             raise SettingsError(f"{len(self.cuts)} cuts are too many; give at most {MOST_CUTS}")
         if any(drain.point is None for drain in self.drains) and not self.hollow:
-            raise SettingsError("--drain auto opens a hollow; add --hollow, or give the point of the drain")
-        if self.bed is not None and not all(0 < side < math.inf for side in self.bed):
-            raise SettingsError(f"a bed of {_numbers(self.bed)} mm is not possible; give three sides above 0")
+            raise SettingsError(
+                "a drain without a point opens a hollow; give the wall of a hollow above 0, or the point of the drain"
+            )
 
     def __bool__(self) -> bool:
         """Return whether the shape of any structure changes."""
@@ -184,16 +225,62 @@ class SolidRequest:
             self.thicken or self.hollow or self.drains or self.cuts or self.combinations or self.base or self.least_wall
         )
 
+    def to_dict(self) -> dict[str, Any]:
+        """Return plain data for JSON, without fields at their default."""
+        values = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: _plain(value) for name, value in values.items() if value != getattr(_DEFAULT, name)}
 
-def _require_length(name: str, value: float) -> None:
+    @classmethod
+    def from_dict(cls, values: Mapping[str, Any]) -> SolidRequest:
+        """Return the request that `to_dict` made plain data of.
+
+        Raises
+        ------
+        SettingsError
+            For an unknown name, and for numbers that make no solid.
+        """
+        names = [field.name for field in fields(cls)]
+        unknown = sorted(set(values) - set(names))
+        if unknown:
+            raise SettingsError(f"a solid has no {unknown[0]!r}; it has {', '.join(names)}")
+        own = dict(values)
+        several: dict[str, Callable[..., Any]] = {"drains": Drain, "cuts": Cut, "combinations": Combination}
+        for name, kind in several.items():
+            if name in own:
+                own[name] = tuple(_made(kind, each) for each in own[name])
+        if own.get("pegs") is not None:
+            own["pegs"] = _made(Pegs, own["pegs"])
+        return cls(**own)
+
+
+_DEFAULT = SolidRequest()
+
+
+def _plain(value: Any) -> Any:
+    """Return a value of a request as plain data."""
+    if isinstance(value, (Drain, Cut, Pegs, Combination)):
+        own = {name: each.value if isinstance(each, Enum) else plain(each) for name, each in asdict(value).items()}
+        return {name: each for name, each in own.items() if each is not None}
+    return [_plain(each) for each in value] if isinstance(value, tuple) else value
+
+
+def _made(kind: Callable[..., Item], values: Mapping[str, Any]) -> Item:
+    try:
+        return kind(**values)
+    except (TypeError, ValueError) as error:
+        raise SettingsError(f"a solid cannot be made of {values!r} ({error}); see SolidRequest.to_dict") from error
+
+
+def _length(name: str, value: float) -> float:
+    """Return a length as a float."""
     if not 0 < value <= LARGEST_MM:
         raise SettingsError(f"{name} is above 0 and at most {LARGEST_MM:g} mm, not {value:g}")
+    return float(value)
 
 
-def _require_finite(name: str, values: Iterable[float]) -> None:
-    if not all(math.isfinite(value) for value in values):
-        raise SettingsError(f"{name} is {_numbers(values)}; give three numbers, mm")
-
-
-def _numbers(values: Iterable[float]) -> str:
-    return " ".join(f"{value:g}" for value in values)
+def _point(name: str, values: Iterable[float]) -> Point:
+    """Return three finite numbers as floats."""
+    numbers = tuple(map(float, values))
+    if len(numbers) != 3 or not all(map(math.isfinite, numbers)):
+        raise SettingsError(f"{name} is {' '.join(f'{each:g}' for each in numbers)}; give three numbers, mm")
+    return numbers[0], numbers[1], numbers[2]

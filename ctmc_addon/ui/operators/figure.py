@@ -23,6 +23,7 @@ from ...blender.figure.spec import (
     Cell,
     Comparison,
     DistanceMapSettings,
+    ExplodedView,
     FigureStyle,
     Page,
     RulerMark,
@@ -159,6 +160,8 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     for obj, mesh in zip(objects, meshes, strict=True):
         if not len(mesh.faces):
             raise MeshError(f"{obj.name} has no triangles to show; choose another surface")
+    panel = context.scene.ctmc_figure
+    explode = ExplodedView(**values_of(panel, ExplodedView)).explode if len(objects) > 1 else 0.0
     spacings_mm = {require_provenance(obj).spacing_mm for obj in objects}
     caption = figure_caption(
         [settings_of(obj) for obj in objects],
@@ -166,12 +169,14 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
         require_provenance(objects[0]).threshold,
         sum(len(mesh.faces) for mesh in meshes),
         unit=surfaces.unit_of(objects[0], context.scene),
+        explode=explode,
     )
-    panel = context.scene.ctmc_figure
     transparency = Transparency(**values_of(panel, Transparency))
     names = [obj.name for obj in objects] if len(objects) > 1 else []
     chosen = [_chosen_of(obj) for obj in objects]
-    shown = figure_surfaces(objects, context.scene, style_of(panel), names, chosen, transparency)
+    shown = figure_surfaces(objects, context.scene, style_of(panel), names, chosen, transparency, explode)
+    if explode:  # Slices, distances and angles are true only where the surfaces have their places.
+        return Cell(shown), caption
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]
     slices = tuple(obj for obj in seen if is_slice(obj))
     marks = tuple(

@@ -79,6 +79,7 @@ def _draw_look(layout: Any, context: bpy.types.Context, panel: Any) -> None:
     style.prop(panel, "style")
     if panel.kind in ("figure", "turntable") and len(shown_surfaces(context)) > 1:
         column.prop(panel, "hiding_opacity", slider=True)
+        column.prop(panel, "explode")
     angles = layout.column(align=True)
     angles.prop(panel, "azimuth")
     angles.prop(panel, "elevation")

@@ -13,12 +13,15 @@ import bpy
 from ...core import SettingsError
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
+from ..operators.surface.solid import makes_solid, runs_of, solid_of
 from ..state import session, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
 
 COST_NAMES = 0.46  # Share of the width for names.
+BUTTONS = (("Reconstruct Surface", "Update Surface"), ("Reconstruct Solid", "Update Solid"))
+"""Words of the button: surfaces or solids; new or updated."""
 
 
 def draw_voxels(layout: Any, context: bpy.types.Context, settings: Any) -> None:
@@ -93,8 +96,9 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
     if job is not None:
         draw_job(row, job)
     else:
-        updates = surfaces.is_of_ct(surfaces.active_surface(context), scene)
-        text = "Update Surface" if updates else "Reconstruct Surface"
+        makes_parts = makes_solid(scene)
+        updates = surfaces.is_updated(context, makes_parts=makes_parts)
+        text = BUTTONS[makes_parts][updates]
         row.operator("ctmc.reconstruct", text=text, icon="FILE_REFRESH" if updates else "MESH_ICOSPHERE")
         new = row.row(align=True)
         new.enabled = updates
@@ -114,7 +118,7 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     job = jobs.running()
     draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
-        settings.all_settings()
+        runs_of(context.scene, solid_of(context.scene))
     except SettingsError as error:
         draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw what the panel's settings take away from the next surface, where it is made."""
+"""Draw what the panel's settings take away from the next surface or do to it, where it is made."""
 
 from __future__ import annotations
 
@@ -10,11 +10,13 @@ import bpy
 from ..operators.surface.components import REMOVING, removal_text
 from ..state import volumes
 from ..translations import translate
+from .solid import draw_solid_line
 
 
 def draw_removed(layout: Any, context: bpy.types.Context, settings: Any) -> None:
-    """Draw a line for each setting that takes something away, with a button that switches it off."""
+    """Draw a line for the solid and for each setting that takes something away, with a button that switches it off."""
     column = layout.column(align=True)
+    draw_solid_line(column, context)
     for name in REMOVING:
         text = removal_text(settings, name)
         if text:

@@ -17,6 +17,7 @@ from .ct.region import draw_region
 from .layout import PagePanel, begin, block, draw_name, draw_status, fold, lacks_ct
 from .reconstruct import draw_cost, draw_reconstruct, draw_simplify, draw_voxels
 from .settings import draw_advanced, draw_components
+from .solid import draw_solid
 from .structures import draw_structures
 
 HISTOGRAM = 4.0  # Size of its picture, in rows.
@@ -52,6 +53,9 @@ class CTMC_PT_surface(PagePanel, bpy.types.Panel):
         body = fold(self.layout, "components", text="Components")
         if body is not None:
             draw_components(body, context)
+        body = fold(self.layout, "solid", text="Solid")
+        if body is not None:
+            draw_solid(body, context)
         body = fold(self.layout, "advanced", text="Advanced")
         if body is not None:
             draw_advanced(body, context)

@@ -22,7 +22,7 @@ OF_EACH_PAGE = ("width_mm", "dpi")
 """Fields of a page that each kind of figure has for itself, as `figure_dpi`."""
 SHOWN = (
     *("transparent", "dark", "style", "engine", "azimuth", "elevation", "scale_bar", "orientation", "caption"),
-    *("hiding_opacity", "limit_mm", "seconds", "fps", "revolutions"),
+    *("hiding_opacity", "explode", "limit_mm", "seconds", "fps", "revolutions"),
 )
 """Fields that the panel shows under their own names."""
 COMPARED = {"strides": "1 2 3", "alphas": "0 0.25 0.75 1", "levels": "0 50 90"}
@@ -33,6 +33,7 @@ LOOKS: dict[str, dict[str, Any]] = {
     "azimuth": {"precision": 1, "step": 500, "min": -360.0, "max": 360.0},
     "elevation": {"precision": 1, "step": 500},
     "hiding_opacity": {"precision": 2, "subtype": "FACTOR"},
+    "explode": {"precision": 1, "soft_max": 200.0},
     "limit_mm": {"precision": 2},
     "seconds": {"precision": 1, "min": 0.1, "soft_max": 60.0},
 }

@@ -11,6 +11,7 @@ As in settings.py, this module must not hold `bpy` itself, nor anything that doe
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -216,6 +217,13 @@ class StructureMethods:
             item.use_upper = upper is not None
             item.upper = item.threshold if upper is None else upper
         return item
+
+
+def structure_choices(properties: Any) -> list[tuple[str, Any]]:
+    """Return the labels of the list, each after its key: the name where that means one label, else the number."""
+    labels = [item for item in properties.labels if item.kind == LABEL]
+    names = Counter(item.name for item in labels)
+    return [(item.name if item.name and names[item.name] == 1 else str(item.value), item) for item in labels]
 
 
 def called(item: Any) -> str:

@@ -26,8 +26,9 @@ def follow(properties: Any, name: str) -> None:
         item = properties.structure_of(provenance.settings)
         if item is None:
             continue
-        if name == NAME and called(item):
-            call(obj, f"{properties.volume_name} {called(item)}".strip())
+        if name == NAME:
+            if called(item) and not provenance.part:  # A part keeps the name that Reconstruct finds it by.
+                call(obj, f"{properties.volume_name} {called(item)}".strip())
         elif name == OPACITY:
             set_opacity(obj, round(float(item.opacity), 3))
         else:

@@ -14,8 +14,8 @@ import bpy
 
 from ...core import Reconstruction, ReconstructionSettings
 
-Origin = tuple[str, ReconstructionSettings]
-"""Key of a surface before simplification: fingerprint of its CT, and settings without goal and alpha."""
+Origin = tuple[str, ReconstructionSettings, str]
+"""Key of a surface before simplification: fingerprint of its CT, settings without goal and alpha, part of a solid."""
 
 
 @dataclass

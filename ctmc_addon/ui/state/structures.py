@@ -31,6 +31,7 @@ from ...core.volume import (
 )
 from ...readers import ReadingOptions
 from ..properties.preferences import machine
+from ..properties.structures import LABEL
 from . import change_events, masks, volumes
 
 STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20, "Counting the labels": 10}
@@ -73,6 +74,15 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
         combined = (key, combined_labels(own + added))
         _combined[scene.session_uid] = combined
     return combined[1]
+
+
+def named_labels(scene: bpy.types.Scene) -> Volume | None:
+    """Return the labels of the scene's CT, with the names of the list; None without any."""
+    volume = label_volume(scene)
+    if volume is None or volume.kind != ValueKind.LABEL:
+        return None
+    names = {item.value: item.name for item in scene.ctmc.labels if item.kind == LABEL and item.name}
+    return replace(volume, label_names={**volume.label_names, **names})
 
 
 def volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) -> Volume | None:

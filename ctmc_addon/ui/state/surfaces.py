@@ -209,11 +209,11 @@ def full_of_last_run(obj: bpy.types.Object, scene: bpy.types.Scene) -> Reconstru
 def origin_of(obj: bpy.types.Object) -> session.Origin:
     """Return the key of the surface that an object had before simplification."""
     provenance = require_provenance(obj)
-    return origin(provenance.fingerprint, provenance.settings)
+    return origin(provenance.fingerprint, provenance.settings, provenance.part)
 
 
-def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin:
-    """Return the settings without goal and alpha, and the CT: equal where the surface before simplification is."""
+def origin(fingerprint: str, settings: ReconstructionSettings, part: str = "") -> session.Origin:
+    """Return CT, settings without goal and alpha, and part: equal where the surface before simplification is."""
     plain = replace(
         settings,
         simplifier="none",
@@ -223,7 +223,7 @@ def origin(fingerprint: str, settings: ReconstructionSettings) -> session.Origin
         alpha=1.0,
         min_angle_deg=DEFAULTS.min_angle_deg,
     )
-    return fingerprint, plain
+    return fingerprint, plain, part
 
 
 def made_of(settings: ReconstructionSettings) -> tuple[float | None, ...]:
@@ -241,7 +241,7 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     MeshError
         If one of the objects cannot be changed.
     """
-    selected = _surfaces_of_ct(context)
+    selected = [obj for obj in _surfaces_of_ct(context) if not require_provenance(obj).part]
     if len(runs) == 1:
         objects = {runs[0]: selected[0]} if selected[:1] == [active_surface(context)] else {}
     else:
@@ -250,3 +250,24 @@ def targets(context: bpy.types.Context, runs: list[ReconstructionSettings]) -> d
     for obj in objects.values():
         require_updatable(obj)
     return {run: obj.session_uid for run, obj in objects.items()}
+
+
+def part_targets(context: bpy.types.Context) -> dict[str, int]:
+    """Return the selected object of each part of a solid, by the part's name; a part without one gets a new object.
+
+    Raises
+    ------
+    MeshError
+        If one of the objects cannot be changed.
+    """
+    parts = {require_provenance(obj).part: obj for obj in reversed(_surfaces_of_ct(context))}
+    parts.pop("", None)
+    for obj in parts.values():
+        require_updatable(obj)
+    return {part: obj.session_uid for part, obj in parts.items()}
+
+
+def is_updated(context: bpy.types.Context, *, makes_parts: bool) -> bool:
+    """Return whether Reconstruct updates the active surface: a part by parts, another one by surfaces."""
+    obj = active_surface(context)
+    return obj is not None and is_of_ct(obj, context.scene) and bool(require_provenance(obj).part) == makes_parts

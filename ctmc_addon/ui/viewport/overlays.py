@@ -35,7 +35,7 @@ from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
 from ..state import structures, volumes
 from ..state.tools import tool_of
-from . import drawn, maps
+from . import drawn, maps, solid
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -147,6 +147,7 @@ def _draw_in_space() -> None:
         full = volumes.current_full(context.scene) or volume
         corners = region_corners(full, tuple(settings.region), settings.region_unit)
         draw_lines(corners * scale, EDGES, REGION_COLOR, size, 2.0)
+    solid.draw(context, size)
 
 
 def _draw_on_top() -> None:

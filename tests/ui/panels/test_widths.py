@@ -43,9 +43,12 @@ def test_names_on_the_left_are_not_cut(scene, ball_file, language):
     for scene.ctmc.use_label in (False, True):
         for scene.ctmc.goal in ("none", "reduction", "target_faces", "max_error_mm"):
             names |= set(drawn(*main.STEPS).names)
+    bpy.ops.ctmc.cut_add()
+    scene.ctmc_solid.use_pegs = True
+    names |= set(drawn(main.CTMC_PT_surface).names)
     for scene.ctmc_figure.kind in ("figure", "sheet", "deviation", "turntable"):
         names |= set(drawn(main.CTMC_PT_render).names)
-    assert {"Alpha (Shape)", "Simplify To", "Maximum Error", "Frame Rate [fps]"} <= names
+    assert {"Least Wall", "Clearance", "Alpha (Shape)", "Simplify To", "Maximum Error", "Frame Rate [fps]"} <= names
     assert too_wide(names, NAME, TABLES[language]) == {}
 
 
@@ -66,6 +69,7 @@ def test_stages_of_a_job_are_not_cut_in_its_bar(language):
 @pytest.mark.parametrize("language", TABLES)
 def test_buttons_side_by_side_are_not_cut(language):
     pairs = {"Simplify", "Live Preview", "Export", "Command", "Add Slice", "Add Three", "Keep Largest", "Remove Small"}
+    pairs |= {"At Cursor", "Auto"}
     pairs |= {"Grow", "Brush", "Eraser", "Scissors", "Margin", "Islands", "Largest Only", "Fill Holes"}
     assert too_wide(pairs, HALF, TABLES[language]) == {}
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 from numpy.typing import NDArray
 
 from ....core import MeshError, Steps, length_text
@@ -36,7 +37,7 @@ from ..rendering.illustration import (
 from ..rendering.samples import set_samples
 from ..rendering.visibility import depth_maps
 from ..shared_walls import SETTING_UP, WALL_GAP_MM, open_shared_walls_steps, part_shared_walls, world_positions
-from ..spec import WHITE, Cell, FigureStyle, Page, RulerMark
+from ..spec import WHITE, Cell, FigureStyle, Page, RulerMark, ShownSurface
 from ..styles import NAME, assign_materials, require_engine, scale_in_scene, set_engine, shown_color
 from .annotations import LEADING, Board, color_bar, legend, round_length, scale_bar
 from .axes import orientation_marker, reach_mm
@@ -152,7 +153,7 @@ def compose_steps(
         for cell in cells:
             figure.copies.append([])
             for surface in cell.surfaces:
-                figure.copies[-1].append(_add_copy(figure, surface.obj, scene))
+                figure.copies[-1].append(_add_copy(figure, surface, scene))
                 yield SETTING_UP
             yield from open_shared_walls_steps(cell, figure.copies[-1])
             for copy in figure.copies[-1]:
@@ -178,15 +179,16 @@ def compose_steps(
     return figure
 
 
-def _add_copy(figure: FigureScene, obj: bpy.types.Object, scene: bpy.types.Scene | None) -> bpy.types.Object:
-    """Return a plain copy of an evaluated object in the figure's scene."""
+def _add_copy(figure: FigureScene, shown: ShownSurface, scene: bpy.types.Scene | None) -> bpy.types.Object:
+    """Return a plain copy of an evaluated object in the figure's scene, moved by its shift."""
+    obj = shown.obj
     mesh, evaluated = evaluated_copy(obj, scene)
     figure.blocks.append(mesh)
     if not len(mesh.polygons):
         raise MeshError(f"{obj.name} has no triangles to show; choose another threshold or label")
     copy = bpy.data.objects.new(NAME, mesh)
     figure.blocks.append(copy)
-    copy.matrix_world = evaluated.matrix_world
+    copy.matrix_world = Matrix.Translation(shown.shift) @ evaluated.matrix_world
     figure.scale = figure.scale or placement_of(obj).scale
     figure.scene.collection.objects.link(copy)
     return copy

@@ -11,10 +11,14 @@ from dataclasses import dataclass, field
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from ...materials import lights_nothing
 from ...slices import is_slice
 from ...surface.evaluate import evaluated_copy
+
+Shift = tuple[float, float, float]
+IN_PLACE: Shift = (0.0, 0.0, 0.0)
 
 
 @dataclass
@@ -23,7 +27,7 @@ class SlicePictures:
 
     scene: bpy.types.Scene
     blocks: list[bpy.types.ID]
-    anchors: dict[bpy.types.Object, bpy.types.Object] = field(default_factory=dict)
+    anchors: dict[tuple[bpy.types.Object, Shift], bpy.types.Object] = field(default_factory=dict)
 
     def add_plane(self, plane: bpy.types.Object, scene: bpy.types.Scene | None) -> None:
         """Add a copy of a slice's plane that shows its picture."""
@@ -34,28 +38,34 @@ class SlicePictures:
         for slot, material in enumerate(mesh.materials):
             mesh.materials[slot] = self.hung(material)
 
-    def add_anchor(self, plane: bpy.types.Object, mesh: bpy.types.Mesh | None = None) -> bpy.types.Object:
-        """Add the object that carries a picture: a copy of the plane with this mesh, or an empty where it is None."""
+    def add_anchor(
+        self, plane: bpy.types.Object, mesh: bpy.types.Mesh | None = None, shift: Shift = IN_PLACE
+    ) -> bpy.types.Object:
+        """Add the object that carries a picture: a copy of the plane with this mesh, or an empty where it is None.
+
+        It stands `shift` from the plane, as the surface that was cut there does.
+        """
         anchor = bpy.data.objects.new("CTMC Slice", mesh)
-        anchor.matrix_world = plane.matrix_world
+        anchor.matrix_world = Matrix.Translation(shift) @ plane.matrix_world
         anchor.visible_shadow = False
         self.scene.collection.objects.link(anchor)
         self.blocks.append(anchor)
-        self.anchors[plane] = anchor
+        self.anchors[plane, shift] = anchor
         return anchor
 
-    def hung(self, material: bpy.types.Material) -> bpy.types.Material:
-        """Return a copy of a slice's material whose picture follows this figure's objects."""
+    def hung(self, material: bpy.types.Material, shift: Shift = IN_PLACE) -> bpy.types.Material:
+        """Return a copy of a slice's material whose picture follows this figure's objects, those moved by `shift`."""
         copy = material.copy()
         self.blocks.append(copy)
         for node in copy.node_tree.nodes:
             if node.type == "TEX_COORD" and is_slice(node.object):
-                node.object = self.anchors.get(node.object) or self.add_anchor(node.object)
+                anchor = self.anchors.get((node.object, shift))
+                node.object = anchor or self.add_anchor(node.object, shift=shift)
         lights_nothing(copy)
         return copy
 
-    def keep_caps(self, mesh: bpy.types.Mesh, material: bpy.types.Material) -> None:
-        """Give a surface its material and leave the caps that show a slice as they are."""
+    def keep_caps(self, mesh: bpy.types.Mesh, material: bpy.types.Material, shift: Shift = IN_PLACE) -> None:
+        """Give a surface, moved by `shift`, its material and leave the caps that show a slice as they are."""
         before = list(mesh.materials)
         caps = [slot for slot, old in enumerate(before) if old is not None and shows_slice(old)]
         if not caps:  # Reading the slots of a large mesh is slow.
@@ -71,7 +81,7 @@ class SlicePictures:
         new = np.zeros(len(mesh.polygons), np.int32)
         for slot in caps:
             new[slots == slot] = len(mesh.materials)
-            mesh.materials.append(self.hung(before[slot]))
+            mesh.materials.append(self.hung(before[slot], shift))
         mesh.polygons.foreach_set("material_index", new)
 
 

@@ -92,6 +92,7 @@ def render_figure_steps(
     chosen: Sequence[float | None] = (),
     own_process: bool = False,
     colors: ColorScale | None = None,
+    explode: float = 0.0,
 ) -> Steps[tuple[int, int]]:
     """Render the plain picture next to a reconstruction, with nothing written on it but the bar of a map.
 
@@ -115,6 +116,8 @@ def render_figure_steps(
         Render in a Blender of its own, which closing the steps ends at any moment.
     colors : ColorScale, optional
         Colors of a map of the objects.
+    explode : float
+        Shift of the farthest of several objects in an exploded view, mm.
 
     Raises
     ------
@@ -132,7 +135,8 @@ def render_figure_steps(
         samples=None if style == "illustration" else PICTURE_SAMPLES,
         colors=colors,
     )
-    shown = [replace(surface, name="") for surface in shown_surfaces(objects, scene, look, names, chosen)]
+    apart = shown_surfaces(objects, scene, look, names, chosen, explode=explode)
+    shown = [replace(surface, name="") for surface in apart]
     cell = Cell(tuple(shown))
     return (yield from figure_steps([cell], path, page, look, scene=scene, own_process=own_process))
 

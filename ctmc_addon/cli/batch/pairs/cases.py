@@ -66,6 +66,8 @@ def _pair_of(row: ManifestRow, folder: Path, settings: Mapping[str, Any], readin
     require_file_name(name, row.where)
     if name.casefold() == TAKEN:
         raise OutputError(f"{row.where}: a case called {name} would write the combined table; choose another name")
+    if row.solid:
+        raise SettingsError(f"{row.where}: pairs compare surfaces of labels; leave out the columns of solids")
     values = overridden(settings, row.settings)
     choices = choices_of(values)
     try:

@@ -28,6 +28,7 @@ from ....core.files.input_files import add_inputs, plan_output
 from ...arguments import UsageError, given_settings, reading_of
 from ...commands.change import limits_of
 from ...commands.reconstruct import source_of
+from ...solid_flags import given_solid
 from ...terminal import Progress, listing, require_empty, table
 from ..cases import values_of
 from ..files import (
@@ -57,6 +58,8 @@ def run_pairs(args: argparse.Namespace) -> None:
         raise UsageError("--pairs writes tables on this machine; leave out --html, --hu and --scheduler")
     if args.maps or args.map_limit or args.map_table:
         raise UsageError("--pairs measures the distance to the earlier surface; leave out flags for other maps")
+    if given_solid(args):
+        raise UsageError("--pairs compares surfaces of labels; leave out flags of solids")
     folder = Path(args.output)
     limits = limits_of(args)
     reading = reading_of(args)

@@ -111,8 +111,8 @@ def band_ranges(shape: Sequence[int]) -> list[tuple[int, int]]:
     return [(low, min(low + step, layers - 1)) for low in range(0, layers - 1, step)]
 
 
-def find_band(owners: Owners, low: int, high: int) -> Band:
-    """Find the crossed edges and voxels in the layers `low` to `high` of voxels."""
+def find_band(owners: Owners, low: int, high: int, skipped: NDArray[np.bool_] | None = None) -> Band:
+    """Find the crossed edges and voxels in the layers `low` to `high` of voxels, but for those `skipped` (z, y, x)."""
     number = owners.number[low : high + 1]
     rows, columns = number.shape[1:]
     layer = rows * columns
@@ -132,6 +132,8 @@ def find_band(owners: Owners, low: int, high: int) -> Band:
     # Marks have also come to the last row and column, which have no voxels.
     cells = active.reshape(-1, rows, columns)
     cells[-1] = cells[:, -1] = cells[..., -1] = False
+    if skipped is not None:
+        cells[:-1] &= ~skipped[low:high]
     voxel = np.flatnonzero(active[:own])
     corners = np.array([(corner & 1) + (corner >> 1 & 1) * columns + (corner >> 2) * layer for corner in range(8)])
     at_corners = flat.take(voxel[:, None] + corners)  # (n, 8)

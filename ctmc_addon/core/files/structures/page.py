@@ -1,5 +1,6 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures as one HTML page that shows them without a network: turned, zoomed, cut, each with eye and opacity.
+"""Structures as one HTML page that shows them without a network: turned, zoomed, cut, moved apart, each with eye and
+opacity.
 
 The page holds three.js (MIT), the viewer of this folder, and every mesh and map in few bytes (`packed.py`). It may load
 nothing: its content security policy forbids it.
@@ -15,6 +16,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
+from ...arrays import Doubles
+from ...exploded import offsets_of, reach_of
 from ...maps.ramps import NO_VALUE, RAMPS
 from ...maps.surface_map import SurfaceMap
 from ...progress import Step, Steps
@@ -28,6 +33,7 @@ VIEWER = Path(__file__).with_name("viewer")
 def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]:
     """Write a page; its title is the file's own name."""
     template = (VIEWER / "page.html").read_text("utf-8")
+    offsets = offsets_of([(structure.vertices, structure.faces) for structure in structures])
     with path.open("wb") as file:
         # Text and marks in turn.
         for number, piece in enumerate(re.split(r"\{\{([\w.]+)\}\}", template)):
@@ -36,6 +42,7 @@ def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]
             elif piece == "title":
                 file.write(html.escape(path.stem).encode("utf-8", "replace"))
             elif piece == "structures":
+                file.write(_exploding(structures, offsets))
                 for done, structure in enumerate(structures, 1):
                     message = f"Writing {structure.name}"
                     mesh = packed(structure.vertices, structure.faces)
@@ -47,6 +54,20 @@ def write_page_steps(path: Path, structures: Sequence[Structure]) -> Steps[None]
                     yield Step(done / len(structures), message)
             else:
                 file.write((VIEWER / piece).read_bytes())
+
+
+def _exploding(structures: Sequence[Structure], offsets: Doubles) -> bytes:
+    """Return what the slider of an exploded view needs, nothing where no structure can be moved apart.
+
+    `away` has the shift of each structure for 1 mm of the slider, which begins at `start` and ends at `most` mm: where
+    the centers are twice as far from the middle as in the patient, or at the start if that is more.
+    """
+    reach = reach_of(offsets)
+    if reach == 0.0:
+        return b""
+    start = reach_of(np.array([structure.shift for structure in structures], np.float64))
+    away = [[round(part, 6) for part in row] for row in (offsets / reach).tolist()]
+    return _element("explode", {"start": round(start, 3), "most": round(max(reach, start), 3), "away": away}, b"")
 
 
 def _element(kind: str, facts: dict[str, Any], content: bytes) -> bytes:

@@ -40,6 +40,8 @@ class Structure:
         Values on the vertices.
     shown : str
         Name of the map whose colors are shown; `rgb` is shown where it is empty or no map has that name.
+    shift : (x, y, z) float
+        Where an exploded view shows it, RAS+ mm from its place; the vertices stay in the patient.
     """
 
     name: str
@@ -51,6 +53,7 @@ class Structure:
     volume_mm3: float | None = None
     maps: tuple[SurfaceMap, ...] = ()
     shown: str = ""
+    shift: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def shown_map(self) -> SurfaceMap | None:

@@ -11,9 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from ...errors import OutputError
+from ...exploded import shifts_of
 from ...progress import Steps, finish
 from ..atomic_write import refused, whole_files
-from ..mesh_files import STRUCTURE_SUFFIXES, files_of
+from ..mesh_files import STRUCTURE_SUFFIXES, files_of, require_placements
 from .glb import write_glb_steps
 from .page import write_page_steps
 from .structure import Structure, as_structures
@@ -27,7 +28,9 @@ WRITERS: dict[str, Writer] = dict(
 TURNED = (".obj", ".3mf")  # The axes of these formats can be LPS; the other formats fix their axes.
 
 
-def write_structures(path: str | os.PathLike[str], structures: Sequence[Structure], space: str = "ras") -> None:
+def write_structures(
+    path: str | os.PathLike[str], structures: Sequence[Structure], space: str = "ras", explode: float = 0.0
+) -> None:
     """Write structures to one file, whole or not at all; the suffix chooses the format.
 
     Parameters
@@ -38,29 +41,47 @@ def write_structures(path: str | os.PathLike[str], structures: Sequence[Structur
         Names that several have get a number.
     space : {"ras", "lps"}
         Axes of an OBJ or 3MF, which are in mm. A GLB is in meters with Y up, as glTF has it.
+    explode : float
+        Shift of the structure that is farthest from the common center in an exploded view, mm, as `shifts_of` has it.
+        A GLB keeps it as translations of its nodes, a page as the start of its slider; vertices stay in place.
 
     Raises
     ------
     OutputError
-        For another suffix, a structure without triangles, or a place that cannot be written to.
+        For another suffix, a structure without triangles, a place that cannot be written to, or an exploded view in a
+        file of coordinates alone.
     """
     with whole_files(files_of(Path(path))) as places:
-        finish(write_structures_steps(places[Path(path)], structures, space))
+        finish(write_structures_steps(places[Path(path)], structures, space, explode))
 
 
-def write_structures_steps(path: Path, structures: Sequence[Structure], space: str = "ras") -> Steps[None]:
+def write_structures_steps(
+    path: Path, structures: Sequence[Structure], space: str = "ras", explode: float = 0.0
+) -> Steps[None]:
     """Do what `write_structures` does as steps, straight to a path; the caller makes sure that files are whole."""
     writer = WRITERS.get(path.suffix.lower())
     if writer is None:
         formats = ", ".join(STRUCTURE_SUFFIXES)
         raise OutputError(f"{path.name or 'an empty name'} cannot hold several structures; the formats are {formats}")
+    if explode:
+        require_placements(path)
     named = as_structures(structures, path.name)
+    if explode:
+        named = _moved_apart(named, explode)
     if space == "lps" and path.suffix.lower() in TURNED:
         named = [_turned(structure) for structure in named]
     try:
         yield from writer(path, named)
     except OSError as error:
         raise refused(path, error) from error
+
+
+def _moved_apart(structures: Sequence[Structure], explode: float) -> list[Structure]:
+    """The structures with their shifts in an exploded view."""
+    shifts = shifts_of([(structure.vertices, structure.faces) for structure in structures], explode)
+    return [
+        replace(structure, shift=(x, y, z)) for structure, (x, y, z) in zip(structures, shifts.tolist(), strict=True)
+    ]
 
 
 def _turned(structure: Structure) -> Structure:

@@ -3,9 +3,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -27,19 +25,17 @@ from ....core import (
     Steps,
     SurfaceRequest,
     TriangleMesh,
-    Volume,
     defaults,
     descriptions,
     make_surfaces_steps,
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
-from ....core.volume import ValueKind
 from ....readers import MapFiles, open_volume_steps
 from ... import jobs
 from ...properties.described import as_typed, property_of, with_unit
 from ...properties.kinds import choice, text
 from ...properties.preferences import machine
-from ...properties.structures import LABEL
+from ...properties.structures import structure_choices
 from ...state import session, structures, surfaces
 from ...translations import translate, translate_sentence
 from ...viewport import maps as viewport_maps
@@ -63,13 +59,8 @@ def _sentence(text: str) -> str:
 
 def _structure_items(_operator: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
     """Return the labels of the list, and a file last."""
-    stored = context.scene.ctmc
-    labels = [item for item in stored.labels if item.kind == LABEL]
-    names = Counter(item.name for item in labels)
     _items.clear()
-    for item in labels:  # By name where one name means one label.
-        number = str(item.value)
-        _items.append((item.name if names[item.name] == 1 and item.name else number, item.name or number, ""))
+    _items.extend((key, item.name or key, "") for key, item in structure_choices(context.scene.ctmc))
     _items.append((FROM_FILE, translate("File"), ""))
     return _items
 
@@ -176,7 +167,7 @@ def added_steps(
     """
     uid, provenance, mesh, budget = obj.session_uid, require_provenance(obj), own_mesh(obj), machine().budget
     result = reconstruction_of(mesh, None, provenance.settings, provenance)
-    volume, labels = structures.require_volume_of(scene, provenance.settings), _named_labels(scene)
+    volume, labels = structures.require_volume_of(scene, provenance.settings), structures.named_labels(scene)
     inputs = MapFiles(labels or volume, budget, open_volume_steps)
     surface_steps = _surfaces_of(scene, result, surfaces.full_of_last_run(obj, scene), budget)
     stages = Stages({READING: 1, MAPPING: 3})
@@ -198,15 +189,6 @@ def added_steps(
         return ". ".join([f"{changed.name}: {title}", *map(translate_sentence, surface_map.notes)])
 
     return conclude
-
-
-def _named_labels(scene: bpy.types.Scene) -> Volume | None:
-    """Return the labels of the scene's CT, with the names of the list; None without any."""
-    volume = structures.label_volume(scene)
-    if volume is None or volume.kind != ValueKind.LABEL:
-        return None
-    names = {item.value: item.name for item in scene.ctmc.labels if item.kind == LABEL and item.name}
-    return replace(volume, label_names={**volume.label_names, **names})
 
 
 def _surfaces_of(

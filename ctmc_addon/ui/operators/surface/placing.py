@@ -16,6 +16,7 @@ from ....blender.surface import (
     call,
     require_updatable,
     set_drawn,
+    set_part,
     surface_mesh_steps,
     update_reconstruction,
 )
@@ -51,6 +52,8 @@ class ObjectRequest:
         Opacity of a new object, 0 to 1; None for an opaque one.
     drawn : str or None
         A hash of the structure's drawing, empty without one; None keeps the object's own.
+    part : str
+        Name of the part of a solid; empty for a surface as the settings alone make it.
     """
 
     settings: ReconstructionSettings
@@ -62,6 +65,7 @@ class ObjectRequest:
     prefix: str = ""
     opacity: float | None = None
     drawn: str | None = None
+    part: str = ""
 
 
 @dataclass(frozen=True)
@@ -153,6 +157,8 @@ def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[
                     call(obj, name_of(request, result))
             if request.drawn is not None:
                 set_drawn(obj, request.drawn)
+            if request.part:
+                set_part(obj, request.part)
             # The measurement is of this alpha and no modifiers; the object may have others.
             state = measurements.plain_state(obj, result.settings.alpha_number)
             measurements.keep(obj, surface.measurement, state)
@@ -164,7 +170,9 @@ def place(scene_uid: int, surfaces: Sequence[MeasuredSurface], meshes: Sequence[
 
 
 def name_of(request: ObjectRequest, result: Reconstruction) -> str:
-    """Return the name of a surface: its label, else tissue and threshold."""
+    """Return the name of a surface: its part or label, else tissue and threshold."""
+    if request.part:
+        return f"{request.prefix} {request.part}".strip()
     by_values = surface_name(request.kind or ValueKind.GRAY, result.threshold, result.settings.upper)
     return f"{request.prefix} {request.structure or by_values}".strip()
 

@@ -37,6 +37,7 @@ from ...translations import translate_sentence
 from ...viewport import preview
 from . import placing
 from .placing import MeasuredSurface, NewMesh, ObjectRequest
+from .solid import SolidParts, runs_of, solid_of
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -81,8 +82,10 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         scene = context.scene
         loaded = volumes.require_loaded(scene)
-        runs = scene.ctmc.all_settings()
-        targets = {} if self.new else surfaces.targets(context, runs)
+        solid = solid_of(scene)
+        runs = runs_of(scene, solid)
+        parts = surfaces.part_targets(context) if solid and not self.new else {}
+        targets = {} if self.new or solid else surfaces.targets(context, runs)
         fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind
         volume_name = scene.ctmc.volume_name.strip()
         name = volumes.called(scene)
@@ -107,8 +110,13 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
             )
             for run, item in zip(runs, items, strict=True)
         ]
+        volume = replace(loaded.full, name=name)
+        if solid:
+            labels = structures.named_labels(scene)
         labels = None if labels is None else replace(labels, name=name)
-        return surfaces_steps(replace(loaded.full, name=name), requests, scene.session_uid, labels=labels)
+        return surfaces_steps(
+            volume, requests, scene.session_uid, labels=labels, solid=SolidParts(solid, parts) if solid else None
+        )
 
 
 def surfaces_steps(
@@ -118,8 +126,9 @@ def surfaces_steps(
     full: Reconstruction | None = None,
     *,
     labels: Volume | None = None,
+    solid: SolidParts | None = None,
 ) -> Steps[jobs.Conclusion]:
-    """Make all surfaces, then put them into the scene at once; `full` replaces extraction.
+    """Make all surfaces, or the parts of a `solid`, then put them into the scene at once; `full` replaces extraction.
 
     Surfaces of labels are made from `labels` if these are not in the volume itself.
     """
@@ -127,9 +136,15 @@ def surfaces_steps(
     stages = Stages(JOB_STAGES)
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
-    surface_requests = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
-    making = make_surfaces_steps(volume, surface_requests, budget, labels=labels, all_needed=True)
-    outcomes = yield from stages.run(reconstructing, making)
+    outcomes: Sequence[MadeSurface | CtmcError]
+    if solid is not None:
+        assert volume is not None, "a solid is made from a CT"
+        parts = yield from stages.run(reconstructing, solid.parts_steps(volume, requests, budget, labels))
+        requests, outcomes = solid.requests_of(parts, requests), [MadeSurface(part) for part in parts]
+    else:
+        surface_requests = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
+        making = make_surfaces_steps(volume, surface_requests, budget, labels=labels, all_needed=True)
+        outcomes = yield from stages.run(reconstructing, making)
     finished = yield from stages.run(measuring, measured_steps(requests, outcomes, budget.thread_count))
     meshes = yield from stages.run(adding, placing.mesh_steps(finished))
 
@@ -137,7 +152,7 @@ def surfaces_steps(
         start = time.perf_counter()
         message = _add_to_scene(scene_uid, finished, meshes)
         end = time.perf_counter()
-        if full is None:  # Else the stages of its extraction are not part of these seconds.
+        if full is None and solid is None:  # Only then were these surfaces extracted, and nothing else done.
             cost_estimates.learn(
                 scene_uid,
                 [surface.result for surface in finished],
@@ -188,7 +203,7 @@ def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: S
     scene_session = session.of(scene)
     scene_session.message = ""
     scene_session.full = {
-        surfaces.origin(surface.request.fingerprint, surface.request.settings): surface.full
+        surfaces.origin(surface.request.fingerprint, surface.request.settings, surface.request.part): surface.full
         for surface in finished
         if surface.request.fingerprint and surface.full is not None
     }

@@ -19,6 +19,7 @@ from ...properties.structures import called
 from ...state import drawings, measurements, session, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate
+from .solid import runs_of, solid_of
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -105,24 +106,30 @@ class CTMC_OT_copy_command(bpy.types.Operator):
 
 
 def command_text(scene: bpy.types.Scene) -> str:
-    """Return the command line of every surface the panel asks for."""
+    """Return the command line of every surface the panel asks for, or of the parts of a solid."""
     stored, loaded = scene.ctmc, volumes.loaded(scene)
     source = bpy.path.abspath(stored.volume_path)
     reading = loaded.reading if loaded is not None else options_of_scene(stored)
     name = loaded.volume.name if loaded is not None else Path(source).stem
+    solid = solid_of(scene)
     lines = []
-    for settings in stored.all_settings():
+    for settings in runs_of(scene, solid):
         item = stored.structure_of(settings)
-        output = file_name(name if settings.label is None else f"{name}_label_{settings.label}") + ".stl"
+        output = file_name(name if settings.label is None else f"{name}_label_{settings.label}")
+        output += ".3mf" if solid.cuts else ".stl"
         if item is not None and drawings.drawn_by(scene, item) is not None:
             raise SettingsError(
                 f"no command makes {called(item)}, because it was drawn; save the .blend and use the labels beside it"
             )
         path, number = structures.origin_of(scene, item)
+        if solid.combinations:
+            if path:
+                raise SettingsError("no command combines labels of other files than the CT's; combine them here")
+            return command_line(source, file_name(name) + ".3mf", replace(settings, label=None), reading, solid)
         if path:  # The labels are from a file other than the CT's.
-            lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions()))
+            lines.append(command_line(path, output, replace(settings, label=number), ReadingOptions(), solid))
         else:
-            lines.append(command_line(source, output, settings, reading))
+            lines.append(command_line(source, output, settings, reading, solid))
     return "\n".join(lines)
 
 

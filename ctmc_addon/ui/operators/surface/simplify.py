@@ -47,10 +47,14 @@ def from_full_steps(
     provenance = require_provenance(obj)
     settings = replace(provenance.settings, **changes)
     full = None if extracts else surfaces.full_of(obj, scene)
+    if full is None and provenance.part:
+        raise MeshError(f"{obj.name} is a part of a solid and cannot be made alone; press Reconstruct for all parts")
     if full is None and not surfaces.is_of_ct(obj, scene):
         raise MeshError(f"{obj.name} is simplified already and its full surface is not in memory; load its CT again")
     drawn = drawings.hash_of(scene, scene.ctmc.structure_of(settings)) if full is None else None
-    request = ObjectRequest(settings, target=obj.session_uid, fingerprint=provenance.fingerprint, drawn=drawn)
+    request = ObjectRequest(
+        settings, target=obj.session_uid, fingerprint=provenance.fingerprint, drawn=drawn, part=provenance.part
+    )
     return surfaces_steps(structures.volume_of(scene, settings), [request], scene.session_uid, full)
 
 

@@ -74,17 +74,19 @@ const MAPS = (() => {
     const wide = (camera.right - camera.left) / 2 / camera.zoom, high = (camera.top - camera.bottom) / 2 / camera.zoom;
     const u = (camera.right + camera.left) / 2 + wide * (2 * x / window.innerWidth - 1);
     const v = (camera.top + camera.bottom) / 2 + high * (1 - 2 * y / window.innerHeight);
-    const through = [0, 1, 2].map((axis) => view[12 + axis] + u * view[axis] + v * view[4 + axis]);
+    const seen = [0, 1, 2].map((axis) => view[12 + axis] + u * view[axis] + v * view[4 + axis]);
     let nearest = -Infinity, value = null;
     for (const { mesh, filled, opacity, maps } of structures) {
       const values = maps[name], positions = mesh.geometry.attributes.position.array;
+      const away = mesh.position.toArray(), through = seen.map((part, axis) => part - away[axis]);
       if (!mesh.visible || (!values && opacity < 0.995)) continue;
       eachMeeting(mesh.geometry, through, view, (ends, shares, area) => {
         const mean = (of) => shares.reduce((sum, share, at) => sum + share * of(ends[at]), 0);
         const point = [0, 1, 2].map((axis) => mean((end) => positions[3 * end + axis]));
         const depth = [0, 1, 2].reduce((sum, axis) => sum + view[8 + axis] * (point[axis] - through[axis]), 0);
         if (depth <= nearest) return;
-        if (cut && cut.normal.toArray().reduce((sum, part, axis) => sum + part * point[axis], cut.constant) < 0) return;
+        if (cut && cut.normal.toArray().reduce((sum, part, axis) => sum + part * (point[axis] + away[axis]),
+          cut.constant) < 0) return;
         nearest = depth;
         const known = values ? mean((end) => (Number.isNaN(values[end]) ? 0 : 1)) : 0;
         // Where a cut fills a structure, its inside is seen, and no surface.

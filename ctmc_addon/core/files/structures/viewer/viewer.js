@@ -7,16 +7,16 @@
     en: { cut: "Cut", none: "No cut", x: "Left to right", y: "Back to front", z: "Foot to head", flip: "Other side",
       all: "All", nothing: "None", picture: "Picture", light: "Light / dark", open: "open", fit: "Fit",
       views: ["Front", "Back", "Right", "Left", "Head", "Foot"], sides: "RLAPHF", show: "Show or hide the list",
-      opacity: "Opacity", map: "Map", plain: "Plain color", without: "no value",
+      opacity: "Opacity", explode: "Explode", map: "Map", plain: "Plain color", without: "no value",
       failed: "This browser cannot show 3D (WebGL 2)." },
     de: { cut: "Schnitt", none: "Kein Schnitt", x: "Links nach rechts", y: "Hinten nach vorn", z: "Fuß nach Kopf",
       flip: "Andere Seite", all: "Alle", nothing: "Keine", picture: "Bild", light: "Hell / dunkel", open: "offen",
       fit: "Einpassen", views: ["Vorn", "Hinten", "Rechts", "Links", "Kopf", "Fuß"], sides: "RLVHKF",
-      show: "Liste zeigen oder verbergen", opacity: "Deckkraft", map: "Karte", plain: "Einfarbig", without: "kein Wert",
+      show: "Liste zeigen oder verbergen", opacity: "Deckkraft", explode: "Auseinanderziehen", map: "Karte", plain: "Einfarbig", without: "kein Wert",
       failed: "Dieser Browser kann kein 3D zeigen (WebGL 2)." },
     zh: { cut: "剖切", none: "不剖切", x: "从左到右", y: "从后到前", z: "从足到头", flip: "另一侧", all: "全部", nothing: "无",
       picture: "图片", light: "亮 / 暗", open: "开放", fit: "适合窗口", views: ["前", "后", "右", "左", "头", "足"],
-      sides: "右左前后头足", show: "显示或隐藏列表", opacity: "不透明度", map: "图", plain: "单色", without: "无值",
+      sides: "右左前后头足", show: "显示或隐藏列表", opacity: "不透明度", explode: "分开", map: "图", plain: "单色", without: "无值",
       failed: "此浏览器无法显示三维（WebGL 2）。" },
   };
   const language = (navigator.language || "en").slice(0, 2);
@@ -119,9 +119,26 @@
     structures[facts.structure].maps[facts.name] = valuesOf(facts, unpacked(source));
     maps[facts.name] = facts;
   }
-  const box = new T.Box3();
-  for (const structure of structures) box.union(structure.mesh.geometry.boundingBox);
-  const center = box.getCenter(new T.Vector3()), radius = Math.max(1, 0.5 * box.getSize(new T.Vector3()).length());
+  // Moved apart from their common center; `center` and `radius` are of what is shown when the view is fitted.
+  const exploding = document.querySelector("script.explode");
+  const exploded = exploding ? JSON.parse(exploding.dataset.facts) : { start: 0, most: 0, away: [] };
+  const box = new T.Box3(), center = new T.Vector3();
+  let radius = 1;
+  function explode(mm) {
+    exploded.mm = mm;
+    box.makeEmpty();
+    structures.forEach(({ mesh, filled }, at) => {
+      if (exploding) mesh.position.fromArray(exploded.away[at]).multiplyScalar(mm);
+      filled.position.copy(mesh.position);
+      box.union(mesh.geometry.boundingBox.clone().translate(mesh.position));
+    });
+  }
+  function measure() {
+    box.getCenter(center);
+    radius = Math.max(1, 0.5 * box.getSize(new T.Vector3()).length());
+  }
+  explode(exploded.start);
+  measure();
 
   const camera = new T.OrthographicCamera(-1, 1, 1, -1, -100 * radius, 100 * radius);
   camera.up.set(0, 0, 1);
@@ -146,6 +163,7 @@
   const panel = document.getElementById("panel");
   const ways = [[0, 1, 0], [0, -1, 0], [1, 0, 0], [-1, 0, 0], [0, 0.001, 1], [0, 0.001, -1]];
   function lookFrom(way) {
+    measure();
     controls.target.copy(center);
     camera.position.copy(center).addScaledVector(new T.Vector3(...way).normalize(), 4 * radius);
     camera.zoom = 1;
@@ -322,11 +340,20 @@
   element("button", cutting, { textContent: W.flip, onclick: () => { cut.side = -cut.side; apply(); } });
   const where = element("input", cutting, { type: "range", min: 0, max: 1, step: 0.002, value: 0.5, id: "where",
     ariaLabel: W.cut });
+  if (exploding) {
+    const moving = element("label", body, { className: "tools", textContent: W.explode });
+    const away = element("input", moving, { type: "range", min: 0, max: exploded.most, step: exploded.most / 200,
+      value: exploded.start, id: "explode" });
+    const reads = element("output", moving);
+    const tell = () => { reads.textContent = `${+exploded.mm.toPrecision(3)} mm`; };
+    away.oninput = () => { explode(+away.value); tell(); apply(); };
+    tell();
+  }
   which.onchange = () => { cut.axis = which.value; apply(); };
   where.oninput = () => { cut.share = +where.value; apply(); };
   if (window.innerWidth <= 640 && structures.length > 4) panel.classList.add("closed");
 
   apply();
   lookFrom([-0.4, 1, 0.2]);
-  window.CTMC = { structures, camera, controls, cut, apply, draw, lookFrom, maps, showMap, valueAt };
+  window.CTMC = { structures, camera, controls, cut, exploded, explode, apply, draw, lookFrom, maps, showMap, valueAt };
 })();

@@ -1,0 +1,87 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A body: a structure with a closed surface, and its fields on a lattice."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Flags, Floats
+from ..errors import MeshError
+from ..machine.budget import Budget
+from ..mesh.distance.signed_distance import SignedSurface
+from ..mesh.distance.triangle_tree import TriangleTree
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Steps
+from .distances import distances_bytes, distances_steps
+from .fields import StructureField
+from .lattice import Lattice
+from .lattice_edges import edge_vertices_steps, inside_steps
+
+OnEdges = tuple[NDArray[np.int64], Floats]
+
+
+@dataclass(eq=False)
+class Body:
+    """A structure with a closed surface.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        RAS+ mm.
+    lattice : Lattice
+    budget : Budget
+    """
+
+    mesh: TriangleMesh
+    lattice: Lattice
+    budget: Budget
+    inside: Flags | None = None
+    on_edges: OnEdges | None = None
+    _tree: TriangleTree | None = None
+    _signed: SignedSurface | None = None
+
+    def prepare_steps(self) -> Steps[None]:
+        """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
+        self.budget.require(distances_bytes(self.lattice), "the fields of a solid", "use a larger stride or a region")
+        try:
+            self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
+        except MeshError:
+            return
+        keys, vertices = yield from edge_vertices_steps(self.mesh, self.lattice, self.budget)
+        self.on_edges = keys, self.mesh.vertices[vertices]
+
+    def signed_steps(self) -> Steps[SignedSurface]:
+        """Return the surface, ready for signed distances."""
+        if self._signed is None:
+            signed = SignedSurface()
+            yield from signed.prepare_steps(self.mesh)
+            self._signed, self._tree = signed, signed.tree
+        return self._signed
+
+    def field_steps(self, level: float) -> Steps[StructureField]:
+        """Return the field of a level, mm inside the surface."""
+        if level == 0 and self.inside is not None:
+            tree = yield from self._tree_steps()
+            return StructureField(tree, self.lattice, self.inside)
+        distance = yield from self.distances_steps(level)
+        tree = yield from self._tree_steps()
+        inside = distance > 0 if self.inside is None else self.inside
+        return StructureField(tree, self.lattice, inside, distance, level)
+
+    def distances_steps(self, level: float) -> Steps[Floats]:
+        """Return distances that are exact where a level passes, (z, y, x) float32 mm, positive inside."""
+        if self.inside is None:
+            signed = yield from self.signed_steps()
+            return (yield from distances_steps(signed, self.lattice, [level], None, self.budget))
+        tree = yield from self._tree_steps()
+        return (yield from distances_steps(tree, self.lattice, [level], self.inside, self.budget))
+
+    def _tree_steps(self) -> Steps[TriangleTree]:
+        if self._tree is None:
+            tree = TriangleTree()
+            yield from tree.prepare_steps(self.mesh)
+            self._tree = tree
+        return self._tree

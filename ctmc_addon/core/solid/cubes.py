@@ -1,0 +1,97 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cubes that are parted again and again, and what is found with them: the deepest and the lowest place of a solid.
+
+The depth changes by no more than the way between two points, so cubes that cannot hold what is looked for are dropped
+early. Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Doubles, Indices
+from ..progress import Steps
+from .depth import Depth
+
+FIRST_CUBES = 8  # Along the longest side of the box.
+HALF_DIAGONAL = 0.8661
+LEAST_SIDE_MM = 0.2
+CLOSE_MM = 0.01  # Depths and heights are known to this, where few places are nearly as deep or low.
+MOST_PARTED = 1024  # Part this many cubes at a time, the most promising ones.
+EVERY = slice(None)
+EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # (3, 8)
+
+
+@dataclass(frozen=True)
+class Cubes:
+    """Cubes of one grid: from where it begins, their side, and their numbers along x, y and z, (3, n)."""
+
+    origin: Doubles
+    side: float
+    at: Indices
+
+    @classmethod
+    def over(cls, low: Doubles, high: Doubles) -> Cubes:
+        """Return the first cubes, which cover a box (3,) to (3,)."""
+        spans = high - low
+        side = max(float(spans.max()) / FIRST_CUBES, LEAST_SIDE_MM)
+        counts = [max(1, math.ceil(span / side)) for span in spans.tolist()]
+        origin = (low + high) / 2 - np.array(counts) * (side / 2)
+        return cls(origin, side, np.stack([each.ravel() for each in np.indices(counts)]))
+
+    def points(self, numbers: NDArray[np.intp] | slice = EVERY) -> Doubles:
+        """Return the middles of cubes, (3, n)."""
+        return self.origin[:, None] + (self.at[:, numbers] + 0.5) * self.side
+
+    def kept(self, which: NDArray[np.intp]) -> Cubes:
+        """Return some of them."""
+        return Cubes(self.origin, self.side, self.at[:, which])
+
+    def parted(self) -> Cubes:
+        """Return eight cubes for each."""
+        at = (2 * self.at[:, :, None] + EIGHTHS[:, None]).reshape(3, -1)
+        return Cubes(self.origin, self.side / 2, at)
+
+
+def deepest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[tuple[Doubles, float]]:
+    """Return the deepest point in a box (3,) to (3,), as (3,), and its depth: the first of equals.
+
+    The depth is right to `CLOSE_MM`, and never too large.
+    """
+    cubes = Cubes.over(low, high)
+    best, deepest = (low + high) / 2, -math.inf
+    while True:
+        points = cubes.points()
+        here = yield from depth(points)
+        top = int(here.argmax())
+        if here[top] > deepest:
+            best, deepest = points[:, top].copy(), float(here[top])
+        near = np.flatnonzero(here + HALF_DIAGONAL * cubes.side > deepest + CLOSE_MM)
+        if not len(near):
+            return best, deepest
+        order = np.argsort(-here[near], kind="stable")[:MOST_PARTED]
+        cubes = cubes.kept(np.sort(near[order])).parted()
+
+
+def lowest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[float]:
+    """Return the least z inside, mm, in a box (3,) to (3,), inf if nothing is inside.
+
+    It is right to `CLOSE_MM` where the solid is flat or round there; of a fine tip some more may be missed.
+    """
+    cubes = Cubes.over(low, high)
+    lowest = math.inf
+    while True:
+        points = cubes.points()
+        here = yield from depth(points)
+        # The ball around a point that reaches to the surface is inside.
+        lowest = min(lowest, float((points[2] - here)[here > 0].min(initial=math.inf)))
+        near = np.flatnonzero(here > -HALF_DIAGONAL * cubes.side)
+        near = near[points[2, near] - cubes.side / 2 < lowest - CLOSE_MM]
+        if not len(near) or cubes.side < CLOSE_MM:
+            return lowest
+        order = np.lexsort((-here[near], points[2, near]))[:MOST_PARTED]
+        cubes = cubes.kept(np.sort(near[order])).parted()

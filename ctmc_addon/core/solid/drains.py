@@ -1,0 +1,312 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Drains of a hollow: round holes from a cavity straight out through its wall.
+
+A drain at a point goes the shortest way out, toward the nearest point of the outer surface. A point in the wall is
+first followed inward to the cavity. Two drains that are placed by themselves go straight down from the lowest place of
+the largest cavity and straight up from its highest; where that way would go through much more than the wall, as down
+a spike, they go the shortest way out too.
+
+Distances are in mm, positive inside; points are RAS+ mm.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Doubles
+from ..errors import SettingsError
+from ..mesh.distance.signed_distance import SignedSurface
+from ..mesh.vectors import dot
+from ..progress import Steps
+from .cubes import deepest_steps
+from .depth import Depth
+from .hollows import Cavities, cavities_steps
+from .outer import OuterSurfaces
+from .request import Drain, Point
+from .shapes import Bar, Shape, Union
+
+AUTO_DIAMETER_MM = 4.0
+WALL_PER_DIAMETER = 2.0  # A hole this much deeper than wide is hard to clean.
+STEP_MM = 0.1  # Samples along a way through a wall.
+MOST_SAMPLES = 4096
+BEYOND = np.arange(1.0, 4.25, 0.25)  # Ends of a drain beyond the surface, in radii.
+TOUCHING = 0.999  # A half ball this share of its radius from the surface is out of the wall.
+TOO_FAR = 3.0  # Times the wall: no way straight up or down is longer.
+INWARD = (2.0, 1.5, 1.0, 0.5)  # Places of a better point below the surface, in the depth that a drain begins at.
+
+
+@dataclass(frozen=True)
+class PlacedDrains:
+    """Drains of one solid.
+
+    Parameters
+    ----------
+    bars : tuple of Bar
+        From inside a cavity to beyond the surface, to be taken away.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    bars: tuple[Bar, ...]
+    notes: tuple[str, ...] = ()
+
+    @property
+    def shape(self) -> Shape:
+        """All of them, to be taken away; there is at least one."""
+        return Union(self.bars)
+
+
+def auto_diameter(wall: float) -> float:
+    """Return the diameter of drains that are placed by themselves, mm: 4, or half of the wall where that is more.
+
+    Powder and resin flow out of two holes of 4 mm, and a hole of that ratio can be cleaned.
+
+    Examples
+    --------
+    >>> auto_diameter(2.0), auto_diameter(12.0)
+    (4.0, 6.0)
+    """
+    return max(AUTO_DIAMETER_MM, wall / WALL_PER_DIAMETER)
+
+
+def drains_steps(
+    drains: Sequence[Drain], surface: SignedSurface, depth: Depth, wall: float = 0.0, thicken: float = 0.0
+) -> Steps[PlacedDrains]:
+    """Place the drains of a solid.
+
+    Parameters
+    ----------
+    drains : sequence of Drain
+    surface : SignedSurface
+        Of the structure, closed.
+    depth : Depth
+        Below the surface of the thickened structure, before it is made hollow.
+    wall : float
+        Thickness of the wall of the hollow, mm; 0 where only cavities that are there are opened.
+    thicken : float
+        Offset of the surface outward, mm.
+
+    Returns
+    -------
+    PlacedDrains
+
+    Raises
+    ------
+    SettingsError
+        For a point outside or one from which no cavity is reached, and for a wall that leaves no cavity.
+    """
+    outer = OuterSurfaces()
+    yield from outer.prepare_steps(surface)
+    vertices = surface.mesh.vertices
+    box = [vertices.min(axis=0).astype(np.float64) - thicken, vertices.max(axis=0).astype(np.float64) + thicken]
+    solid = _Solid(surface, outer, depth, wall, thicken, np.minimum(*box), np.maximum(*box))
+    bars: list[Bar] = []
+    notes: list[str] = []
+    for drain in drains:
+        if drain.point is None:
+            more, told = yield from _auto_steps(drain.diameter / 2, solid)
+            bars += more
+            notes += told
+        else:
+            bars.append((yield from _given_steps(drain.point, drain.diameter / 2, solid)))
+    return PlacedDrains(tuple(bars), tuple(notes))
+
+
+@dataclass(frozen=True)
+class _Solid:
+    surface: SignedSurface
+    outer: OuterSurfaces
+    depth: Depth
+    wall: float
+    thicken: float
+    low: Doubles
+    high: Doubles
+
+    def material_steps(self, points: Doubles) -> Steps[Doubles]:
+        """Return the depth below the surface of the hollow solid."""
+        below = yield from self.depth(points)
+        return np.minimum(below, self.wall - below) if self.wall else below
+
+
+@dataclass(frozen=True)
+class _Start:
+    """A point, the way out from there, how long it is to the surface, and the outer surface that it meets."""
+
+    point: Doubles  # (3,)
+    way: Doubles  # (3,)
+    length: float
+    outer: SignedSurface
+
+
+def _given_steps(point: Point, radius: float, solid: _Solid) -> Steps[Bar]:
+    """Place the drain at a point."""
+    bar = yield from _from_point_steps(np.array(point, np.float64), radius, solid)
+    if bar is not None:
+        return bar
+    place = np.array(point, np.float64)
+    distance, face = yield from solid.surface.distances_steps(place[None], 1)
+    outside = float(distance[0]) - solid.thicken
+    remedy = yield from _remedy_steps(place, float(distance[0]), int(face[0]), radius, solid)
+    where = f"a drain at {_numbers(point)}"
+    if outside >= 0:
+        raise SettingsError(f"{where} lies {outside:.1f} mm outside the surface; {remedy}")
+    inner = f", whose wall is {solid.wall:g} mm" if solid.wall else ", which is not hollow"
+    raise SettingsError(f"{where} reaches no cavity of the solid{inner}; {remedy}")
+
+
+def _from_point_steps(point: Doubles, radius: float, solid: _Solid) -> Steps[Bar | None]:
+    """Return the drain of a point, the shortest way out; None where it is outside or reaches no cavity."""
+    surface = yield from solid.outer.around_steps(point, solid.thicken)
+    if surface is None:
+        return None
+    start = yield from _start_steps(point, surface, solid.thicken)
+    before = yield from _to_cavity_steps(start, solid)
+    if before is None:
+        return None
+    return (yield from _bar_steps(start, before, radius, solid))
+
+
+def _start_steps(point: Doubles, surface: SignedSurface, thicken: float) -> Steps[_Start]:
+    """Return the shortest way out of an outer surface that was moved outward."""
+    distance, face = yield from surface.distances_steps(point[None], 1)
+    nearest = surface.nearest_on(point[:, None], face)[:, 0]
+    way = nearest - point if distance[0] < 0 else point - nearest
+    length = float(np.sqrt(dot(way, way)))
+    if length < 1e-6:  # on the surface itself
+        way = _normal_of(surface, int(face[0]))
+        length = float(np.sqrt(dot(way, way)))
+    return _Start(point, way / length, thicken - float(distance[0]), surface)
+
+
+def _to_cavity_steps(start: _Start, solid: _Solid) -> Steps[float | None]:
+    """Return how far before the point the axis begins: inside the cavity; below zero beyond it, None for no cavity."""
+    count = min(MOST_SAMPLES, max(2, math.ceil(float((solid.high - solid.low).max()) / STEP_MM)))
+    offsets = np.arange(count) * STEP_MM
+    column = start.point[:, None] - start.way[:, None] * offsets
+    material = yield from solid.material_steps(column)
+    distances, _ = yield from start.outer.distances_steps(column.T)
+    inside = distances < solid.thicken
+    open_places = np.flatnonzero((material <= 0) & inside)
+    if not len(open_places) or not inside[: open_places[0]].all():
+        return None
+    first = int(open_places[0])
+    return float(offsets[first]) + (STEP_MM if first else 0.0)
+
+
+def _bar_steps(start: _Start, before: float, radius: float, solid: _Solid) -> Steps[Bar]:
+    """Return the bar from inside the cavity to where its half ball is out of the wall.
+
+    Its first half ball keeps out of the wall on the other side of the cavity as well as it can.
+    """
+    begin = start.point - start.way * before
+    room = max(0.0, -float((yield from solid.material_steps(begin[:, None]))[0]))
+    begin = begin + start.way * min(room, max(0.0, radius - room))
+    ends = start.point[:, None] + start.way[:, None] * (start.length + radius * BEYOND)
+    distances, _ = yield from start.outer.distances_steps(ends.T, 1)
+    out = np.flatnonzero(distances - solid.thicken >= radius * TOUCHING)
+    end = ends[:, out[0] if len(out) else int(distances.argmax())]
+    return Bar(_point(begin), _point(end), radius)
+
+
+def _remedy_steps(point: Doubles, distance: float, face: int, radius: float, solid: _Solid) -> Steps[str]:
+    """Return a point at which a drain works, near the one given or the deepest; or what else to do."""
+    nearest = solid.surface.nearest_on(point[:, None], np.array([face]))[:, 0]
+    normal = _normal_of(solid.surface, face)
+    inward = -normal / float(np.sqrt(dot(normal, normal)) or 1.0)
+    start = nearest if distance - solid.thicken >= 0 else point
+    for share in INWARD:
+        better = _rounded(start + inward * (share * max(solid.wall, radius)))
+        if (yield from _from_point_steps(better, radius, solid)) is not None:
+            return f"give a point inside, such as {_numbers(better.tolist())}"
+    best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
+    better = _rounded(best)
+    if (yield from _from_point_steps(better, radius, solid)) is not None:
+        return f"give a point inside, such as {_numbers(better.tolist())}"
+    if not solid.wall:
+        return "add --hollow, or leave out the drain"
+    return _thinner(deepest)
+
+
+def _thinner(deepest: float) -> str:
+    """Return what to do about a wall that is too thick for a solid this deep."""
+    largest = math.floor(deepest * 10 - 0.5) / 10
+    if largest <= 0:
+        return "leave out --hollow"
+    return f"its deepest place lies {deepest:.1f} mm below the surface: give --hollow {largest:g} at most"
+
+
+def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str]]]:
+    """Place a drain at the lowest and one at the highest place of the largest cavity."""
+    best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
+    if deepest <= solid.wall:
+        raise SettingsError(f"a wall of {solid.wall:g} mm leaves no cavity for --drain auto; {_thinner(deepest)}")
+    cavities = yield from cavities_steps(solid.depth, solid.wall, solid.low, solid.high)
+    if not cavities.points.shape[1]:
+        cavities = Cavities(best[:, None], cavities.side, 0)
+    bars, notes = [], []
+    for up in (-1.0, 1.0):
+        point = yield from _end_steps(cavities, up, radius, solid)
+        around = yield from solid.outer.around_steps(point, solid.thicken)
+        surface = around or solid.surface
+        way = np.array([0.0, 0.0, up])
+        length = yield from _straight_steps(point, way, surface, solid, TOO_FAR * solid.wall + cavities.side)
+        if length is None:
+            start = yield from _start_steps(point, surface, solid.thicken)
+            place = "highest" if up > 0 else "lowest"
+            notes.append(
+                f"the drain at the {place} place goes the shortest way out, not straight through more material"
+            )
+        else:
+            start = _Start(point, way, length, surface)
+        bars.append((yield from _bar_steps(start, 0.0, radius, solid)))
+    if cavities.others:
+        count = f"{cavities.others} other cavities have" if cavities.others > 1 else "1 other cavity has"
+        notes.append(f"--drain auto opens the largest cavity; {count} no drain")
+    return bars, notes
+
+
+def _end_steps(cavities: Cavities, up: float, radius: float, solid: _Solid) -> Steps[Doubles]:
+    """Return the lowest or highest place of a cavity, (3,), where it is flat the middle of the widest part."""
+    heights = cavities.points[2] * up
+    end = cavities.points[:, heights > heights.max() - cavities.side / 2]
+    inner = end - np.array([[0.0], [0.0], [up * radius]])
+    room = np.minimum((yield from solid.depth(inner)), solid.wall + radius)
+    end = end[:, room >= room.max() - cavities.side / 2]
+    offsets = end - end.mean(axis=1, keepdims=True)
+    return np.array(end[:, int(dot(offsets, offsets).argmin())])
+
+
+def _straight_steps(
+    point: Doubles, way: Doubles, surface: SignedSurface, solid: _Solid, longest: float
+) -> Steps[float | None]:
+    """Return how long the way from a point in a cavity out of its wall is, None where it is longer than `longest`."""
+    offsets = np.arange(math.ceil(longest / STEP_MM) + 2) * STEP_MM
+    column = point[:, None] + way[:, None] * offsets
+    distances, _ = yield from surface.distances_steps(column.T, 1)
+    outside = np.flatnonzero(distances >= solid.thicken)
+    return float(offsets[outside[0]]) if len(outside) else None
+
+
+def _normal_of(surface: SignedSurface, face: int) -> Doubles:
+    """Return the normal of a face, of any length, (3,)."""
+    a, b, c = surface.mesh.vertices[surface.mesh.faces[face]].astype(np.float64)
+    (ux, uy, uz), (vx, vy, vz) = (b - a).tolist(), (c - a).tolist()
+    return np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
+
+
+def _rounded(point: Doubles) -> Doubles:
+    """Return a point as a message gives it, without negative zeros."""
+    return np.asarray(np.round(point, 1) + 0.0, np.float64)
+
+
+def _point(values: Doubles) -> Point:
+    x, y, z = values.tolist()
+    return x, y, z
+
+
+def _numbers(values: Sequence[float]) -> str:
+    return " ".join(f"{value:g}" for value in values)

@@ -1,0 +1,351 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Extract parts from several fields at once, with straight rims where two of their surfaces meet.
+
+A part is what the signs of fields say, such as "inside the structure and above the plane". Where only one field
+changes sign in a cell, its surface is that of Marching Cubes, as everywhere else. Cells where two or more matter are
+cut into six tetrahedra (Kuhn 1960), in which all fields are linear: there the surfaces cut each other exactly
+(arrangement.py), rims are straight, and walls thinner than a cell are still whole. Every piece lies in its own cell,
+and cells agree on their common faces, so parts are closed and do not cross; parts that touch share their triangles.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Doubles, Flags, Floats
+from ..errors import SettingsError
+from ..extraction.case_table import NEAREST
+from ..extraction.grid import Axis
+from ..extraction.interfaces.bands import band_ranges, fill_band, find_band
+from ..extraction.interfaces.owners import Owners
+from ..machine.budget import Budget
+from ..machine.parallel import map_steps
+from ..mesh.intersections import self_intersections_steps
+from ..mesh.labels.label_complex import ComplexMesh
+from ..progress import PAUSE, Stages, Steps
+from ..volume.affine import to_index, transform_faces, transform_points
+from .fields import Field, ShapeField
+from .lattice import Lattice
+from .rims import CutRims, cut_rims_steps
+from .stitch import stitched
+
+MOST_FIELDS = 20
+FACES_OF_CELL = ((0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5))
+STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
+POINTS_AT_ONCE = 1 << 18
+MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step.
+
+
+@dataclass(frozen=True, eq=False)
+class Recipe:
+    """What parts are made of.
+
+    Parameters
+    ----------
+    lattice : Lattice
+        Its outermost samples belong to no part.
+    fields : sequence of Field
+    part_of : callable
+        Takes whether each field is above 0, a list of bool arrays; returns the number of the part from 1 on, 0 for
+        none, an array of integers.
+    on_edges : mapping of int to (keys, positions), optional
+        By the number of a field: exact places of its surface on edges of the lattice, as rising `3 * sample + axis`
+        and (n, 3) float32 in RAS+ mm.
+    """
+
+    lattice: Lattice
+    fields: Sequence[Field]
+    part_of: Callable[[list[Flags]], NDArray[Any]]
+    on_edges: dict[int, tuple[NDArray[np.int64], Floats]]
+
+    def table(self) -> NDArray[np.uint8]:
+        """Return the part of every combination of signs, by the number whose bits these are."""
+        count = len(self.fields)
+        if count > MOST_FIELDS:
+            raise SettingsError(
+                f"{count} surfaces and cuts are more than {MOST_FIELDS}; make fewer structures or cuts at once"
+            )
+        words = np.arange(1 << count)
+        return np.asarray(self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])).astype(np.uint8)
+
+    def moved(self, share: float) -> Recipe:
+        """Return the recipe with its shapes moved inward by a share of the lattice's shortest step."""
+        shift = share * self.lattice.shortest_mm
+        fields = [replace(field, shift=shift) if isinstance(field, ShapeField) else field for field in self.fields]
+        return replace(self, fields=fields)
+
+
+def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
+    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
+
+    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again.
+    """
+    stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
+    extracting, looking = stages.shares
+    for share in MOVES:
+        extraction = _Extraction(recipe.moved(share), budget)
+        mesh = yield from stages.run(extracting, extraction.result_steps())
+        if extraction.cut is None:
+            break
+        crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
+        if not len((yield from stages.run(looking, crossing))):
+            break
+    return mesh
+
+
+class _Extraction:
+    """Extract parts, stage by stage."""
+
+    def __init__(self, recipe: Recipe, budget: Budget) -> None:
+        self.recipe, self.lattice, self.fields = recipe, recipe.lattice, recipe.fields
+        self.table, self.threads = recipe.table(), budget.thread_count
+        self.shape = self.lattice.shape
+        self.steps = (1, self.shape[2], self.shape[1] * self.shape[2])  # of flat numbers along x, y, z
+        self.corners = np.array([sum(self.steps[axis] * (c >> axis & 1) for axis in range(3)) for c in range(8)])
+        self.stages = Stages(STAGES)
+
+    def result_steps(self) -> Steps[ComplexMesh]:
+        """Run all stages."""
+        stages = self.stages
+        yield from stages.run("Deciding samples", self._words_steps())
+        yield from stages.run("Finding rims", self._rims_steps())
+        yield from stages.run("Crossing cells", self._cells_steps())
+        yield from stages.run("Cutting rims", self._cut_steps())
+        return (yield from stages.run("Placing vertices", self._placed_steps()))
+
+    def _words_steps(self) -> Steps[None]:
+        """Find the signs of all fields at every sample, as bits, and the part that owns it."""
+        kind = np.min_scalar_type((1 << len(self.fields)) - 1)
+        self.words = np.zeros(self.shape, kind)
+        self.owner = np.zeros(self.shape, np.uint8)
+
+        def decide(layers: tuple[int, int]) -> None:
+            words = self.words[slice(*layers)]
+            for bit, field in enumerate(self.fields):
+                words |= field.above(*layers).astype(kind) << kind.type(bit)
+            self.owner[slice(*layers)] = self.table.take(words)
+
+        step = max(1, (1 << 20) // (self.shape[1] * self.shape[2]))
+        parts = [(low, min(low + step, self.shape[0])) for low in range(0, self.shape[0], step)]
+        yield from map_steps(decide, parts, self.threads)
+
+    def _rims_steps(self) -> Steps[None]:
+        """Find the cells in which two fields or more decide, (n,) flat numbers of their lowest samples."""
+        counts = np.array([bin(word).count("1") for word in range(1 << min(len(self.fields), 16))], np.uint8)
+
+        def several(layers: tuple[int, int]) -> tuple[NDArray[np.intp], ...]:
+            words = self.words[layers[0] : layers[1] + 1]
+            all_set, any_set = words, words
+            for axis in range(3):
+                low = [slice(None)] * 3
+                high = [slice(None)] * 3
+                low[axis], high[axis] = slice(None, -1), slice(1, None)
+                all_set = all_set[tuple(low)] & all_set[tuple(high)]
+                any_set = any_set[tuple(low)] | any_set[tuple(high)]
+            active = any_set & ~all_set
+            many = (
+                (counts[active & 0xFFFF] + counts[active >> 16] > 1)
+                if active.dtype.itemsize > 2
+                else counts[active] > 1
+            )
+            z, y, x = np.nonzero(many)
+            flat = ((z + layers[0]) * self.shape[1] + y) * self.shape[2] + x
+            return flat, active[many].astype(np.intp), all_set[many].astype(np.intp)
+
+        step = max(1, (1 << 20) // (self.shape[1] * self.shape[2]))
+        last = self.shape[0] - 1
+        parts = [(low, min(low + step, last)) for low in range(0, last, step)]
+        found = yield from map_steps(several, parts, self.threads)
+        flat, active, base = (np.concatenate(each) for each in zip(*found, strict=True))
+        keys, group = np.unique(active << MOST_FIELDS | base, return_inverse=True)
+        matters = np.array(
+            [self._deciding(key >> MOST_FIELDS, key & (1 << MOST_FIELDS) - 1) for key in keys.tolist()] or [0]
+        )
+        self.rims = np.sort(flat[matters[group.reshape(-1)] > 1])
+        yield from self._grown_steps()
+
+    def _deciding(self, active: int, base: int) -> int:
+        """Return how many of the active fields change the part where the others are as in `base`."""
+        bits = [bit for bit in range(len(self.fields)) if active >> bit & 1]
+        words = [base]
+        for bit in bits:
+            words += [word | 1 << bit for word in words]
+        return sum(any(self.table[word] != self.table[word ^ 1 << bit] for word in words) for bit in bits)
+
+    def _grown_steps(self) -> Steps[None]:
+        """Add neighbors across faces that Marching Cubes would cut in two ways."""
+        self.is_rim = np.zeros(int(np.prod(self.shape)), bool)
+        self.is_rim[self.rims] = True
+        owner, fresh = self.owner.reshape(-1), self.rims
+        while len(fresh):
+            added = []
+            for face, across in zip(
+                FACES_OF_CELL, (-1, 1, -self.steps[1], self.steps[1], -self.steps[2], self.steps[2]), strict=True
+            ):
+                a, b, c, d = (owner.take(fresh + self.corners[corner]) for corner in face)
+                neighbor = fresh + across
+                both = (a == c) & (b == d) & (a != b)
+                neighbor = neighbor[both]
+                added.append(neighbor[~self.is_rim[neighbor]])
+            fresh = np.unique(np.concatenate(added))
+            self.is_rim[fresh] = True
+            yield PAUSE
+        self.rims = np.flatnonzero(self.is_rim)
+
+    def _cells_steps(self) -> Steps[None]:
+        """Make the triangles of all other cells, as those of labels that touch are made."""
+        axes = [
+            Axis(along.astype(np.float32), np.arange(len(along)), 0, len(along), 1, False)
+            for along in (self.lattice.x, self.lattice.y, self.lattice.z)
+        ]
+        owners = Owners(axes[0], axes[1], axes[2], self.owner)
+        ranges = band_ranges(self.shape)
+        rims = self.is_rim.reshape(self.shape)
+        bands = yield from map_steps(lambda layers: find_band(owners, *layers, rims), ranges, self.threads)
+        counts = np.array([band.counts for band in bands])
+        ends = np.cumsum(counts.reshape(-1))
+        starts = (ends - counts.reshape(-1)).reshape(counts.shape)
+
+        def fill(at: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+            above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
+            made = fill_band(owners, bands[at], starts[at].tolist(), *above)
+            return made.faces, made.sides.astype(np.uint8)
+
+        filled = yield from map_steps(fill, range(len(bands)), self.threads)
+        self.faces = np.concatenate([faces for faces, _ in filled])
+        self.sides = np.concatenate([sides for _, sides in filled])
+        self.keys = np.concatenate(
+            [
+                3 * (band.edges[axis].astype(np.int64) + band.low * self.steps[2]) + axis
+                for band in bands
+                for axis in range(3)
+            ]
+        )
+        self.in_use = np.zeros(len(self.keys), bool)
+        self.in_use[self.faces] = True
+
+    def _cut_steps(self) -> Steps[None]:
+        """Cut the rims' cells into tetrahedra and these into pieces; join them to the other cells."""
+        self.cut: CutRims | None = None
+        self.middles: dict[int, tuple[int, int]] = {}
+        if not len(self.rims):
+            return
+        words = self.words.reshape(-1)
+        self.cut = yield from cut_rims_steps(self.fields, self.table, words, self.rims, self.corners, self.threads)
+        self.faces, self.sides, self.middles = stitched(self.faces, self.sides, self.cut, self.keys, self.in_use)
+
+    def _placed_steps(self) -> Steps[ComplexMesh]:
+        """Place the vertices in use, and move them to RAS+ mm."""
+        nodes = 0 if self.cut is None else len(self.cut.nodes.keys)
+        used = np.zeros(len(self.keys) + nodes, bool)
+        used[self.faces] = True
+        places = np.empty((len(used), 3))
+        exact = np.full(len(used), -1, np.intp)  # Number of the exact place, of the vertex' field.
+        of_field = np.full(len(used), -1, np.intp)
+        yield from self._place_edges_steps(places, used, exact, of_field)
+        if self.cut is not None:
+            self._place_nodes(self.cut, places, exact, of_field)
+        yield PAUSE
+        vertices = np.empty((len(used), 3), np.float32)
+        for start in range(0, len(used), POINTS_AT_ONCE):
+            block = slice(start, start + POINTS_AT_ONCE)
+            vertices[block] = transform_points(self.lattice.affine, places[block])
+            yield PAUSE
+        for field, (_, positions) in self.recipe.on_edges.items():
+            own = np.flatnonzero((of_field == field) & (exact >= 0))
+            vertices[own] = positions[exact[own]]
+        number = np.cumsum(used, dtype=np.int32) - np.int32(1)
+        faces = transform_faces(self.lattice.affine, number[self.faces])
+        self.may_cross = (self.faces >= len(self.keys)).any(axis=1)
+        return ComplexMesh(vertices[used], faces, self.sides.astype(np.int32))
+
+    def _place_edges_steps(
+        self, places: Doubles, used: Flags, exact: NDArray[np.intp], of_field: NDArray[np.intp]
+    ) -> Steps[None]:
+        """Place the vertices of cells where the field that decides is 0."""
+        own = np.flatnonzero(used[: len(self.keys)])
+        flat, axis = np.divmod(self.keys[own], 3)
+        high = flat + np.array(self.steps).take(axis)
+        words = self.words.reshape(-1)
+        pairs = words.take(flat).astype(np.int64) << MOST_FIELDS | words.take(high)
+        unique, group = np.unique(pairs, return_inverse=True)
+        deciding = np.array(
+            [self._field_between(key >> MOST_FIELDS, key & (1 << MOST_FIELDS) - 1) for key in unique.tolist()]
+        )
+        field_of = deciding[group.reshape(-1)]
+        of_field[own] = field_of
+        share = np.full(len(own), 0.5)
+        for field in np.unique(field_of).tolist():
+            mine = np.flatnonzero(field_of == field)
+            exact[own[mine]] = self._exact(field, self.keys[own[mine]])
+            mine = mine[exact[own[mine]] < 0]
+            ends = np.unique(np.concatenate([flat[mine], high[mine]]))
+            values = yield from self.fields[field].values_steps(ends, self.threads)
+            low_value, high_value = (values[np.searchsorted(ends, at[mine])].astype(np.float64) for at in (flat, high))
+            share[mine] = np.clip(low_value / (low_value - high_value), NEAREST, 1 - NEAREST)
+        for start in range(0, len(own), POINTS_AT_ONCE):
+            block = slice(start, start + POINTS_AT_ONCE)
+            begin, end = self._index(flat[block]), self._index(high[block])
+            places[own[block]] = begin + share[block, None] * (end - begin)
+            yield PAUSE
+        known = np.flatnonzero(exact[own] >= 0)
+        if len(known):
+            self._at_exact(places, own[known], field_of[known], exact)
+
+    def _at_exact(
+        self, places: Doubles, vertices: NDArray[np.intp], fields: NDArray[np.intp], exact: NDArray[np.intp]
+    ) -> None:
+        """Place vertices in index space where they are known in mm."""
+        for field, (_, positions) in self.recipe.on_edges.items():
+            own = vertices[fields == field]
+            places[own] = to_index(self.lattice.affine, positions[exact[own]].astype(np.float64))
+
+    def _exact(self, field: int, keys: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return the number of the exact place on every edge, -1 where there is none."""
+        known, _ = self.recipe.on_edges.get(field, (np.empty(0, np.int64), None))
+        if not len(known):
+            return np.full(len(keys), -1, np.intp)
+        place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
+        return np.where(known[place] == keys, place, -1)
+
+    def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
+        """Place the nodes of rims; those on segments between cells' vertices lie straight between them."""
+        first, nodes = len(self.keys), cut.nodes
+        lowest = self._index(nodes.lowest)
+        at = lowest.copy()
+        sides = self._index(nodes.lowest + self.corners[7]) - lowest
+        for corner in range(1, 4):
+            codes = nodes.codes[:, corner - 1]
+            for axis in range(3):
+                at[:, axis] += cut.weights[:, corner] * (codes >> axis & 1) * sides[:, axis]
+        places[first:] = at
+        for node, (low, high) in self.middles.items():
+            code = int(nodes.codes[node - first, 0])
+            axes = [axis for axis in range(3) if code >> axis & 1]
+            if len(axes) == 2 and not nodes.codes[node - first, 1]:
+                own = lowest[node - first]
+                begin, end = ((places[vertex] - own)[axes] / sides[node - first][axes] for vertex in (low, high))
+                turn = (end[0] - begin[0]) - (end[1] - begin[1])
+                if abs(turn) > NEAREST:
+                    along = begin[0] + (begin[1] - begin[0]) / turn * (end[0] - begin[0])
+                    places[node] = own
+                    places[node][axes] += np.clip(along, NEAREST, 1 - NEAREST) * sides[node - first][axes]
+
+    def _index(self, flat: NDArray[np.intp]) -> Doubles:
+        """Return the places of samples in index space, (n, 3)."""
+        z, rest = np.divmod(flat, self.steps[2])
+        y, x = np.divmod(rest, self.steps[1])
+        return np.stack([self.lattice.x.take(x), self.lattice.y.take(y), self.lattice.z.take(z)], axis=1)
+
+    def _field_between(self, low: int, high: int) -> int:
+        """Return the field that decides the part on an edge between two samples with these signs."""
+        differ = [bit for bit in range(len(self.fields)) if (low ^ high) >> bit & 1]
+        for bit in differ:
+            if self.table[low ^ 1 << bit] != self.table[low]:
+                return bit
+        return differ[0]

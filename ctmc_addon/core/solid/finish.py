@@ -1,0 +1,91 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Finish the parts of a solid: simplify them together, and describe each."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..machine.budget import Budget
+from ..mesh.intersections import self_intersections_steps
+from ..mesh.labels.label_complex import ComplexMesh, borders_of
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Steps
+from ..reconstruction import Reconstruction
+from ..simplification.complexes.simplify import simplify_complex_steps
+from ..simplification.engine.component_removal import CollapsedComponents
+from ..simplification.whole import Simplification
+from ..sinks import HOLD
+from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
+
+WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
+
+
+def finished_parts_steps(
+    structures: Mapping[int, Reconstruction], mesh: ComplexMesh, budget: Budget
+) -> Steps[list[Reconstruction]]:
+    """Return the parts, simplified together where their settings ask for that.
+
+    Parameters
+    ----------
+    structures : mapping of int to Reconstruction
+        The structure of every part, by its number, with the part's name and all notes.
+    mesh : ComplexMesh
+        Sides are the parts' numbers.
+    budget : Budget
+    """
+    settings = next(iter(structures.values())).settings
+    finishing = Finish(settings, budget, HOLD, WEIGHTS)
+    stages = finishing.stages
+    full_borders = borders_of(mesh.faces, mesh.sides)
+    simplified = None
+    if settings.simplifies_here:
+        simplifying = simplify_complex_steps(mesh, budget=budget, **goal_of(settings))
+        simplified = yield from stages.run(SIMPLIFYING, simplifying)
+    final = mesh if simplified is None else simplified.mesh
+    pairs = np.empty((0, 2), np.int64)  # An extraction has looked at its own.
+    if simplified is not None and simplified.self_intersections != 0:
+        pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
+    parts = []
+    for number, border in borders_of(final.faces, final.sides).items():
+        mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
+        own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
+        crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())
+        part = replace(
+            structures[number],
+            mesh=own,
+            surface=None,
+            full_faces=len(full_borders[number].faces),
+            beyond=None,
+            components=None,
+            measured=None,
+            neighbors=(),
+            self_intersections=crossings,
+        )
+        if simplified is not None:
+            collapsed = simplified.collapsed_of.get(number, CollapsedComponents())
+            simple = Simplification(own, collapsed, simplified.handles_cut, crossings)
+            part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
+        parts.append(part)
+    return [replace(part, stages=(*part.stages, *finishing.ran)) for part in parts]
+
+
+def part_names(name: str, numbers: Sequence[int]) -> dict[int, str]:
+    """Return the name of every part: the structure's, and a letter where there are several.
+
+    Examples
+    --------
+    >>> part_names("hip", [1, 2]), part_names("hip", [1])
+    ({1: 'hip a', 2: 'hip b'}, {1: 'hip'})
+    """
+    if len(numbers) == 1:
+        return {numbers[0]: name}
+    return {number: f"{name} {_letters(at)}" for at, number in enumerate(numbers)}
+
+
+def _letters(number: int) -> str:
+    """Return a, b, ... z, aa, ab and on."""
+    rest, last = divmod(number, 26)
+    return (_letters(rest - 1) if rest else "") + "abcdefghijklmnopqrstuvwxyz"[last]

@@ -1,0 +1,353 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Places for the pegs of a cut, where the section is thick enough for peg, hole and the walls around them.
+
+A peg stands on part a, the side that the normal points to, and sticks into part b. Peg and hole have one axis, from
+inside part a to where the half ball of the peg, which is smaller by the clearance, ends at its length.
+
+Squares of the plane are parted again and again. The room at a point, its distance to whatever a hole must keep away
+from, changes by no more than the way between two points, so squares without room are dropped early. Along an axis the
+room is asked at samples a quarter of the needed room apart: between two of them it is at most 0.8 % less.
+
+Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm, and (2, n) in the plane.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Doubles
+from ..errors import SettingsError
+from ..mesh.vectors import dot
+from ..progress import PAUSE, Steps
+from .depth import Depth
+from .request import Cut, Pegs, Point
+from .shapes import Bar, HalfSpace, Shape, Union
+
+MARGIN_MM = 1.0  # Material around a hole.
+FIRST_SQUARES = 16  # Along the longer side of the section's box.
+SIDE_MM = 1.0  # Part larger squares.
+LEAST_SIDE_MM = 0.1
+ENOUGH = 256  # Do not part squares of that side once as many places are found.
+MOST_SQUARES = 40000  # Do not part more.
+POINTS_AT_ONCE = 1 << 18
+SAMPLES = 4  # In the needed room, along an axis.
+HALF_DIAGONAL = 0.7072
+FARTHEST_ROUNDS = 4  # Move each of a few pegs this often to where it is farthest from the others.
+FEW = 8
+LEAST_DIAMETER = 10  # Tenths of a mm; smaller pegs break.
+
+
+@dataclass(frozen=True)
+class PlacedPegs:
+    """Pegs of one cut.
+
+    Parameters
+    ----------
+    pegs : Shape
+        To be added to part a.
+    holes : Shape
+        To be taken away from part b, and to be kept clear by what is placed later.
+    places : (n, 3) float64
+        Where the axes meet the plane, RAS+ mm.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    pegs: Shape
+    holes: Shape
+    places: Doubles
+    notes: tuple[str, ...] = ()
+
+
+def placed_pegs_steps(
+    cut: Cut,
+    pegs: Pegs,
+    depth: Depth,
+    others: Sequence[HalfSpace],
+    extent: NDArray[Any],
+    beyond: float = 0.0,
+    margin: float = MARGIN_MM,
+    avoid: Sequence[Shape] = (),
+) -> Steps[PlacedPegs]:
+    """Place the pegs of one cut: the deepest first, the others far from those placed.
+
+    Parameters
+    ----------
+    cut : Cut
+    pegs : Pegs
+    depth : Depth
+        Below the surface of the solid.
+    others : sequence of HalfSpace
+        Of all other cuts.
+    extent : (n, 3)
+        Points such as a mesh's vertices; the solid keeps within their hull, grown by `beyond` mm.
+    beyond : float
+    margin : float
+        Material to leave around a hole, mm.
+    avoid : sequence of Shape
+        Holes that are there, such as those of other cuts and drains.
+
+    Returns
+    -------
+    PlacedPegs
+        Fewer than asked where no more fit, with a note.
+
+    Raises
+    ------
+    SettingsError
+        If the plane misses the solid, or no peg of this size fits.
+    """
+    plane = _Plane.of(cut, extent, beyond)
+    room = _Room(depth, others, avoid)
+    size = _Size.of(pegs, margin)
+    at, space = yield from _places_steps(plane, room, size)
+    if not len(space):
+        raise SettingsError((yield from _refusal_steps(cut, pegs, depth, plane, room, margin, extent, beyond)))
+    apart = pegs.diameter + 2 * pegs.clearance + margin
+    chosen = _chosen(at, space, pegs.count, apart)
+    yield PAUSE
+    if len(chosen) < pegs.count:
+        at, space = yield from _places_steps(plane, room, size, math.inf)
+        chosen = _chosen(at, space, pegs.count, apart)
+    places = plane.points(at[:, chosen])
+    unit = plane.unit
+    starts, ends = places + unit * size.root, places - unit * size.reach
+    sides = list(zip(starts.T.tolist(), ends.T.tolist(), strict=True))
+    bars = [Bar(_point(start), _point(end), pegs.diameter / 2) for start, end in sides]
+    holes = [replace(bar, radius=bar.radius + pegs.clearance) for bar in bars]
+    note = f"{len(chosen)} of {pegs.count} pegs fit on the cut at {_numbers(cut.point)}; of thinner ones more may fit"
+    notes = (note,) if len(chosen) < pegs.count else ()
+    return PlacedPegs(Union(bars), Union(holes), np.ascontiguousarray(places.T), notes)
+
+
+def heights_of(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> tuple[float, float]:
+    """Return the least and the greatest height of points (n, 3) above the plane of a cut, widened by `beyond` mm."""
+    low, high = _range_along(extent, cut.point, HalfSpace(cut.point, cut.normal).unit[:, None])
+    return low - beyond, high + beyond
+
+
+def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
+    """Raise a `SettingsError` if the plane of a cut misses the hull of points (n, 3), grown by `beyond` mm."""
+    low, high = heights_of(cut, extent, beyond)
+    if low < 0 < high:
+        return
+    unit = HalfSpace(cut.point, cut.normal).unit
+    middle = _numbers((np.array(cut.point) + unit * ((low + high) / 2)).tolist(), 1)
+    raise SettingsError(
+        f"the cut at {_numbers(cut.point)} misses the structure, which lies {low:.1f} to {high:.1f} mm along its "
+        f"normal from there; move its point, such as to {middle}"
+    )
+
+
+@dataclass(frozen=True)
+class _Size:
+    """What a peg needs: its axis goes from `root` mm inside part a to `reach` mm inside part b."""
+
+    root: float
+    reach: float
+    room: float
+
+    @classmethod
+    def of(cls, pegs: Pegs, margin: float) -> _Size:
+        radius = pegs.diameter / 2
+        return cls(radius, pegs.length - radius, radius + pegs.clearance + margin)
+
+    def samples(self) -> list[float]:
+        """Return heights along the axis above the plane, those far from the plane first."""
+        count = max(1, math.ceil((self.root + self.reach) * SAMPLES / self.room))
+        heights = [self.root - (self.root + self.reach) * number / count for number in range(count + 1)]
+        return sorted(heights, key=lambda height: -abs(height))
+
+
+@dataclass(frozen=True)
+class _Room:
+    """Distance to what a hole keeps away from: the surface, other cuts, other holes."""
+
+    depth: Depth
+    planes: Sequence[HalfSpace]
+    avoid: Sequence[Shape]
+
+    def at_steps(self, points: Doubles) -> Steps[Doubles]:
+        room = yield from self.depth(points)
+        for plane in self.planes:
+            room = np.minimum(room, np.abs(plane.at(points)))
+        for shape in self.avoid:
+            room = np.minimum(room, -shape.at(points))
+        return room
+
+
+@dataclass(frozen=True)
+class _Plane:
+    """The plane of a cut with axes of its own, and the box there of what it may meet."""
+
+    origin: Doubles  # (3, 1)
+    unit: Doubles  # (3, 1)
+    axes: tuple[Doubles, Doubles]  # (3, 1) each
+    middle: Doubles  # (2,)
+    spans: Doubles  # (2,)
+
+    @classmethod
+    def of(cls, cut: Cut, extent: NDArray[Any], beyond: float) -> _Plane:
+        unit = HalfSpace(cut.point, cut.normal).unit[:, None]
+        origin = np.array(cut.point, np.float64)[:, None]
+        axes = plane_axes(unit)
+        ranges = np.array([_range_along(extent, cut.point, axis) for axis in axes]) + np.array([-beyond, beyond])
+        return cls(origin, unit, axes, ranges.mean(axis=1), ranges[:, 1] - ranges[:, 0])
+
+    def points(self, at: Doubles) -> Doubles:
+        """Return places (2, n) in space, (3, n)."""
+        return self.origin + self.axes[0] * at[0] + self.axes[1] * at[1]
+
+    def first_squares(self) -> tuple[Doubles, float]:
+        """Return the middles of squares that cover the box, (2, n), and their side."""
+        side = max(float(self.spans.max()) / FIRST_SQUARES, LEAST_SIDE_MM)
+        counts = [max(1, math.ceil(span / side)) for span in self.spans.tolist()]
+        rows = [(np.arange(count) - (count - 1) / 2) * side + at for count, at in zip(counts, self.middle, strict=True)]
+        return np.stack([each.ravel() for each in np.meshgrid(*rows, indexing="ij")]), side
+
+
+def plane_axes(unit: Doubles) -> tuple[Doubles, Doubles]:
+    """Return two directions at right angles to a direction and to each other, (3, 1) each, all of length 1."""
+    x, y, z = unit[:, 0].tolist()
+    least = min(range(3), key=lambda axis: abs((x, y, z)[axis]))
+    flat = [(0.0, z, -y), (-z, 0.0, x), (y, -x, 0.0)][least]
+    first = np.array(flat)[:, None]
+    first = first / np.sqrt(dot(first, first))
+    (a, b, c) = first[:, 0].tolist()
+    return first, np.array([y * c - z * b, z * a - x * c, x * b - y * a])[:, None]
+
+
+def _range_along(points: NDArray[Any], origin: Point, unit: Doubles) -> tuple[float, float]:
+    """Return from where to where points (n, 3) lie along a direction (3, 1), from an origin."""
+    start = np.array(origin, np.float64)[:, None]
+    blocks = range(0, len(points), POINTS_AT_ONCE)
+    along = [dot(points[block : block + POINTS_AT_ONCE].T.astype(np.float64) - start, unit) for block in blocks]
+    return float(min(each.min() for each in along)), float(max(each.max() for each in along))
+
+
+def _places_steps(plane: _Plane, room: _Room, size: _Size, enough: float = ENOUGH) -> Steps[tuple[Doubles, Doubles]]:
+    """Return the places where a peg fits, (2, n), and the room along its axis, (n,)."""
+    at, side = plane.first_squares()
+    while True:
+        bound = size.room - HALF_DIAGONAL * side
+        space = np.full(at.shape[1], np.inf)
+        for height in size.samples():
+            if len(space):
+                here = yield from room.at_steps(plane.points(at) + plane.unit * height)
+                space = np.minimum(space, here)
+                near = space >= bound
+                at, space = at[:, near], space[near]
+        fits = space >= size.room
+        done = fits.sum() >= enough and (side <= SIDE_MM or 4 * len(space) > MOST_SQUARES)
+        if done or not 0 < len(space) <= MOST_SQUARES or side / 2 < LEAST_SIDE_MM:
+            order = np.lexsort(at[:, fits])
+            return at[:, fits][:, order], space[fits][order]
+        at, side = _parted(at, side)
+
+
+def _parted(at: Doubles, side: float) -> tuple[Doubles, float]:
+    """Return four squares for every one, and their side."""
+    quarter = np.array([[-1, -1, 1, 1], [-1, 1, -1, 1]]) * (side / 4)
+    return (at[:, :, None] + quarter[:, None]).reshape(2, -1), side / 2
+
+
+def _chosen(at: Doubles, space: Doubles, count: int, apart: float) -> list[int]:
+    """Return up to `count` numbers of places at least `apart` from each other, the first of equals."""
+    deepest = int(space.argmax())
+    chosen = _far_from_each_other(at, deepest, count, apart)
+    if len(chosen) < count:
+        end = int(_squared(at, deepest).argmax())
+        others = [_far_from_each_other(at, end, count, apart), _close_together(at, end, count, apart)]
+        chosen = max([chosen, *others], key=len)
+    if 1 < len(chosen) <= FEW:
+        _move_apart(at, chosen)
+    return chosen
+
+
+def _far_from_each_other(at: Doubles, first: int, count: int, apart: float) -> list[int]:
+    """Return places that each are as far as possible from those before."""
+    chosen = [first]
+    nearest = _squared(at, first)
+    while len(chosen) < count:
+        farthest = int(nearest.argmax())
+        if nearest[farthest] < apart * apart:
+            break
+        chosen.append(farthest)
+        np.minimum(nearest, _squared(at, farthest), out=nearest)
+    return chosen
+
+
+def _close_together(at: Doubles, first: int, count: int, apart: float) -> list[int]:
+    """Return places that each are as near as allowed to those before."""
+    chosen = [first]
+    nearest = total = _squared(at, first)
+    while len(chosen) < count:
+        free = np.flatnonzero(nearest >= apart * apart)
+        if not len(free):
+            break
+        chosen.append(int(free[total[free].argmin()]))
+        more = _squared(at, chosen[-1])
+        nearest, total = np.minimum(nearest, more), total + more
+    return chosen
+
+
+def _move_apart(at: Doubles, chosen: list[int]) -> None:
+    """Move one place after the other to where it is farthest from the others, in place."""
+    for _ in range(FARTHEST_ROUNDS):
+        before = list(chosen)
+        for number in range(len(chosen)):
+            nearest = np.full(at.shape[1], np.inf)
+            for other in chosen[:number] + chosen[number + 1 :]:
+                np.minimum(nearest, _squared(at, other), out=nearest)
+            farthest = int(nearest.argmax())
+            if nearest[farthest] > nearest[chosen[number]]:
+                chosen[number] = farthest
+        if chosen == before:
+            return
+
+
+def _squared(at: Doubles, number: int) -> Doubles:
+    """Return the squared distances of all places from one of them."""
+    x, y = at[0] - at[0, number], at[1] - at[1, number]
+    return x * x + y * y
+
+
+def _refusal_steps(
+    cut: Cut, pegs: Pegs, depth: Depth, plane: _Plane, room: _Room, margin: float, extent: NDArray[Any], beyond: float
+) -> Steps[str]:
+    """Return why no peg fits, and what does."""
+    require_met(cut, extent, beyond)
+    where = f"the cut at {_numbers(cut.point)}"
+    met = yield from _places_steps(plane, _Room(depth, (), ()), _Size(0.0, 0.0, 1e-9))
+    if not len(met[1]):
+        return f"{where} runs between the pieces of the structure and meets none of them; move its point"
+    fits, misses = 0, math.ceil(pegs.diameter * 10 - 1e-9)  # tenths of a mm
+    while misses - max(fits, LEAST_DIAMETER - 1) > 1:
+        tried = (fits + misses) // 2 if fits else LEAST_DIAMETER
+        thinner = replace(pegs, diameter=tried / 10)
+        _, space = yield from _places_steps(plane, room, _Size.of(thinner, margin))
+        if len(space):
+            fits = tried
+        elif fits:
+            misses = tried
+        else:
+            break
+    asked = f"no peg of {pegs.diameter:g} mm and {pegs.length:g} mm length fits on {where} with {margin:g} mm around it"
+    if fits:
+        return f"{asked}; give --peg-mm {fits / 10:g} {pegs.length:g} at most, or move the cut to where more is solid"
+    return f"{asked}, nor does one of {LEAST_DIAMETER / 10:g} mm; make pegs shorter, move the cut, or leave out --pegs"
+
+
+def _point(values: Sequence[float]) -> Point:
+    x, y, z = values
+    return x, y, z
+
+
+def _numbers(values: Sequence[float], digits: int | None = None) -> str:
+    return " ".join(f"{value:g}" if digits is None else f"{value:.{digits}f}" for value in values)

@@ -1,0 +1,226 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Cut cells into tetrahedra, and these into the pieces that several fields leave of each other's surfaces."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import permutations
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ..arrays import Doubles, Flags, Floats
+from ..extraction.case_table import NEAREST
+from ..progress import PAUSE, Step, Steps
+from .arrangement import Node, pieces_of, signs_of, zero_of
+from .fields import Field
+
+TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutations(range(3))], np.intp)
+"""(6, 4) corners of a cell; bits of a corner are its places along x, y and z (Kuhn 1960)."""
+TURNED = np.array([order not in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) for order in permutations(range(3))])
+CODE_BITS, FIELD_BITS = 3, 5
+FIELDS_OF_NODE, CORNERS_OF_NODE = 3, 4
+APART = 2.0**-12  # Least way between two vertices on one edge, as a share of it.
+INSIDE = 2.0**-14  # Least weight of a corner at a point inside a face or a tetrahedron.
+
+
+@dataclass(frozen=True, eq=False)
+class Nodes:
+    """Vertices of pieces, by the lattice's samples around them.
+
+    Parameters
+    ----------
+    keys : (n,) int64
+        Rising; lowest sample, the way from it to the others, and the fields that are 0.
+    """
+
+    keys: NDArray[np.int64]
+
+    @property
+    def fields(self) -> NDArray[np.intp]:
+        """Numbers of the fields that are 0, (n, 3), -1 for none."""
+        shifts = FIELD_BITS * np.arange(FIELDS_OF_NODE)
+        return np.asarray((self.keys[:, None] >> shifts & (1 << FIELD_BITS) - 1) - 1, np.intp)
+
+    @property
+    def codes(self) -> NDArray[np.intp]:
+        """Ways from the lowest sample to the others, (n, 3): bits along x, y and z; 0 for none."""
+        shifts = FIELD_BITS * FIELDS_OF_NODE + CODE_BITS * np.arange(CORNERS_OF_NODE - 1)
+        return np.asarray(self.keys[:, None] >> shifts & (1 << CODE_BITS) - 1, np.intp)
+
+    @property
+    def lowest(self) -> NDArray[np.intp]:
+        """Flat numbers of the lowest samples, (n,)."""
+        return np.asarray(self.keys >> FIELD_BITS * FIELDS_OF_NODE + CODE_BITS * (CORNERS_OF_NODE - 1), np.intp)
+
+
+@dataclass(frozen=True, eq=False)
+class CutRims:
+    """The triangles of cells that several fields cut.
+
+    Parameters
+    ----------
+    nodes : Nodes
+    weights : (n, 4) float64
+        Weights of the lowest sample and the others at every node.
+    faces : (f, 3) intp
+        Numbers of nodes, counter-clockwise in index space.
+    sides : (f, 2) uint8
+        Parts behind and in front; behind is the larger.
+    """
+
+    nodes: Nodes
+    weights: Doubles
+    faces: NDArray[np.intp]
+    sides: NDArray[np.uint8]
+
+
+def cut_rims_steps(
+    fields: Sequence[Field],
+    table: NDArray[np.uint8],
+    words: NDArray[Any],
+    cells: NDArray[np.intp],
+    corners: NDArray[np.intp],
+    threads: int,
+) -> Steps[CutRims]:
+    """Return the triangles in cells, (n,) by their lowest samples; `corners` (8,) lead from there to the others."""
+    samples = np.unique((cells[:, None] + corners).reshape(-1))
+    yield PAUSE
+    cell, tetrahedron = np.repeat(cells, len(TETRAHEDRA)), np.tile(np.arange(len(TETRAHEDRA)), len(cells))
+    at_corners = words.take(cell[:, None] + corners[TETRAHEDRA][tetrahedron]).astype(np.intp)
+    base, any_set = at_corners[:, 0], at_corners[:, 0]
+    for corner in range(1, 4):
+        base, any_set = base & at_corners[:, corner], any_set | at_corners[:, corner]
+    active = any_set & ~base
+    keep = _with_walls(table, active, base)
+    cell, tetrahedron, active, base = (each[keep] for each in (cell, tetrahedron, active, base))
+    yield PAUSE
+    used = int(np.bitwise_or.reduce(active)) if len(active) else 0
+    numbers = [number for number in range(len(fields)) if used >> number & 1]
+    values: dict[int, Floats] = {}
+    for number in numbers:
+        values[number] = yield from fields[number].values_steps(samples, threads)
+    keys: list[NDArray[np.int64]] = []
+    sides: list[NDArray[np.uint8]] = []
+    masks = np.unique(active).tolist()
+    for at, mask in enumerate(masks):
+        yield Step(at / len(masks))
+        own = np.flatnonzero(active == mask)
+        several = [number for number in numbers if mask >> number & 1]
+        rank = np.searchsorted(samples, cell[own, None] + corners[TETRAHEDRA][tetrahedron[own]])
+        of_fields = np.stack([values[number][rank] for number in several], axis=1).astype(np.float64)
+        bits = signs_of(of_fields)
+        rows, pattern = np.unique(bits, axis=0, return_inverse=True)
+        order = np.argsort(pattern.reshape(-1), kind="stable")
+        firsts = np.searchsorted(pattern.reshape(-1)[order], np.arange(len(rows) + 1))
+        for number, row in enumerate(rows):
+            members = own[order[firsts[number] : firsts[number + 1]]]
+            for piece in pieces_of(row.tobytes(), len(several)):
+                word = base[members]
+                for field, above in zip(several, piece.above, strict=True):
+                    word = word | (int(above) << field)
+                behind, front = table.take(word | 1 << several[piece.field]), table.take(word)
+                walls = np.flatnonzero(behind != front)
+                if not len(walls):
+                    continue
+                which = members[walls]
+                corner_of = TETRAHEDRA[tetrahedron[which]]
+                loop = np.stack([_keys(node, several, cell[which], corner_of, corners) for node in piece.nodes], axis=1)
+                fan = [(0, second, second + 1) for second in range(1, len(piece.nodes) - 1)]
+                both = np.stack([behind[walls], front[walls]], axis=1)
+                turned = TURNED[tetrahedron[which]] ^ (both[:, 0] < both[:, 1])
+                both.sort(axis=1)
+                for first, second, third in fan:
+                    triangle = loop[:, [first, second, third]]
+                    triangle[turned] = triangle[turned][:, ::-1]
+                    keys.append(triangle)
+                    sides.append(both[:, ::-1])
+            yield PAUSE
+    if not keys:
+        nothing = np.empty((0, 3), np.int64)
+        return CutRims(Nodes(nothing[:, 0]), np.empty((0, 4)), nothing, np.empty((0, 2), np.uint8))
+    unique, faces = np.unique(np.concatenate(keys).reshape(-1), return_inverse=True)
+    yield PAUSE
+    nodes = Nodes(unique)
+    return CutRims(nodes, _weights(nodes, samples, values, corners), faces.reshape(-1, 3), np.concatenate(sides))
+
+
+def _with_walls(table: NDArray[np.uint8], active: NDArray[np.intp], base: NDArray[np.intp]) -> Flags:
+    """Return whether parts may differ in a tetrahedron, by the fields that change sign there and those that do not."""
+    both = np.stack([active, base], axis=1)
+    unique, group = np.unique(both, axis=0, return_inverse=True)
+    differs = []
+    for mask, word in unique.tolist():
+        words = [word]
+        for bit in range(mask.bit_length()):
+            if mask >> bit & 1:
+                words += [each | 1 << bit for each in words]
+        differs.append(len(set(table[words].tolist())) > 1)
+    return np.array(differs, bool)[group.reshape(-1)]
+
+
+def _keys(
+    node: Node, fields: Sequence[int], cell: NDArray[np.intp], corner_of: NDArray[np.intp], corners: NDArray[np.intp]
+) -> NDArray[np.int64]:
+    """Return the keys of a node in tetrahedra, (n,)."""
+    of_corners, of_fields = node
+    lowest = corner_of[:, of_corners[0]]
+    key = (cell + corners[lowest]).astype(np.int64)
+    for at in reversed(range(1, CORNERS_OF_NODE)):
+        code = corner_of[:, of_corners[at]] ^ lowest if at < len(of_corners) else 0
+        key = key << CODE_BITS | code
+    for at in reversed(range(FIELDS_OF_NODE)):
+        key = key << FIELD_BITS | (fields[of_fields[at]] + 1 if at < len(of_fields) else 0)
+    return key
+
+
+def _weights(nodes: Nodes, samples: NDArray[np.intp], values: dict[int, Floats], corners: NDArray[np.intp]) -> Doubles:
+    """Return the weights of the samples around every node, (n, 4)."""
+    fields, codes, lowest = nodes.fields, nodes.codes, nodes.lowest
+    at_zero = np.count_nonzero(fields >= 0, axis=1)
+    ranks = np.searchsorted(
+        samples, lowest[:, None] + np.concatenate([np.zeros((len(lowest), 1), np.intp), corners[codes]], axis=1)
+    )
+    weights = np.zeros((len(lowest), CORNERS_OF_NODE))
+    for count in (1, 2, 3):
+        own = np.flatnonzero(at_zero == count)
+        if not len(own):
+            continue
+        of_fields = np.empty((len(own), count, count + 1))
+        for place in range(count):
+            for field in np.unique(fields[own, place]).tolist():
+                which = np.flatnonzero(fields[own, place] == field)
+                of_fields[which, place] = values[field][ranks[own[which], : count + 1]]
+        found = zero_of(of_fields)
+        least = NEAREST if count == 1 else INSIDE
+        found = np.clip(found, least, None)
+        total = found[:, 0].copy()
+        for corner in range(1, count + 1):
+            total += found[:, corner]
+        weights[own, : count + 1] = found / total[:, None]
+    _part_crowded(nodes, weights, at_zero)
+    return weights
+
+
+def _part_crowded(nodes: Nodes, weights: Doubles, at_zero: NDArray[np.intp]) -> None:
+    """Move vertices on one edge apart, in place."""
+    own = np.flatnonzero(at_zero == 1)
+    edge = nodes.keys[own] >> FIELD_BITS * FIELDS_OF_NODE
+    crowded = np.flatnonzero(np.diff(edge, prepend=-1, append=-1)[:-1] == 0)
+    if not len(crowded):
+        return
+    several = own[np.isin(edge, edge[crowded])]
+    edge, share = nodes.keys[several] >> FIELD_BITS * FIELDS_OF_NODE, weights[several, 1]
+    order = np.lexsort((share, edge))
+    several, edge, share = several[order], edge[order], share[order]
+    for _ in range(2):
+        same = np.flatnonzero(edge[1:] == edge[:-1])
+        short = APART - (share[same + 1] - share[same])
+        close = same[short > 0]
+        move = short[short > 0] / 2
+        np.subtract.at(share, close, move)
+        np.add.at(share, close + 1, move)
+    share = np.clip(share, NEAREST / 2, 1 - NEAREST / 2)
+    weights[several, 1], weights[several, 0] = share, 1 - share

@@ -1,0 +1,324 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Edit the solid of the panel, such as its cuts, and make its parts: operators `ctmc.solid_*`, `ctmc.cut_*` and others.
+
+Reconstruct makes the parts, each an object of its own.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import bpy
+from bpy.props import BoolProperty, IntProperty
+from mathutils import Vector
+
+from ....core import (
+    Budget,
+    Reconstruction,
+    ReconstructionSettings,
+    SettingsError,
+    Steps,
+    SurfaceRequest,
+    Volume,
+    length_text,
+)
+from ....core.solid import MOST_CUTS, SolidRequest, solid_parts_steps
+from ....reporting.formatting import count
+from ... import jobs
+from ...needs import Needs
+from ...properties.kinds import choice
+from ...properties.preferences import machine
+from ...properties.solid import COMBININGS
+from ...properties.structures import LABEL, of_structure, structure_choices
+from ...state import session, surfaces, volumes
+from ...translations import translate
+from .placing import ObjectRequest
+
+DIRECTIONS = (
+    ("VIEW", "View", "Across the direction of the view; part a lies on the viewer's side"),
+    ("Z", "z, Head and Feet", "Across the patient's long axis; part a lies on the side of the head"),
+    ("Y", "y, Front and Back", "Across the axis from back to front; part a lies in front"),
+    ("X", "x, Right and Left", "Across the axis from left to right; part a lies on the patient's right"),
+)
+AXES = {"X": (1.0, 0.0, 0.0), "Y": (0.0, 1.0, 0.0), "Z": (0.0, 0.0, 1.0)}
+LISTS = {"drains": "Drain", "cuts": "Cut", "combinations": "Combination"}
+
+
+@dataclass(frozen=True)
+class SolidParts:
+    """The parts of a solid to make, and the objects that take them.
+
+    Parameters
+    ----------
+    solid : SolidRequest
+    targets : mapping of str to int
+        `session_uid` of the object of a part, by the part's name; another part gets a new object.
+    """
+
+    solid: SolidRequest
+    targets: Mapping[str, int]
+
+    def parts_steps(
+        self, volume: Volume, requests: Sequence[ObjectRequest], budget: Budget, labels: Volume | None
+    ) -> Steps[list[Reconstruction]]:
+        """Make the parts of the requested surfaces."""
+        surface_requests = [SurfaceRequest(request.settings) for request in requests]
+        return (yield from solid_parts_steps(volume, surface_requests, self.solid, budget, labels=labels))
+
+    def requests_of(self, parts: Sequence[Reconstruction], requests: Sequence[ObjectRequest]) -> list[ObjectRequest]:
+        """Return the request of each part's object."""
+        return [self._request_of(part, requests) for part in parts]
+
+    def _request_of(self, part: Reconstruction, requests: Sequence[ObjectRequest]) -> ObjectRequest:
+        """Return the request of a part's object: that of its structure, under the part's name."""
+        made_of = surfaces.made_of(part.settings)
+        own = next((each for each in requests if surfaces.made_of(each.settings) == made_of), requests[0])
+        name = part.label_name or own.structure or translate("Part")
+        prefix = "" if part.settings.label is None else own.prefix  # That of a threshold is in the name of the part.
+        return replace(own, settings=part.settings, part=name, prefix=prefix, target=self.targets.get(name))
+
+
+def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionSettings]:
+    """Return the settings of every surface of the panel, and of the labels that combinations of `solid_of` name.
+
+    Raises
+    ------
+    SettingsError
+        If settings contradict each other, no structure is ticked, or there are no structures to combine.
+    """
+    stored, names = scene.ctmc, {name for combination in solid.combinations for name in combination.of}
+    if solid and stored.simplifier == "decimate" and stored.to_settings().simplifies:
+        raise SettingsError("Decimate would move the cuts of a solid; choose Built-In, or remove the solid")
+    if not names:
+        runs: list[ReconstructionSettings] = stored.all_settings()
+        return runs
+    if not stored.use_label:
+        raise SettingsError("a threshold has no structures to combine; choose Structures, or remove the combinations")
+    settings = stored.to_settings()
+    return [
+        of_structure(item, settings)
+        for item in stored.labels
+        if item.chosen or (item.kind == LABEL and str(item.value) in names)
+    ]
+
+
+def solid_of(scene: bpy.types.Scene) -> SolidRequest:
+    """Return the panel's solid, whose combinations name labels by their numbers: the list may call them otherwise.
+
+    Raises
+    ------
+    SettingsError
+        If two settings contradict each other.
+    """
+    solid: SolidRequest = scene.ctmc_solid.to_request()
+    numbers = {key: str(item.value) for key, item in structure_choices(scene.ctmc)}
+    numbered = [replace(each, of=tuple(numbers.get(name, name) for name in each.of)) for each in solid.combinations]
+    return replace(solid, combinations=tuple(numbered))
+
+
+def makes_solid(scene: bpy.types.Scene) -> bool:
+    """Return whether Reconstruct makes the parts of a solid; settings that contradict each other are reported there."""
+    try:
+        return bool(scene.ctmc_solid.to_request())
+    except SettingsError:
+        return True
+
+
+def solid_text(solid: SolidRequest) -> str:
+    """Return what is done to the next surfaces, in words; empty if nothing."""
+    if not solid:
+        return ""
+    texts = []
+    for text, length in (
+        ("thicken {length}", solid.thicken),
+        ("hollow {length}", solid.hollow),
+        ("least wall {length}", solid.least_wall),
+        ("base {length}", solid.base),
+    ):
+        if length:
+            texts.append(translate(text).format(length=length_text(length)))
+    pegs = 0 if solid.pegs is None else solid.pegs.count
+    for one, several, number in (
+        ("1 drain", "{count} drains", len(solid.drains)),
+        ("1 cut", "{count} cuts", len(solid.cuts)),
+        ("1 peg", "{count} pegs", pegs),
+    ):
+        if number:
+            texts.append(translate(one if number == 1 else several).format(count=count(number)))
+    texts += [combination.name for combination in solid.combinations]
+    return translate("Makes a solid: {what}").format(what=", ".join(texts))
+
+
+def place_text(point: Sequence[float]) -> str:
+    """Return the place of a point in the patient, short enough for a line of a list."""
+    return "{:.0f}, {:.0f}, {:.0f} mm".format(*point)
+
+
+def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
+    x, y, z = (value / machine().scale for value in context.scene.cursor.location)
+    return x, y, z
+
+
+def _has_room_for_cut(operator: Any, context: bpy.types.Context) -> bool:
+    """Return whether another cut is possible, with the reason if not."""
+    if len(context.scene.ctmc_solid.cuts) >= MOST_CUTS:
+        operator.poll_message_set("There are as many cuts as possible; remove one")
+        return False
+    return True
+
+
+class CTMC_OT_drain_add(Needs, bpy.types.Operator):
+    """Add a drain to the panel's solid."""
+
+    bl_idname = "ctmc.drain_add"
+    bl_label = "Add Drain"
+    bl_description = "Add a round hole that begins at the 3D cursor and runs straight out through the nearest wall"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    auto: BoolProperty(
+        name="Auto",
+        description="Place two holes where a liquid runs out: at the lowest point and at the highest",
+        options={"SKIP_SAVE"},
+    )
+
+    needs = (jobs.idle,)
+
+    @classmethod
+    def description(cls, _context: bpy.types.Context, properties: Any) -> str:
+        """Return the tooltip of the button."""
+        if properties.auto:
+            return translate("Add two round holes to a hollow, at its lowest point and at its highest")
+        return translate(cls.bl_description)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        drain = context.scene.ctmc_solid.drains.add()
+        drain.auto, drain.point = self.auto, _cursor_mm(context)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+class CTMC_OT_cut_add(Needs, bpy.types.Operator):
+    """Add a cut to the panel's solid."""
+
+    bl_idname = "ctmc.cut_add"
+    bl_label = "Add Cut"
+    bl_description = "Cut the solid in two at a plane through the 3D cursor"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    direction: choice("Direction", "Choose the direction that the plane faces", items=list(DIRECTIONS), default="Z")
+
+    needs = (jobs.idle, _has_room_for_cut)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        cut = context.scene.ctmc_solid.cuts.add()
+        cut.point = _cursor_mm(context)
+        view = getattr(context.space_data, "region_3d", None)
+        if self.direction == "VIEW" and view is not None:
+            cut.normal = view.view_rotation @ Vector(AXES["Z"])
+        else:
+            cut.normal = AXES.get(self.direction, AXES["Z"])
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+class CTMC_OT_cut_flip(Needs, bpy.types.Operator):
+    """Exchange the parts of a cut."""
+
+    bl_idname = "ctmc.cut_flip"
+    bl_label = "Flip Cut"
+    bl_description = "Exchange parts a and b of this cut; pegs then stand on the other one"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (jobs.idle,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        cuts = context.scene.ctmc_solid.cuts
+        if not 0 <= self.index < len(cuts):
+            return {"CANCELLED"}
+        cuts[self.index].normal = [-value for value in cuts[self.index].normal]
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+class CTMC_OT_combination_add(Needs, bpy.types.Operator):
+    """Add a combination of structures to the panel's solid."""
+
+    bl_idname = "ctmc.combination_add"
+    bl_label = "Add Combination"
+    bl_description = "Make one structure of several from the list"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    how: choice("Combine", "How to combine", items=[(how.value, name, about) for how, name, about in COMBININGS])
+
+    needs = (jobs.idle, volumes.has_volume)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        combination = context.scene.ctmc_solid.combinations.add()
+        combination.how = self.how
+        combination.of.add()
+        combination.of.add()
+        return {"FINISHED"}
+
+
+class CTMC_OT_solid_remove(Needs, bpy.types.Operator):
+    """Remove a drain, a cut or a combination from the panel's solid."""
+
+    bl_idname = "ctmc.solid_remove"
+    bl_label = "Remove"
+    bl_description = "Remove this from the list"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    kind: choice(
+        "List",
+        "List to remove it from",
+        items=[(name, label, "") for name, label in LISTS.items()],
+        options={"HIDDEN", "SKIP_SAVE"},
+    )
+    index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
+
+    needs = (jobs.idle,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        lines = getattr(context.scene.ctmc_solid, self.kind)
+        if not 0 <= self.index < len(lines):
+            return {"CANCELLED"}
+        lines.remove(self.index)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
+    """Reset the panel's solid."""
+
+    bl_idname = "ctmc.solid_reset"
+    bl_label = "Make No Solid"
+    bl_description = "Reset the part Solid, so that the next surfaces are as they were extracted"
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    needs = (jobs.idle,)
+
+    def execute(self, context: bpy.types.Context) -> set[str]:
+        solid = context.scene.ctmc_solid
+        for about in solid.bl_rna.properties:
+            if about.type == "COLLECTION":
+                getattr(solid, about.identifier).clear()
+            elif not about.is_readonly:
+                solid.property_unset(about.identifier)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (
+        CTMC_OT_drain_add,
+        CTMC_OT_cut_add,
+        CTMC_OT_cut_flip,
+        CTMC_OT_combination_add,
+        CTMC_OT_solid_remove,
+        CTMC_OT_solid_reset,
+    )
+)
