@@ -63,7 +63,7 @@ class Recipe:
     part_of: Callable[[list[Flags]], NDArray[Any]]
     on_edges: dict[int, tuple[NDArray[np.int64], Floats]]
 
-    def table(self) -> NDArray[np.uint8]:
+    def table(self) -> NDArray[Any]:
         """Return the part of every combination of signs, by the number whose bits these are."""
         count = len(self.fields)
         if count > MOST_FIELDS:
@@ -71,7 +71,8 @@ class Recipe:
                 f"{count} surfaces and cuts are more than {MOST_FIELDS}; make fewer structures or cuts at once"
             )
         words = np.arange(1 << count)
-        return np.asarray(self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])).astype(np.uint8)
+        parts = self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])
+        return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
 
     def moved(self, share: float) -> Recipe:
         """Return the recipe with its shapes moved inward by a share of the lattice's shortest step."""
@@ -122,7 +123,7 @@ class _Extraction:
         """Find the signs of all fields at every sample, as bits, and the part that owns it."""
         kind = np.min_scalar_type((1 << len(self.fields)) - 1)
         self.words = np.zeros(self.shape, kind)
-        self.owner = np.zeros(self.shape, np.uint8)
+        self.owner = np.zeros(self.shape, self.table.dtype)
 
         def decide(layers: tuple[int, int]) -> None:
             words = self.words[slice(*layers)]
@@ -211,10 +212,10 @@ class _Extraction:
         ends = np.cumsum(counts.reshape(-1))
         starts = (ends - counts.reshape(-1)).reshape(counts.shape)
 
-        def fill(at: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        def fill(at: int) -> tuple[NDArray[np.int32], NDArray[Any]]:
             above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
             made = fill_band(owners, bands[at], starts[at].tolist(), *above)
-            return made.faces, made.sides.astype(np.uint8)
+            return made.faces, made.sides
 
         filled = yield from map_steps(fill, range(len(bands)), self.threads)
         self.faces = np.concatenate([faces for faces, _ in filled])
@@ -244,7 +245,7 @@ class _Extraction:
         nodes = 0 if self.cut is None else len(self.cut.nodes.keys)
         used = np.zeros(len(self.keys) + nodes, bool)
         used[self.faces] = True
-        places = np.empty((len(used), 3))
+        places = np.zeros((len(used), 3))
         exact = np.full(len(used), -1, np.intp)  # Number of the exact place, of the vertex' field.
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)

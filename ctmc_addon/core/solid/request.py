@@ -15,7 +15,7 @@ from ..errors import SettingsError
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
 MOST_PEGS = 64
-MOST_CUTS = 6  # Parts are numbered in 8 bits, four structures at a time.
+MOST_CUTS = 6
 Item = TypeVar("Item")
 
 
