@@ -29,6 +29,7 @@ FACING = -math.sqrt(0.75)  # The cosine of 150 degrees between the normals of bo
 LEAST_MM2, LEAST_SHARE = 2.0, 0.001  # The area of the thinnest wall, both sides; the lesser of both counts.
 SAMPLES = 50_000  # Without a spacing, a surface has at least about so many samples.
 MOST_SAMPLES = 300_000  # However thin the walls are that are looked for, about so many are added to the vertices.
+MOST_ASKED = 60_000  # Measure about so many of them, evenly.
 BETWEEN = 2.0  # Triangles with an edge of more than this many spacings have samples of their own.
 SAME = 0.02  # A wall is below a limit if it is thinner by more than this share, twice the error of a ball.
 BOX_MARGIN = 0.1  # for normals that are not quite right
@@ -98,10 +99,14 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
     # The last places of the tree repeat a sample, and some samples stand for no area.
     asked = (areas[tree.order] > 0) & tree.normals.any(axis=0)
     asked[len(areas) :] = False
+    every = -(-int(np.count_nonzero(asked)) // MOST_ASKED) or 1
+    numbers = np.flatnonzero(asked)
+    asked[:] = False
+    asked[numbers[::every]] = True  # Neighbors in the tree are neighbors in space.
     radii = yield from stages.run(measuring, balls.radii_steps(asked, budget.thread_count))
     places = np.flatnonzero(asked & ~np.isnan(radii))
     thickness = np.minimum(2 * radii[places], limit)
     wall = np.flatnonzero(balls.facing(places) <= FACING)
     order = wall[np.argsort(thickness[wall], kind="stable")]
     thickest = float(thickness.max()) if len(thickness) else None
-    return Walls(thickness[order], areas[tree.order[places[order]]], mesh.area, thickest)
+    return Walls(thickness[order], every * areas[tree.order[places[order]]], mesh.area, thickest)
