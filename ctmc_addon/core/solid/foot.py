@@ -54,6 +54,13 @@ class Foot:
     high: float
     grown: float
 
+    @property
+    def box(self) -> Doubles:
+        """Lowest and highest corner of the box around it, (2, 3)."""
+        corners = self.shadow.corners[:, :2]
+        low, high = corners.min(axis=(0, 2)) - self.grown, corners.max(axis=(0, 2)) + self.grown
+        return np.array([[*low, self.low], [*high, self.high]])
+
     def at(self, points: Doubles) -> Doubles:
         """Return the distance near the surface, and a lower bound of it far inside and beside edges."""
         out = np.minimum(points[2] - self.low, self.high - points[2])

@@ -57,6 +57,12 @@ class Bar:
     end: Point
     radius: float
 
+    @property
+    def box(self) -> Doubles:
+        """Lowest and highest corner of the box around it, (2, 3)."""
+        ends = np.array([self.start, self.end], np.float64)
+        return np.stack([ends.min(axis=0) - self.radius, ends.max(axis=0) + self.radius])
+
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to a bar with half balls beyond both ends."""
         start, along = np.array(self.start)[:, None], np.subtract(self.end, self.start)[:, None]
