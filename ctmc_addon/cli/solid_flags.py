@@ -10,7 +10,7 @@ from typing import Any
 
 from ..core import AbsentLabelError, OutputError, ReconstructionSettings, SettingsError, defaults, descriptions
 from ..core.files.mesh_files import SUFFIXES
-from ..core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
+from ..core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest, auto_diameter
 from .arguments import UsageError, flags_checked, given_settings, label_choices, settings_and_labels
 from .described_flags import Numbers, add_flag, given, is_number, separated, value_reader
 
@@ -19,7 +19,6 @@ Values = Mapping[str, Any]
 
 AUTO = "auto"
 NONE = "none"
-AUTO_DRAIN_MM = 4.0
 BETWEEN = "|"
 NOTHING = SolidRequest()
 DESCRIBED = descriptions(SolidRequest)
@@ -117,7 +116,8 @@ def solid_of(values: Values) -> SolidRequest:
         For values that make no solid.
     """
     scalars = {name: value for name, value in values.items() if name in DESCRIBED}
-    drains = (Drain(AUTO_DRAIN_MM) if drain is None else drain for drain in values.get("drain", ()))
+    diameter = auto_diameter(values.get("hollow", 0.0))
+    drains = (Drain(diameter) if drain is None else drain for drain in values.get("drain", ()))
     return SolidRequest(
         drains=tuple(drains),
         cuts=tuple(values.get("cut", ())),
@@ -157,8 +157,8 @@ def settings_labels_and_solid(
 
 
 def require_built_in(solid: SolidRequest, settings: ReconstructionSettings) -> None:
-    """Raise `UsageError` where Blender would simplify a solid, which moves cuts and pegs."""
-    if solid and settings.simplifies and settings.simplifier == "decimate":
+    """Raise `UsageError` where Blender would simplify a solid: that moves cuts and pegs, after walls are measured."""
+    if solid != NOTHING and settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("solids are simplified by the built-in simplifier; leave out --simplifier decimate")
 
 

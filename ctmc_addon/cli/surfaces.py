@@ -88,15 +88,14 @@ class Surfaces:
 
     @property
     def notes(self) -> list[str]:
-        """Return the notes of all surfaces, those on prints of single ones, and those on what was left out."""
+        """Return the notes of all surfaces, those on single parts of a solid, and those on what was left out."""
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
-        of_parts = [
-            f"{name}: {note}"
-            for name, result in zip(self.titles, self.results, strict=True)
-            for note in (() if result.printing is None else result.printing.notes)
-            if note not in shared
-        ]
-        return [*shared, *of_parts, *self.left_out]
+        of_parts: dict[str, list[str]] = {}
+        for name, result in zip(self.titles, self.results, strict=True):
+            for note in () if result.solid is None else result.notes:
+                if note not in shared:
+                    of_parts.setdefault(note, []).append(name)
+        return [*shared, *(f"{', '.join(names)}: {note}" for note, names in of_parts.items()), *self.left_out]
 
     def report(self) -> dict[str, Any]:
         """Return plain data for JSON: the report of one surface, or a list of reports with names."""
@@ -177,7 +176,7 @@ def surfaces_steps(
         working = make_surfaces_steps(volume, [request], budget, all_needed=True, maps=mapping)
         [surface] = yield from stages.run(making, working)
         assert isinstance(surface, MadeSurface), "an error is raised"
-        return for_bed(surface_of(volume, surface, writer), solid)
+        return (yield from for_bed_steps(surface_of(volume, surface, writer), solid, budget))
     from ..core import reconstruct_labels_steps
 
     requested = None if ALL in choices else labels
@@ -186,14 +185,18 @@ def surfaces_steps(
     finished = yield from stages.run(making, labelling)
     files = () if writer is None else tuple(writer.path_of(result.settings.label) for result in finished.surfaces)
     names, left_out = structure_names(finished.surfaces), tuple(finished.left_out)
-    return for_bed(Surfaces(volume.name, tuple(finished.surfaces), names, left_out, files=files), solid)
+    surfaces = Surfaces(volume.name, tuple(finished.surfaces), names, left_out, files=files)
+    return (yield from for_bed_steps(surfaces, solid, budget))
 
 
-def for_bed(surfaces: Surfaces, solid: SolidRequest) -> Surfaces:
-    """Return surfaces with the request for a solid that changes none of them: the space of a printer alone."""
+def for_bed_steps(surfaces: Surfaces, solid: SolidRequest, budget: Budget) -> Steps[Surfaces]:
+    """Return surfaces with facts for print where a solid changes none of them: where it is the bed of a printer."""
     if solid == NOTHING:
         return surfaces
-    return replace(surfaces, results=tuple(replace(result, solid=solid) for result in surfaces.results))
+    from ..core.solid import printed_steps
+
+    results = [replace(result, solid=solid) for result in surfaces.results]
+    return replace(surfaces, results=tuple((yield from printed_steps(results, solid, budget))))
 
 
 def _solid_steps(

@@ -136,7 +136,9 @@ def test_flags_become_a_request(words, expected):
         (("--subtract", "rest=left"), "argument --subtract: subtract takes a name and two structures or more, such"),
         (("--bed", "220", "220"), "argument --bed: write 3 numbers separated by spaces"),
         (("--simplify", "0.5", "--simplifier", "decimate", "--hollow", "2"), "leave out --simplifier decimate"),
+        (("--simplify", "0.5", "--simplifier", "decimate", "--bed", "9", "9", "9"), "leave out --simplifier decimate"),
         (("--hollow", "2", "--scheduler", "tcp://host:8786"), "leave out --scheduler, and give a single --time"),
+        (("--hollow", "2", "--explode", "9"), "--explode moves several surfaces of one time apart, and there is one"),
         (("--hollow", "2", "--time", "all"), "leave out --scheduler, and give a single --time"),
         (("--threshold", "1", "--merge", "a=1,2"), "--merge combines labels, and a threshold has a single structure"),
     ],
@@ -242,7 +244,11 @@ def test_a_bed_alone_changes_no_surface(ctmc, case, tmp_path):
     done = ctmc(*words, tmp_path / "bed.stl", "--bed", "220", "220", "250", "--report", report)
     assert done.code == 0, done.errors
     assert (tmp_path / "bed.stl").read_bytes() == (tmp_path / "plain.stl").read_bytes()
-    assert json.loads(report.read_text("utf-8"))["solid"] == {"bed": [220.0, 220.0, 250.0]}
+    content = json.loads(report.read_text("utf-8"))
+    assert content["solid"] == {"bed": [220.0, 220.0, 250.0]}
+    assert content["print"]["fits_bed"] is True
+    assert ctmc(*words, tmp_path / "small.stl", "--bed", "220", "8", "250", "--report", report).code == 0
+    assert json.loads(report.read_text("utf-8"))["print"]["fits_bed"] is False
 
 
 def test_measure_has_a_row_for_each_part(stub, ctmc, misused, case, tmp_path):
@@ -254,6 +260,15 @@ def test_measure_has_a_row_for_each_part(stub, ctmc, misused, case, tmp_path):
     assert "gray values and doses are those of labels, which a solid changes; leave out --ct" in sentence
     sentence = misused("measure", case / "boxes.nii", case / "boxes.nii", "--label", "1", "--hollow", "2")
     assert "two volumes are compared by their surfaces; leave out flags of solids" in sentence
+
+
+def test_parts_of_a_cut_may_be_moved_apart(stub, ctmc, case, tmp_path):
+    words = ("reconstruct", case / "boxes.nii", "--label", "1", *CUT)
+    assert ctmc(*words, "--explode", "20", "-o", tmp_path / "a.html").code == 0
+
+
+def test_the_diameter_of_drains_follows_the_wall():
+    assert asked("--drain", "auto", "--hollow", "12").drains == (Drain(6),)
 
 
 def test_a_deviation_map_does_not_fit_a_solid(misused, case, tmp_path):

@@ -49,7 +49,7 @@ from ..commands.reconstruct import needed_steps, source_of
 from ..outputs import Outputs, written_steps
 from ..solid_flags import NOTHING, may_have_parts
 from ..surface_writer import SurfaceWriter
-from ..surfaces import Surfaces, for_bed, surface_of, surfaces_steps
+from ..surfaces import Surfaces, for_bed_steps, surface_of, surfaces_steps
 from .files import (
     ABSENT,
     DONE,
@@ -189,7 +189,7 @@ class CaseWork:
                 surfaces = finish(making)
             else:
                 surfaces = self.surface(volume, settings, output["beside"], writer, written_bytes)
-                surfaces = for_bed(surfaces, self.solid)
+                surfaces = finish(for_bed_steps(surfaces, self.solid, self.budget))
             surfaces, _ = finish(written_steps(surfaces, outputs))
         files = outputs.surface_files(surfaces) + ([outputs.map_table] if outputs.map_table else [])
         names = [file.relative_to(self.unfinished).as_posix() for file in files]

@@ -126,7 +126,7 @@ def run(args: argparse.Namespace) -> None:
         holds_all=bool(maps) or solid != NOTHING,
         shown_map=maps.shown,
         map_table=require_writable(args.map_table, (".csv",)) if args.map_table else None,
-        explode=explode_of(args, may_be_several(choices) and not asks_all_times(args)),
+        explode=explode_of(args, (may_be_several(choices) or may_have_parts(solid)) and not asks_all_times(args)),
         **surface_output(
             args.output,
             f".{args.format}",
@@ -375,16 +375,17 @@ def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path
     """Return a row for every surface, and what holds for all, for a person."""
     shared, chose = _given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
     measures = _measures_in(Place.SURFACES, surfaces.results)
-    head = ("time" if surfaces.times else "label", "name", *(each.head for each in measures))
+    labels = ["" if result.settings.label is None else str(result.settings.label) for result in surfaces.results]
+    numbers = list(map(str, surfaces.times)) or labels
+    numbered = ["time" if surfaces.times else "label"] if any(numbers) else []  # a threshold's parts have no label
+    head = (*numbered, "name", *(each.head for each in measures))
     rows: list[tuple[str, ...]] = [(*head, "alpha", "at most") if chose else head]
-    labels = ["" if result.settings.label is None else result.settings.label for result in surfaces.results]
-    numbers = surfaces.times or labels
     for number, name, result in zip(numbers, surfaces.names, surfaces.results, strict=True):
         facts = [each.text(each.value(result.finished)) for each in measures]
         choice = result.alpha_choice
         if choice is not None:
             facts += [f"{choice.alpha:g}", length_text(choice.largest_mm, 3)]
-        rows.append((str(number), name, *facts))
+        rows.append((*([number] if numbered else []), name, *facts))
     stages = [(stage, f"{taken:.3f}") for stage, taken in seconds.items()]
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{sum(seconds.values()):.3f}")])
     settings = command_of(shared if surfaces.times else replace(shared, label=None), surfaces.results[0].solid)

@@ -51,8 +51,7 @@ def run(args: argparse.Namespace) -> None:
         common.require_no_solid(solid)
         settings, choices = common.only_one(args, "a distance map"), ()
     maps = common.maps_of(args, settings)
-    if not solid:
-        common.require_surfaces(args, choices)
+    common.require_surfaces(args, choices, solid)
     require_blender("a figure")
     from ...blender.figure.page.sheet import deviation_figure_steps
     from ...blender.figure.rendering.render import figure_steps, require_png

@@ -48,6 +48,7 @@ from ..arguments import (
 from ..blender_host import objects_of, silence
 from ..described_flags import add_described, add_flag
 from ..map_flags import AskedMaps, add_maps, asked_maps
+from ..solid_flags import NOTHING, may_have_parts
 from ..surfaces import Surfaces, explode_of, may_be_several
 from ..terminal import dimensions, listing, titled
 
@@ -226,10 +227,13 @@ def require_names(args: argparse.Namespace, count: int) -> None:
         raise UsageError(f"{len(args.names)} names for {count} surfaces; give one for each")
 
 
-def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str]) -> None:
-    """Raise `UsageError` if the number of names is not that of the surfaces, or one is to be moved apart."""
-    explode_of(args, may_be_several(choices))
-    if all(isinstance(choice, int) for choice in choices):
+def require_surfaces(args: argparse.Namespace, choices: Sequence[int | str], solid: SolidRequest = NOTHING) -> None:
+    """Raise `UsageError` if the number of names is not that of the surfaces, or one is to be moved apart.
+
+    How many parts a solid has is known once they are made.
+    """
+    explode_of(args, may_be_several(choices) or may_have_parts(solid))
+    if not solid and all(isinstance(choice, int) for choice in choices):
         require_names(args, max(1, len(choices)))
 
 

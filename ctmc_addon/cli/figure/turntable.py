@@ -44,8 +44,7 @@ def run(args: argparse.Namespace) -> None:
     """Read, reconstruct, render every frame, write the video, and print what came out."""
     settings, choices, solid = settings_labels_and_solid(args)
     maps = common.maps_of(args, settings)
-    if not solid:
-        common.require_surfaces(args, choices)
+    common.require_surfaces(args, choices, solid)
     require_blender("a turntable")
     from ...blender.figure.styles import require_engine
     from ...blender.figure.turntable import is_finished_video, is_video, require_turntable, turntable_steps

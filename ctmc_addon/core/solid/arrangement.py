@@ -110,7 +110,10 @@ class _Signs:
         source = iter(bits)
         self.fields = fields
         self.at_corner = [[bool(next(source)) for _ in CORNERS] for _ in range(fields)]
-        self._first = {(i, j, edge): bool(next(source)) for i, j in combinations(range(fields), 2) for edge in EDGES}
+        self._first: dict[tuple[int, int, tuple[int, ...]], bool] = {}
+        for i, j in combinations(range(fields), 2):
+            for edge in EDGES:
+                self._first[i, j, edge] = bool(next(source))
         self._at_zero: dict[tuple[Node, int], bool] = {}
         for count, corner_sets in ((2, TRIANGLES), (3, (tuple(CORNERS),))):
             for group in combinations(range(fields), count):

@@ -3,8 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,7 +42,6 @@ class Body:
     on_edges: OnEdges | None = None
     _tree: TriangleTree | None = None
     _signed: SignedSurface | None = None
-    _distances: dict[tuple[float, ...], Floats] = field(default_factory=dict)
 
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
@@ -63,22 +61,27 @@ class Body:
             self._signed, self._tree = signed, signed.tree
         return self._signed
 
-    def fields_steps(self, levels: Sequence[float]) -> Steps[list[StructureField]]:
-        """Return the field of every level, mm inside the surface."""
+    def field_steps(self, level: float) -> Steps[StructureField]:
+        """Return the field of a level, mm inside the surface."""
+        if level == 0 and self.inside is not None:
+            tree = yield from self._tree_steps()
+            return StructureField(tree, self.lattice, self.inside)
+        distance = yield from self.distances_steps(level)
+        tree = yield from self._tree_steps()
+        inside = distance > 0 if self.inside is None else self.inside
+        return StructureField(tree, self.lattice, inside, distance, level)
+
+    def distances_steps(self, level: float) -> Steps[Floats]:
+        """Return distances that are exact where a level passes, (z, y, x) float32 mm, positive inside."""
         if self.inside is None:
             signed = yield from self.signed_steps()
-            distance = yield from distances_steps(signed, self.lattice, levels, None, self.budget)
-            inside = distance > 0
-            return [StructureField(signed.tree, self.lattice, inside, distance, level) for level in levels]
+            return (yield from distances_steps(signed, self.lattice, [level], None, self.budget))
+        tree = yield from self._tree_steps()
+        return (yield from distances_steps(tree, self.lattice, [level], self.inside, self.budget))
+
+    def _tree_steps(self) -> Steps[TriangleTree]:
         if self._tree is None:
             tree = TriangleTree()
             yield from tree.prepare_steps(self.mesh)
             self._tree = tree
-        others = [level for level in levels if level]
-        distance = None
-        if others:
-            distance = yield from distances_steps(self._tree, self.lattice, others, self.inside, self.budget)
-        return [
-            StructureField(self._tree, self.lattice, self.inside, distance if level else None, level)
-            for level in levels
-        ]
+        return self._tree

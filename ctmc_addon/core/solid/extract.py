@@ -11,7 +11,8 @@ and cells agree on their common faces, so parts are closed and do not cross; par
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,10 +25,11 @@ from ..extraction.interfaces.bands import band_ranges, fill_band, find_band
 from ..extraction.interfaces.owners import Owners
 from ..machine.budget import Budget
 from ..machine.parallel import map_steps
+from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh
 from ..progress import PAUSE, Stages, Steps
-from ..volume.affine import transform_faces, transform_points
-from .fields import Field
+from ..volume.affine import to_index, transform_faces, transform_points
+from .fields import Field, ShapeField
 from .lattice import Lattice
 from .rims import CutRims, cut_rims_steps
 from .stitch import stitched
@@ -36,6 +38,7 @@ MOST_FIELDS = 20
 FACES_OF_CELL = ((0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5))
 STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
 POINTS_AT_ONCE = 1 << 18
+MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step.
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,10 +60,10 @@ class Recipe:
 
     lattice: Lattice
     fields: Sequence[Field]
-    part_of: Callable[[list[Flags]], NDArray[np.integer]]
+    part_of: Callable[[list[Flags]], NDArray[Any]]
     on_edges: dict[int, tuple[NDArray[np.int64], Floats]]
 
-    def table(self) -> NDArray[np.uint8]:
+    def table(self) -> NDArray[Any]:
         """Return the part of every combination of signs, by the number whose bits these are."""
         count = len(self.fields)
         if count > MOST_FIELDS:
@@ -68,12 +71,32 @@ class Recipe:
                 f"{count} surfaces and cuts are more than {MOST_FIELDS}; make fewer structures or cuts at once"
             )
         words = np.arange(1 << count)
-        return np.asarray(self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])).astype(np.uint8)
+        parts = self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])
+        return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
+
+    def moved(self, share: float) -> Recipe:
+        """Return the recipe with its shapes moved inward by a share of the lattice's shortest step."""
+        shift = share * self.lattice.shortest_mm
+        fields = [replace(field, shift=shift) if isinstance(field, ShapeField) else field for field in self.fields]
+        return replace(self, fields=fields)
 
 
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
-    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none."""
-    return (yield from _Extraction(recipe, budget).result_steps())
+    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
+
+    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again.
+    """
+    stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
+    extracting, looking = stages.shares
+    for share in MOVES:
+        extraction = _Extraction(recipe.moved(share), budget)
+        mesh = yield from stages.run(extracting, extraction.result_steps())
+        if extraction.cut is None:
+            break
+        crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
+        if not len((yield from stages.run(looking, crossing))):
+            break
+    return mesh
 
 
 class _Extraction:
@@ -100,7 +123,7 @@ class _Extraction:
         """Find the signs of all fields at every sample, as bits, and the part that owns it."""
         kind = np.min_scalar_type((1 << len(self.fields)) - 1)
         self.words = np.zeros(self.shape, kind)
-        self.owner = np.zeros(self.shape, np.uint8)
+        self.owner = np.zeros(self.shape, self.table.dtype)
 
         def decide(layers: tuple[int, int]) -> None:
             words = self.words[slice(*layers)]
@@ -189,10 +212,10 @@ class _Extraction:
         ends = np.cumsum(counts.reshape(-1))
         starts = (ends - counts.reshape(-1)).reshape(counts.shape)
 
-        def fill(at: int) -> tuple[NDArray[np.int32], NDArray[np.uint8]]:
+        def fill(at: int) -> tuple[NDArray[np.int32], NDArray[Any]]:
             above = (None, []) if at + 1 == len(bands) else (bands[at + 1], starts[at + 1].tolist())
             made = fill_band(owners, bands[at], starts[at].tolist(), *above)
-            return made.faces, made.sides.astype(np.uint8)
+            return made.faces, made.sides
 
         filled = yield from map_steps(fill, range(len(bands)), self.threads)
         self.faces = np.concatenate([faces for faces, _ in filled])
@@ -222,7 +245,7 @@ class _Extraction:
         nodes = 0 if self.cut is None else len(self.cut.nodes.keys)
         used = np.zeros(len(self.keys) + nodes, bool)
         used[self.faces] = True
-        places = np.empty((len(used), 3))
+        places = np.zeros((len(used), 3))
         exact = np.full(len(used), -1, np.intp)  # Number of the exact place, of the vertex' field.
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
@@ -239,6 +262,7 @@ class _Extraction:
             vertices[own] = positions[exact[own]]
         number = np.cumsum(used, dtype=np.int32) - np.int32(1)
         faces = transform_faces(self.lattice.affine, number[self.faces])
+        self.may_cross = (self.faces >= len(self.keys)).any(axis=1)
         return ComplexMesh(vertices[used], faces, self.sides.astype(np.int32))
 
     def _place_edges_steps(
@@ -278,10 +302,9 @@ class _Extraction:
         self, places: Doubles, vertices: NDArray[np.intp], fields: NDArray[np.intp], exact: NDArray[np.intp]
     ) -> None:
         """Place vertices in index space where they are known in mm."""
-        inverse = np.linalg.inv(self.lattice.affine)
         for field, (_, positions) in self.recipe.on_edges.items():
             own = vertices[fields == field]
-            places[own] = transform_points(inverse, positions[exact[own]].astype(np.float64))
+            places[own] = to_index(self.lattice.affine, positions[exact[own]].astype(np.float64))
 
     def _exact(self, field: int, keys: NDArray[np.int64]) -> NDArray[np.intp]:
         """Return the number of the exact place on every edge, -1 where there is none."""
@@ -298,9 +321,9 @@ class _Extraction:
         at = lowest.copy()
         sides = self._index(nodes.lowest + self.corners[7]) - lowest
         for corner in range(1, 4):
-            code = nodes.codes[:, corner - 1]
+            codes = nodes.codes[:, corner - 1]
             for axis in range(3):
-                at[:, axis] += cut.weights[:, corner] * (code >> axis & 1) * sides[:, axis]
+                at[:, axis] += cut.weights[:, corner] * (codes >> axis & 1) * sides[:, axis]
         places[first:] = at
         for node, (low, high) in self.middles.items():
             code = int(nodes.codes[node - first, 0])
@@ -310,9 +333,9 @@ class _Extraction:
                 begin, end = ((places[vertex] - own)[axes] / sides[node - first][axes] for vertex in (low, high))
                 turn = (end[0] - begin[0]) - (end[1] - begin[1])
                 if abs(turn) > NEAREST:
-                    share = begin[0] + (begin[1] - begin[0]) / turn * (end[0] - begin[0])
+                    along = begin[0] + (begin[1] - begin[0]) / turn * (end[0] - begin[0])
                     places[node] = own
-                    places[node][axes] += np.clip(share, NEAREST, 1 - NEAREST) * sides[node - first][axes]
+                    places[node][axes] += np.clip(along, NEAREST, 1 - NEAREST) * sides[node - first][axes]
 
     def _index(self, flat: NDArray[np.intp]) -> Doubles:
         """Return the places of samples in index space, (n, 3)."""

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from ..arrays import Doubles, Flags, Floats
 from ..mesh.distance.triangle_tree import TriangleTree
 from ..progress import PAUSE, Steps
+from ..volume.affine import to_index
 from .lattice import Lattice
 from .shapes import HalfSpace, Shape
 
@@ -37,10 +38,11 @@ def signed(values: NDArray[Any], above: Flags, lattice: Lattice) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class ShapeField:
-    """A shape with an exact distance."""
+    """A shape with an exact distance, moved inward by `shift` mm."""
 
     shape: Shape
     lattice: Lattice
+    shift: float = 0.0
 
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are inside the shape."""
@@ -74,27 +76,24 @@ class ShapeField:
         lattice = self.lattice
         if isinstance(self.shape, HalfSpace):
             return self._heights(self.shape, lattice.x.take(x), lattice.y.take(y), lattice.z.take(z))
-        return self.shape.at(lattice.points(x, y, z))
+        return self.shape.at(lattice.points(x, y, z)) - self.shift
 
     def _heights(self, plane: HalfSpace, x: Doubles, y: Doubles, z: Doubles) -> Doubles:
         """Return heights above a plane, by the same sums for any shapes of the positions."""
         affine, unit = self.lattice.affine, plane.unit
         slopes = [sum(float(unit[row] * affine[row, column]) for row in range(3)) for column in range(3)]
         start = sum(float(unit[row] * (affine[row, 3] - plane.point[row])) for row in range(3))
-        return np.asarray((slopes[0] * x + slopes[1] * y) + (slopes[2] * z + start))
+        return np.asarray((slopes[0] * x + slopes[1] * y) + (slopes[2] * z + (start - self.shift)))
 
     def _box(self, layer: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Return the rows and columns of a layer that the shape may reach."""
         lattice = self.lattice
         rows, columns = np.arange(len(lattice.y)), np.arange(len(lattice.x))
-        box = getattr(self.shape, "box", None)
+        box = self.shape.box
         if box is None:
             return rows, columns
-        inverse = np.linalg.inv(lattice.affine)
         corners = np.array([[box[at >> axis & 1][axis] for axis in range(3)] for at in range(8)])
-        index = np.array(
-            [[sum(inverse[a, b] * c[b] for b in range(3)) + inverse[a, 3] for a in range(3)] for c in corners]
-        )
+        index = to_index(lattice.affine, corners)
         low, high = index.min(axis=0), index.max(axis=0)
         if not low[2] - 1 <= lattice.z[layer] <= high[2] + 1:
             return rows[:0], columns
@@ -145,3 +144,27 @@ class StructureField:
         y, x = np.divmod(rest, columns)
         squared, _ = yield from self.tree.nearest_steps(self.lattice.points(x, y, z).T, threads=threads)
         return signed(np.sqrt(squared), self.inside.reshape(-1).take(flat), self.lattice)
+
+
+@dataclass(frozen=True, eq=False)
+class HeldField:
+    """A field whose values are held.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    values : (z, y, x) float32
+    """
+
+    lattice: Lattice
+    values: Floats
+
+    def above(self, low: int, high: int) -> Flags:
+        """Return whether the samples of some layers are above 0."""
+        return np.asarray(self.values[low:high] > 0)
+
+    def values_steps(self, flat: NDArray[np.intp], threads: int) -> Steps[Floats]:
+        """Return the values at samples."""
+        yield PAUSE
+        values = self.values.reshape(-1).take(flat)
+        return signed(values, values > 0, self.lattice)

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ..errors import MeshError
+import numpy as np
+
 from ..machine.budget import Budget
 from ..mesh.intersections import self_intersections_steps
-from ..mesh.labels.label_complex import ComplexMesh, borders_of, neighbors_of
+from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
 from ..reconstruction import Reconstruction
@@ -18,70 +19,56 @@ from ..simplification.engine.component_removal import CollapsedComponents
 from ..simplification.whole import Simplification
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
-from .request import SolidRequest
 
 WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
 def finished_parts_steps(
-    result: Reconstruction, mesh: ComplexMesh, notes: Sequence[str], solid: SolidRequest, budget: Budget
+    structures: Mapping[int, Reconstruction], mesh: ComplexMesh, budget: Budget
 ) -> Steps[list[Reconstruction]]:
-    """Return the parts of a structure, from the surfaces of all of them; names are those of the structure.
+    """Return the parts, simplified together where their settings ask for that.
 
     Parameters
     ----------
-    result : Reconstruction
-        The structure.
+    structures : mapping of int to Reconstruction
+        The structure of every part, by its number, with the part's name and all notes.
     mesh : ComplexMesh
         Sides are the parts' numbers.
-    notes : sequence of str
-        On all parts.
-    solid : SolidRequest
     budget : Budget
-
-    Raises
-    ------
-    MeshError
-        If there is no part.
     """
-    settings = result.settings
+    settings = next(iter(structures.values())).settings
     finishing = Finish(settings, budget, HOLD, WEIGHTS)
     stages = finishing.stages
-    if not len(mesh.faces):
-        raise MeshError(f"nothing is left of {result.label_name}; move its surface inward by less")
     full_borders = borders_of(mesh.faces, mesh.sides)
     simplified = None
     if settings.simplifies_here:
         simplifying = simplify_complex_steps(mesh, budget=budget, **goal_of(settings))
         simplified = yield from stages.run(SIMPLIFYING, simplifying)
     final = mesh if simplified is None else simplified.mesh
-    pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
-    borders = borders_of(final.faces, final.sides)
-    names = part_names(result.label_name, sorted(full_borders))
+    pairs = np.empty((0, 2), np.int64)  # An extraction has looked at its own.
+    if simplified is not None and simplified.self_intersections != 0:
+        pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
     parts = []
-    for number, border in borders.items():
-        own = TriangleMesh(final.vertices[border.used], border.faces)
-        if settings.normals == "mesh" or simplified is None:
-            own = yield from stages.run(AVERAGING, averaged_steps(own))
-        full_faces = len(full_borders[number].faces)
+    for number, border in borders_of(final.faces, final.sides).items():
+        mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
+        own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
+        crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())
         part = replace(
-            result,
+            structures[number],
             mesh=own,
             surface=None,
-            label_name=names[number],
-            full_faces=full_faces,
-            notes=(*result.notes, *notes),
-            beyond=border.beyond,
+            full_faces=len(full_borders[number].faces),
+            beyond=None,
             components=None,
             measured=None,
-            neighbors=neighbors_of(number, final.interfaces),
-            self_intersections=int((final.sides[pairs] == number).any(axis=(1, 2)).sum()),
+            neighbors=(),
+            self_intersections=crossings,
         )
         if simplified is not None:
             collapsed = simplified.collapsed_of.get(number, CollapsedComponents())
-            simple = Simplification(own, collapsed, simplified.handles_cut, part.self_intersections)
+            simple = Simplification(own, collapsed, simplified.handles_cut, crossings)
             part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
-        parts.append(replace(part, beyond=border.beyond))
+        parts.append(part)
     return [replace(part, stages=(*part.stages, *finishing.ran)) for part in parts]
 
 

@@ -24,6 +24,7 @@ from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Steps
 from .cubes import lowest_steps
 from .depth import Depth
+from .shapes import Box
 
 SIDE_MM = 0.2  # Of the squares at the outline.
 MOST_SQUARES = 60000  # Do not part more.
@@ -55,11 +56,12 @@ class Foot:
     grown: float
 
     @property
-    def box(self) -> Doubles:
-        """Lowest and highest corner of the box around it, (2, 3)."""
-        corners = self.shadow.corners[:, :2]
+    def box(self) -> Box:
+        """Box that holds it."""
+        corners = self.shadow.corners.reshape(3, 3, -1)  # corner, axis, triangle
         low, high = corners.min(axis=(0, 2)) - self.grown, corners.max(axis=(0, 2)) + self.grown
-        return np.array([[*low, self.low], [*high, self.high]])
+        low[2], high[2] = self.low, self.high
+        return low, high
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance near the surface, and a lower bound of it far inside and beside edges."""

@@ -140,8 +140,9 @@ def _balls_steps(
     """
     tree, gap, areas = samples
     balls = TangentBalls(tree, gap, limit, TRIANGLE_SLOPE)
-    asked = tree.normals.any(axis=0)
-    asked[len(areas) :] = False  # The last places of the tree repeat a sample.
+    asked = np.zeros(len(tree.order), np.bool_)
+    asked[samples.places] = True
+    asked &= tree.normals.any(axis=0)
     radii = yield from equal_part(balls.radii_steps(asked, threads), 0, 2)
     places = np.flatnonzero(asked & ~np.isnan(radii))
     ways = tree.normals[:, places].astype(np.float64) * radii[places]

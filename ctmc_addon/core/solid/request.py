@@ -15,7 +15,7 @@ from ..errors import SettingsError
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
 MOST_PEGS = 64
-MOST_CUTS = 8
+MOST_CUTS = 6
 Item = TypeVar("Item")
 
 

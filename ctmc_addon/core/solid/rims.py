@@ -6,6 +6,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,20 +67,20 @@ class CutRims:
         Weights of the lowest sample and the others at every node.
     faces : (f, 3) intp
         Numbers of nodes, counter-clockwise in index space.
-    sides : (f, 2) uint8
+    sides : (f, 2) unsigned
         Parts behind and in front; behind is the larger.
     """
 
     nodes: Nodes
     weights: Doubles
     faces: NDArray[np.intp]
-    sides: NDArray[np.uint8]
+    sides: NDArray[Any]
 
 
 def cut_rims_steps(
     fields: Sequence[Field],
-    table: NDArray[np.uint8],
-    words: NDArray[np.unsignedinteger],
+    table: NDArray[Any],
+    words: NDArray[Any],
     cells: NDArray[np.intp],
     corners: NDArray[np.intp],
     threads: int,
@@ -102,7 +103,7 @@ def cut_rims_steps(
     for number in numbers:
         values[number] = yield from fields[number].values_steps(samples, threads)
     keys: list[NDArray[np.int64]] = []
-    sides: list[NDArray[np.uint8]] = []
+    sides: list[NDArray[Any]] = []
     masks = np.unique(active).tolist()
     for at, mask in enumerate(masks):
         yield Step(at / len(masks))
@@ -139,14 +140,14 @@ def cut_rims_steps(
             yield PAUSE
     if not keys:
         nothing = np.empty((0, 3), np.int64)
-        return CutRims(Nodes(nothing[:, 0]), np.empty((0, 4)), nothing, np.empty((0, 2), np.uint8))
+        return CutRims(Nodes(nothing[:, 0]), np.empty((0, 4)), nothing, np.empty((0, 2), table.dtype))
     unique, faces = np.unique(np.concatenate(keys).reshape(-1), return_inverse=True)
     yield PAUSE
     nodes = Nodes(unique)
     return CutRims(nodes, _weights(nodes, samples, values, corners), faces.reshape(-1, 3), np.concatenate(sides))
 
 
-def _with_walls(table: NDArray[np.uint8], active: NDArray[np.intp], base: NDArray[np.intp]) -> Flags:
+def _with_walls(table: NDArray[Any], active: NDArray[np.intp], base: NDArray[np.intp]) -> Flags:
     """Return whether parts may differ in a tetrahedron, by the fields that change sign there and those that do not."""
     both = np.stack([active, base], axis=1)
     unique, group = np.unique(both, axis=0, return_inverse=True)

@@ -16,9 +16,15 @@ from ..arrays import Doubles
 from ..mesh.vectors import dot
 from .request import Point
 
+Box = tuple[Doubles, Doubles]  # Lowest and highest corner, (3,) each.
+
 
 class Shape(Protocol):
     """A shape in space."""
+
+    @property
+    def box(self) -> Box | None:
+        """Box that holds it; None for one without end."""
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance of points (3, n) to the shape's surface, (n,), positive inside."""
@@ -36,6 +42,10 @@ class HalfSpace:
         """Normal of length 1, (3,)."""
         normal = np.array(self.normal, np.float64)
         return normal / np.sqrt(dot(normal, normal))
+
+    @property
+    def box(self) -> None:
+        """None: it has no end."""
 
     def at(self, points: Doubles) -> Doubles:
         """Return the height of points above the plane."""
@@ -58,10 +68,10 @@ class Bar:
     radius: float
 
     @property
-    def box(self) -> Doubles:
-        """Lowest and highest corner of the box around it, (2, 3)."""
-        ends = np.array([self.start, self.end], np.float64)
-        return np.stack([ends.min(axis=0) - self.radius, ends.max(axis=0) + self.radius])
+    def box(self) -> Box:
+        """Box that holds it."""
+        both = np.array([self.start, self.end], np.float64)
+        return both.min(axis=0) - self.radius, both.max(axis=0) + self.radius
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to a bar with half balls beyond both ends."""
@@ -77,6 +87,13 @@ class Union:
     """What lies in any of several shapes."""
 
     shapes: Sequence[Shape]
+
+    @property
+    def box(self) -> Box | None:
+        """Box that holds all of them."""
+        boxes = [shape.box for shape in self.shapes]
+        lows, highs = [box[0] for box in boxes if box is not None], [box[1] for box in boxes if box is not None]
+        return (np.minimum.reduce(lows), np.maximum.reduce(highs)) if len(lows) == len(boxes) else None
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance outside, and a lower bound of it inside where shapes overlap."""

@@ -7,7 +7,7 @@ in more where a field crosses that changes no part. The cell's triangle at that 
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,18 +25,18 @@ class Stitched(NamedTuple):
     ----------
     faces : (f, 3) int32
         Vertices: those of cells, then those of nodes.
-    sides : (f, 2) uint8
+    sides : (f, 2) unsigned
     middles : mapping of int to (int, int)
         Nodes on a face's diagonal, by their vertex number, that lie on a segment between two vertices.
     """
 
     faces: NDArray[np.int32]
-    sides: NDArray[np.uint8]
+    sides: NDArray[Any]
     middles: dict[int, tuple[int, int]]
 
 
 def stitched(
-    faces: NDArray[np.int32], sides: NDArray[np.uint8], cut: CutRims, keys: NDArray[np.int64], in_use: Flags
+    faces: NDArray[np.int32], sides: NDArray[Any], cut: CutRims, keys: NDArray[np.int64], in_use: Flags
 ) -> Stitched:
     """Return the triangles of cells and of rims with common vertices.
 
@@ -100,14 +100,14 @@ def _chains(faces: NDArray[np.intp], first_node: int) -> dict[tuple[int, int], l
 
 
 def _split(
-    faces: NDArray[np.int32], sides: NDArray[np.uint8], chains: dict[tuple[int, int], list[int]], count: int
-) -> tuple[NDArray[np.int32], NDArray[np.uint8], list[int]]:
+    faces: NDArray[np.int32], sides: NDArray[Any], chains: dict[tuple[int, int], list[int]], count: int
+) -> tuple[NDArray[np.int32], NDArray[Any], list[int]]:
     """Split the triangles of cells at chains; return new triangles, their sides, and the numbers of old ones."""
     at_end = np.zeros(count, bool)
     at_end[[vertex for ends in chains for vertex in ends]] = True
     near = np.flatnonzero(np.count_nonzero(at_end[faces], axis=1) > 1)
     new: list[tuple[int, int, int]] = []
-    new_sides: list[NDArray[np.uint8]] = []
+    new_sides: list[NDArray[Any]] = []
     split = []
     for triangle, corners in zip(near.tolist(), faces[near].tolist(), strict=True):
         loop: list[int] = []
@@ -123,7 +123,7 @@ def _split(
         made = _fans(loop, corners)
         new += made
         new_sides += [sides[triangle]] * len(made)
-    return (np.array(new, np.int32).reshape(-1, 3), np.array(new_sides, np.uint8).reshape(-1, 2), split)
+    return (np.array(new, np.int32).reshape(-1, 3), np.array(new_sides, sides.dtype).reshape(-1, 2), split)
 
 
 def _fans(loop: list[int], corners: list[int]) -> list[tuple[int, int, int]]:

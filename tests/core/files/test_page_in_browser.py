@@ -100,6 +100,66 @@ def test_a_browser_shows_what_the_page_holds(tmp_path):
     assert hidden == cut
 
 
+# Looks from the front at what the page starts with, then with the slider at its end, there with a cut, and at 0.
+MOVE = """
+<script>
+const seen = (() => {
+  const { structures, apply, draw, lookFrom, cut, exploded, camera, valueAt } = window.CTMC, out = [];
+  const slider = document.getElementById("explode"), canvas = document.getElementById("view");
+  const gl = canvas.getContext("webgl2");
+  const look = () => {
+    lookFrom([0, 1, 0]);
+    apply();
+    draw();
+    const { width, height } = canvas, pixels = new Uint8Array(4 * width * height);
+    gl.readPixels(0, 0, width, height, gl.RGBA, gl.UNSIGNED_BYTE, pixels);
+    const mm = (camera.right - camera.left) / camera.zoom / width, rows = new Set();
+    for (let i = 0; i < width * height; i++) if (pixels[4 * i + 3] > 127) rows.add(Math.floor(i / width));
+    const filled = [...rows].sort((a, b) => a - b);
+    const gap = Math.max(...filled.slice(1).map((row, at) => row - filled[at] - 1));
+    const tops = structures.map(({ mesh }) => mesh.position.toArray());
+    const point = camera.position.clone().set(0, 0, tops[1][2] + 10).project(camera);
+    const value = valueAt((point.x + 1) / 2 * innerWidth, (1 - point.y) / 2 * innerHeight);
+    const text = slider.nextSibling.textContent;
+    out.push({ high: filled.length * mm, gap: gap * mm, tops, value, text, mm: exploded.mm });
+  };
+  const move = (mm) => { slider.value = mm; slider.oninput(); look(); };
+  look();
+  move(slider.max);
+  cut.axis = "z";
+  look();
+  cut.axis = "";
+  move(0);
+  return out;
+})();
+document.body.dataset.seen = JSON.stringify(seen);
+</script></body>"""
+
+
+@pytest.mark.once
+@pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium")
+def test_a_browser_moves_structures_apart(tmp_path):
+    below = box("unten", (-20, -5, -20), (20, 5, 0), (220, 30, 30), None)
+    above = box("oben", (-20, -5, 0), (20, 5, 20), (30, 30, 220), None)
+    values = above.vertices[:, 2].copy()
+    height = SurfaceMap("height", "mm", values, (0.0, 20.0), "magma", statistics_of(values, np.ones(len(values))))
+    path = tmp_path / "page.html"
+    write_structures(path, [below, replace(above, maps=(height,), shown="height")], explode=25.0)
+    start, end, cut, whole = seen_on(path, MOVE)
+    assert start["tops"] == end["tops"] == [[0, 0, -25], [0, 0, 25]]  # 10 mm would be twice the distances.
+    assert (start["text"], start["mm"], end["text"]) == ("25 mm", 25, "25 mm")
+    assert start["gap"] == pytest.approx(50, abs=1.5)
+    assert start["high"] == pytest.approx(40, abs=1.5)
+    assert start["value"] == pytest.approx(10, abs=0.3), "a value is read where the surface is seen"
+    # A cut half way removes what is above, which lies beyond it as a whole.
+    assert cut["high"] == pytest.approx(20, abs=1.5)
+    assert cut["value"] is None
+    assert whole["tops"] == [[0, 0, 0], [0, 0, 0]]
+    assert (whole["text"], whole["gap"]) == ("0 mm", 0)
+    assert whole["high"] == pytest.approx(40, abs=1.5)
+    assert whole["value"] == pytest.approx(10, abs=0.3)
+
+
 # Looks from the front. Tells the legend, and the color and the value at points given in mm of x and z; then with a cut,
 # another map and none.
 ASK = """

@@ -16,6 +16,7 @@ from ctmc_addon.blender.figure.spec import (
     PAGES,
     Cell,
     DistanceMapSettings,
+    ExplodedView,
     FigureStyle,
     Page,
     ShownSurface,
@@ -68,6 +69,26 @@ def test_visible_slices_and_rulers_are_in_the_figure_and_hidden_ones_are_not(sur
     kept.hide_render = plane.hide_render = True
     cell, _ = figure.cell_of(bpy.context)
     assert (cell.rulers, cell.slices) == ((), ())
+
+
+def test_several_surfaces_are_moved_apart_without_slices_and_rulers_and_one_stays(surface, tmp_path):
+    scene, chosen = bpy.context.scene, bpy.context.scene.ctmc_figure
+    other = surface.copy()
+    scene.collection.objects.link(other)
+    other.location.x += 0.6
+    bpy.ops.ctmc.add_slice()
+    add_ruler(scene, "distance", [(0, 0, 0), (0.2, 0, 0)], "Distance", 0.01)
+    chosen.explode = 25.0
+    for several in (False, True):
+        for obj in scene.objects:
+            obj.select_set(obj == surface or (several and obj == other))
+        bpy.context.view_layer.objects.active = surface
+        bpy.context.view_layer.update()
+        cell, caption = figure.cell_of(bpy.context)
+        shifts = [shown.shift for shown in cell.surfaces]
+        assert ("exploded by 25 mm" in caption) == several
+        assert (len(cell.slices), len(cell.rulers)) == ((0, 0) if several else (1, 1))
+        assert shifts == [pytest.approx((x, 0, 0), abs=1e-4) for x in ((-0.25, 0.25) if several else (0.0,))]
 
 
 def file_state():
@@ -329,7 +350,7 @@ def test_a_fresh_panel_and_the_command_line_start_from_the_same_figure(scene):
         args = parser().parse_args([*words, "ct.nii", "-o", "a.png"])
         assert page_of(args) == figure.page_of(panel, kind) == PAGES[kind]
         assert style_of(args) == figure.style_of(panel) == FigureStyle()
-        for described in (Transparency, DistanceMapSettings, Turn):
+        for described in (Transparency, ExplodedView, DistanceMapSettings, Turn):
             assert described(**values_of(args, described)) == described()
             assert described(**figure_properties.values_of(panel, described)) == described()
 

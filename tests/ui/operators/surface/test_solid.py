@@ -14,7 +14,7 @@ bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.surface import own_mesh, read_provenance
 from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
-from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
+from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
 from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
@@ -122,10 +122,10 @@ def test_lines_are_removed_one_by_one_and_all_by_one_press(solid):
 
 
 def test_no_more_cuts_than_core_takes(solid):
-    for _ in range(8):
+    for _ in range(MOST_CUTS):
         bpy.ops.ctmc.cut_add()
     assert not bpy.ops.ctmc.cut_add.poll()
-    assert len(solid.to_request().cuts) == 8
+    assert len(solid.to_request().cuts) == MOST_CUTS == 6
 
 
 def test_reconstruct_says_what_the_solid_does_to_the_next_surfaces(solid):
