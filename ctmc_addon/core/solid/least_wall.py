@@ -4,7 +4,8 @@
 The middle of a thin wall is where the centers of the balls are that touch both of its sides (mesh/distance/
 tangent_balls.py). The centers of a triangle whose corners all lie on thin walls are the corners of a triangle in that
 middle; other centers stand there alone. What lies within half of the least thickness of them is the shape: a plate
-gets the least thickness exactly, a bar this diameter, and where a wall grows thick enough the shape ends inside it.
+gets the least thickness exactly, a bar this diameter and up to a tenth of its own more, as far as normals are off, and
+where a wall grows thick enough the shape ends inside it.
 
 A ball near an edge is small too. Only where it meets what faces it is there a wall (walls.py), or where its far end
 lies as near to the surface as between two sides that do: a ball in a round bar may meet any of it. So the edges of a
@@ -27,10 +28,12 @@ from ..mesh.distance.triangle_tree import BLOCK, TriangleTree
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps, equal_part
 from .request import Point
-from .walls import FACING, SAME
+from .shapes import Box
+from .walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
 
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
 SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
+EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius stands at a rim.
 FAR_MM = 5.0  # Farther points outside count as this far away, which saves time.
 STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing their middle": 1}
 
@@ -51,10 +54,10 @@ class Thickening:
     radius: float
 
     @property
-    def box(self) -> Doubles:
-        """Lowest and highest corner of the box around it, (2, 3)."""
+    def box(self) -> Box:
+        """Box that holds it."""
         corners = self.middle.corners
-        return np.stack([corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius])
+        return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to the surface, exact up to `FAR_MM` outside."""
@@ -78,7 +81,7 @@ class ThinWalls:
     share : float
         Of the area of the surface that bounds thin walls, 0 to 1.
     thinnest : float or None
-        Thickness of the thinnest wall, mm.
+        Thickness of the thinnest wall, mm, of an area as in walls.py.
     place : (x, y, z) float or None
         In the middle of that wall, RAS+ mm.
     notes : tuple of str
@@ -120,7 +123,9 @@ def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: 
     areas = np.cumsum(np.stack([samples.areas, np.where(thin, samples.areas, 0.0)]), axis=1)[:, -1].tolist()
     tree = TriangleTree()
     yield from stages.run(preparing, tree.prepare_steps(_middle(mesh, thin, centers)))
-    at = int(np.where(thin, diameters, np.inf).argmin())
+    order = np.argsort(np.where(thin, diameters, np.inf), kind="stable")[: int(thin.sum())]
+    enough = np.searchsorted(np.cumsum(samples.areas[order]), min(LEAST_MM2, LEAST_SHARE * areas[0]))
+    at = int(order[min(int(enough), len(order) - 1)])
     x, y, z = centers[at].tolist()
     thinnest = float(diameters[at])
     share = areas[1] / areas[0] if areas[0] else 0.0
@@ -152,9 +157,11 @@ def _balls_steps(
     if len(others):
         surface = TriangleTree()
         yield from surface.prepare_steps(mesh)
-        ends = (middles + ways)[:, others].T
-        off = yield from equal_part(surface.distances_steps(ends, (1 + FACING) * limit, threads), 1, 2)
-        facing[others] = off <= (1 + FACING) * radii[places[others]]
+        reach = (1 + FACING) * radii[places[others]]
+        ends = surface.distances_steps((middles + ways)[:, others].T, float(reach.max()), threads)
+        others = others[(yield from equal_part(ends, 2, 4)) <= reach]
+        empty = yield from equal_part(surface.distances_steps(middles[:, others].T, limit, threads), 3, 4)
+        facing[others[empty >= EMPTY * radii[places[others]]]] = True
     numbers = tree.order[places[facing]]
     diameters, centers = np.full(len(areas), np.nan), np.zeros((len(areas), 3))
     diameters[numbers] = 2 * radii[places[facing]]

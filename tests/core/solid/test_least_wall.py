@@ -106,11 +106,13 @@ def test_a_plate_of_twelve_triangles_is_thickened_between_its_vertices():
 
 @POSES
 def test_a_bar_gets_the_least_diameter(degrees):
-    found = thin_walls(extracted(capsule(0.8, 6.0), 9.0, degrees), 2.5)
+    found = thin_walls(extracted(capsule(0.8, 6.0), 8.0, degrees, 0.25), 2.5)
     values = at(found, degrees, (0, 0, 0), (3, 1.25, 0), (-4, 0, -1.25), (1, 0.9, 0.9), (6 + 1.25, 0, 0))
-    np.testing.assert_allclose(values, [1.25, 0, 0, 1.25 - 0.9 * np.sqrt(2), 0], atol=0.06)
-    assert found.share > 0.95
-    assert found.thinnest == pytest.approx(1.6, abs=0.05)
+    more = values - [1.25, 0, 0, 1.25 - 0.9 * np.sqrt(2), 0]
+    assert more.min() > -0.02
+    assert more.max() < 0.16  # a tenth of 1.6
+    assert found.share > 0.9
+    assert found.thinnest == pytest.approx(1.6, abs=0.15)
 
 
 @POSES
@@ -122,7 +124,7 @@ def test_only_the_thinner_of_two_plates_is_thickened(degrees):
     found = thin_walls(extracted(plates, 17.0, degrees), 2.0)
     np.testing.assert_allclose(at(found, degrees, (0, 0, 6), (4, 5, 4), (0, 0, 5)), [0, 0, 1], atol=0.02)
     assert at(found, degrees, (0, 0, -5), (5, 5, -5), (-4, 4, -3.4), (9, 9, -3.4)).max() < -2
-    assert found.thinnest == pytest.approx(1.0, abs=0.03)
+    assert found.thinnest == pytest.approx(1.0, abs=0.05)
     assert 0.3 < found.share < 0.5
 
 
@@ -151,11 +153,11 @@ def test_a_wedge_is_thickened_up_to_where_it_is_thick_enough():
 
 
 def test_the_field_is_the_distance_and_stops_far_away():
-    found = thin_walls(extracted(capsule(0.8, 6.0), 9.0), 2.5)
+    found = thin_walls(extracted(capsule(0.8, 6.0), 8.0, step=0.25), 2.5)
     points = np.array([[0.0, 0, 0], [4.0, 5.0, 50.0], [0, 0, 0]])
-    np.testing.assert_allclose(found.shape.at(points), [1.25 - 4, 1.25 - 5, -5], atol=0.05)
+    np.testing.assert_allclose(found.shape.at(points), [1.25 - 4, 1.25 - 5, -5], atol=0.16)
     low, high = found.shape.box
-    np.testing.assert_allclose(high - low, [12 + 2.5, 2.5, 2.5], atol=0.15)
+    np.testing.assert_allclose(high - low, [12 + 2.5, 2.5, 2.5], atol=0.32)
 
 
 def test_a_mesh_without_triangles_has_no_thin_walls():
