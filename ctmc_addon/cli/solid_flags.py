@@ -4,11 +4,14 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Callable, Iterable, Mapping
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from ..core import AbsentLabelError, OutputError, ReconstructionSettings, SettingsError, defaults, descriptions
+from ..core.files.file_names import file_key, printable
 from ..core.files.mesh_files import SUFFIXES
 from ..core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest, auto_diameter
 from .arguments import UsageError, flags_checked, given_settings, label_choices, settings_and_labels
@@ -194,28 +197,68 @@ def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
     return tuple(dict.fromkeys(choices))
 
 
-def require_structures(solid: SolidRequest, labels: Iterable[int], names: Mapping[int, str]) -> None:
-    """Raise `AbsentLabelError` where a combination names a structure that is not among the labels.
+def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[int, str]) -> tuple[SolidRequest, int]:
+    """Return a solid whose combinations name structures as they are called, and how many structures it leaves.
+
+    A combination takes its structures away. Case, spaces and underscores of names make no difference.
 
     Parameters
     ----------
     solid : SolidRequest
-    labels : iterable of int
+    labels : sequence of int
         Labels to make the solid of.
     names : mapping of int to str
         Names of labels.
+
+    Raises
+    ------
+    AbsentLabelError
+        For a name that no structure has.
+    UsageError
+        For a name that several labels have, or whose structure an earlier combination has taken.
+
+    Examples
+    --------
+    >>> both = Combination(Combining.MERGE, "both", ("LEFT_leg", "2"))
+    >>> solid, count = with_structures(SolidRequest(combinations=(both,)), [1, 2, 3], {1: "left leg", 2: "right leg"})
+    >>> solid.combinations[0].of, count
+    (('left leg', 'right leg'), 2)
     """
-    listed = list(labels)
-    known = {_plain(name) for label in listed for name in (str(label), names.get(label, "")) if name}
+    named = [printable(names.get(label, "")) for label in labels]
+    alike = Counter(map(file_key, named))
+    called = [
+        name if name and alike[file_key(name)] == 1 else str(label) for label, name in zip(labels, named, strict=True)
+    ]
+    known: dict[str, list[str]] = {}
+    for label, name, own in zip(labels, named, called, strict=True):
+        for word in {str(label), _plain(name) or str(label)}:
+            known.setdefault(word, []).append(own)
+    left = dict.fromkeys(called)
+    combinations = []
     for each in solid.combinations:
-        for name in each.of:
-            if _plain(name) not in known:
-                there = ", ".join(names.get(label) or str(label) for label in listed)
-                raise AbsentLabelError(
-                    f"--{each.how.value} names {name!r}, but the labels are {there}; add --label {name}, or leave out "
-                    "--label to take those that are combined"
-                )
-        known.add(_plain(each.name))
+        flag = f"--{each.how.value} {each.name}"
+        of = [_structure_of(name, flag, known, left) for name in each.of]
+        for name in of:
+            left.pop(name, None)
+        known[_plain(each.name)] = [each.name]
+        left[each.name] = None
+        combinations.append(replace(each, of=tuple(of)))
+    return replace(solid, combinations=tuple(combinations)), len(left)
+
+
+def _structure_of(name: str, flag: str, known: Mapping[str, Sequence[str]], left: Mapping[str, None]) -> str:
+    """Return what a structure that a combination names is called."""
+    found = known.get(_plain(name), ())
+    if not found:
+        raise AbsentLabelError(
+            f"{flag} names {name!r}, but the structures are {', '.join(left)}; add --label {name}, or leave out "
+            "--label to take those that are combined"
+        )
+    if len(found) > 1:
+        raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(found)} are called; give a number")
+    if found[0] not in left:
+        raise UsageError(f"{flag} names {name!r}, which an earlier combination has taken; combine {', '.join(left)}")
+    return found[0]
 
 
 def _pegs_of(values: Values) -> Pegs | None:

@@ -16,6 +16,7 @@ from ..core import (
     MadeSurface,
     Reconstruction,
     ReconstructionSettings,
+    SettingsError,
     Stages,
     Steps,
     SurfaceRequest,
@@ -28,7 +29,7 @@ from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
 from .arguments import UsageError
 from .map_flags import AskedMaps
-from .solid_flags import NOTHING, require_structures
+from .solid_flags import NOTHING, with_structures
 from .surface_writer import SurfaceWriter
 
 
@@ -162,11 +163,16 @@ def surfaces_steps(
     if choices:
         box = region_box(volume, settings)
         labels = yield from stages.run(finding, chosen_labels_steps(volume, choices, box, budget.threads))
-        if not solid.combinations:
-            require_room_for(len(labels))
+        solid, count = with_structures(solid, labels, volume.label_names)
+        require_room_for(count)
         several = several or len(labels) > 1
         settings = replace(settings, label=labels[0])
     if solid:
+        if mapping is not None and any(quantity.needs_full for quantity in mapping.quantities):
+            raise SettingsError(
+                "the map deviation is a distance to the surface before simplification, and a solid has other changes "
+                "too; leave out --deviation, or the flags of the solid"
+            )
         chosen = [replace(settings, label=label) for label in labels] if choices else [settings]
         requests = [SurfaceRequest(each, written_bytes=written_bytes) for each in chosen]
         return (yield from stages.run(making, _solid_steps(volume, requests, solid, budget, mapping, several)))
@@ -210,8 +216,6 @@ def _solid_steps(
     """Make the parts of a solid; `several` labels have names of their own, even if one part comes of them."""
     from ..core.solid import solid_parts_steps
 
-    labels = [request.settings.label for request in requests if request.settings.label is not None]
-    require_structures(solid, labels, volume.label_names)
     parts = yield from solid_parts_steps(volume, requests, solid, budget, maps=maps)
     are_named = len(parts) > 1 or (several and not solid.combinations)
     return Surfaces(volume.name, tuple(parts), structure_names(parts) if are_named else ())

@@ -44,6 +44,7 @@ def solid_flags(solid: SolidRequest) -> list[str]:
 
     Examples
     --------
+    >>> from ctmc_addon.core.solid import Drain
     >>> solid_flags(SolidRequest(hollow=2, drains=(Drain(5, (0, 0, -40)),)))
     ['--hollow', '2', '--drain', '0', '0', '-40', '5']
     """

@@ -15,7 +15,7 @@ from ctmc_addon.cli import solid_flags
 from ctmc_addon.cli.arguments import Parser
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.cases import collect
-from ctmc_addon.core import solid as solids
+from ctmc_addon.core import CtmcError, solid as solids
 from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
 from ctmc_addon.core.surfaces.make import make_surfaces_steps
 from ctmc_addon.readers import ReadingOptions
@@ -222,14 +222,33 @@ def test_a_combination_takes_its_labels_and_one_file(stub, ctmc, case, tmp_path)
 def test_a_combination_of_other_labels_is_refused(stub, refused, case, tmp_path):
     words = ("--label", "1", "--merge", "both=1,2", "-o", tmp_path / "both.stl")
     sentence = refused("reconstruct", case / "boxes.nii", *words)
-    assert "--merge names '2', but the labels are 1; add --label 2, or leave out --label" in sentence
+    assert "--merge both names '2', but the structures are 1; add --label 2, or leave out --label" in sentence
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
     solid = asked("--merge", "Both=left,2", "--subtract", "rest=both,3")
     assert solid_flags.combined_labels(solid) == ("left", 2, 3)
-    solid_flags.require_structures(solid, [1, 2, 3], {1: "Left"})
+    named, count = solid_flags.with_structures(solid, [1, 2, 3, 7], {1: "Left"})
+    assert [each.of for each in named.combinations] == [("Left", "2"), ("Both", "3")]
+    assert count == 2  # rest, and label 7
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (("--merge", "a=kidney,3"), "--merge a names 'kidney', as labels 1 and 2 are called; give a number"),
+        (
+            ("--merge", "a=1,2", "--intersect", "b=1,3"),
+            "--intersect b names '1', which an earlier combination has taken; combine liver, a",
+        ),
+        (("--subtract", "a=1,spleen"), "--subtract a names 'spleen', but the structures are 1, 2, liver; add --label"),
+    ],
+)
+def test_a_name_that_is_not_one_structure_is_refused(words, sentence):
+    with pytest.raises(CtmcError) as caught:
+        solid_flags.with_structures(asked(*words), [1, 2, 3], {1: "kidney", 2: "kidney", 3: "liver"})
+    assert str(caught.value).startswith(sentence)
 
 
 def test_opacity_knows_the_names_of_parts(stub, ctmc, case, tmp_path):

@@ -11,6 +11,10 @@ import nibabel
 import numpy as np
 import pytest
 
+from ctmc_addon.core import ReconstructionSettings
+from ctmc_addon.core.solid import SolidRequest, solid_parts
+from ctmc_addon.readers import read_volume
+
 RADIUS = 12.0
 BALL = 4 / 3 * np.pi * RADIUS**3
 THRESHOLD = ("--threshold", "100")
@@ -111,6 +115,47 @@ def test_parts_of_several_labels_have_files_and_objects_with_their_names(made, t
     assert names_in_glb(tmp_path / "a.glb") == names
 
 
+def test_merged_labels_have_the_surface_of_one_label(made, folder):
+    volume = nibabel.load(folder / "boxes.nii")
+    nibabel.save(
+        nibabel.Nifti1Image((np.asarray(volume.dataobj) > 0).astype(np.uint8), volume.affine), folder / "1.nii"
+    )
+    [merged] = made("boxes.nii", "--smoothing", "none", "--merge", "both=1,2")
+    [one] = made("1.nii", "--smoothing", "none", "--label", "1")
+    assert merged["volume_mm3"] == pytest.approx(one["volume_mm3"], rel=1e-6)
+    assert merged["area_mm2"] == pytest.approx(one["area_mm2"], rel=1e-6)
+    assert (merged["label_name"], merged["components"], merged["closed"]) == ("both", 1, True)
+
+
+def test_a_combination_takes_its_structures_and_leaves_the_others(ctmc, folder, tmp_path):
+    names = nibabel.load(folder / "boxes.nii")
+    labels = np.asarray(names.dataobj).copy()
+    labels[20:22, 4:14, 3:9] = 3
+    nibabel.save(nibabel.Nifti1Image(labels, names.affine), folder / "three.nii")
+    words = ("--label", "all", "--smoothing", "none", "--subtract", "rest=1,2")
+    done = ctmc("reconstruct", folder / "three.nii", *words, "-o", f"{tmp_path}/out/")
+    assert done.code == 0, done.errors
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["label 3.stl", "rest.stl"]
+    assert "settings: --smoothing none --subtract rest=1,2" in done.out
+
+
+def test_two_structures_do_not_go_into_a_file_of_one_surface(refused, folder, tmp_path):
+    words = ("--label", "1", "2", "--hollow", "2", "-o", tmp_path / "a.stl")
+    assert "a.stl can hold one surface" in refused("reconstruct", folder / "boxes.nii", *words)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_report_makes_the_same_solid_again(made, folder):
+    cut = ("--cut", "0", "0", "0", "0", "0", "1", "--pegs", "2", "--base", "1")
+    first, second = made("ball.nii", *THRESHOLD, *cut, output="out/")
+    assert first["solid"] == second["solid"]
+    volume = read_volume(folder / "ball.nii")
+    parts = solid_parts(
+        volume, ReconstructionSettings.from_dict(first["settings"]), SolidRequest.from_dict(first["solid"])
+    )
+    assert [part.report()["volume_mm3"] for part in parts] == [first["volume_mm3"], second["volume_mm3"]]
+
+
 def test_simplified_parts_stay_closed(made):
     words = ("--cut", "0", "0", "1", "0", "0", "1", "--simplify", "0.8")
     parts = made("ball.nii", *THRESHOLD, *words, output="out/")
@@ -148,6 +193,7 @@ def test_a_batch_has_a_row_for_each_part(ctmc, folder, tmp_path):
     ("words", "sentence"),
     [
         (("--cut", "0", "0", "40", "0", "0", "1"), "the cut at 0 0 40 misses the structure"),
+        (("--hollow", "2", "--deviation"), "leave out --deviation, or the flags of the solid"),
         (("--hollow", "20"), "a wall of 20 mm leaves no hollow in ball"),
         (("--hollow", "2", "--drain", "0", "0", "20", "4"), "a drain at 0 0 20 lies 8.0 mm outside the surface"),
     ],

@@ -351,9 +351,17 @@ def summary(result: Reconstruction, volume: Volume, files: Sequence[Path]) -> st
         *titled("note", [with_flags(note) for note in report["notes"]]),
         ("written", ", ".join(path.name for path in files)),
     ]
-    settings = f"settings: {command_of(_given_of(result), result.solid) or 'the defaults'}"
+    settings = f"settings: {_command_of(result) or 'the defaults'}"
     stage_table = table([("stage", "seconds"), *stages, ("total", f"{total:.3f}")])
     return f"{head_of(volume)}\n{settings}\n\n{stage_table}\n\n{listing(facts)}"
+
+
+def _command_of(result: Reconstruction) -> str:
+    """Return the flags that make a surface; combinations name their labels themselves."""
+    settings = _given_of(result)
+    if result.solid is not None and result.solid.combinations:
+        settings = replace(settings, label=None)
+    return command_of(settings, result.solid)
 
 
 def _measures_in(place: Place, results: Sequence[Reconstruction]) -> tuple[Measure, ...]:
@@ -371,11 +379,17 @@ def head_of(volume: Volume) -> str:
     return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
 
 
+def _label_text(result: Reconstruction) -> str:
+    """Return the label of a surface; none of a threshold's, nor of those that may be combined from several labels."""
+    is_of_label = result.settings.label is not None and not (result.solid is not None and result.solid.combinations)
+    return str(result.settings.label) if is_of_label else ""
+
+
 def _summary_of_several(surfaces: Surfaces, volume: Volume, files: Sequence[Path], seconds: Mapping[str, float]) -> str:
     """Return a row for every surface, and what holds for all, for a person."""
     shared, chose = _given_of(surfaces.results[0]), surfaces.results[0].alpha_choice is not None
     measures = _measures_in(Place.SURFACES, surfaces.results)
-    labels = ["" if result.settings.label is None else str(result.settings.label) for result in surfaces.results]
+    labels = [_label_text(result) for result in surfaces.results]
     numbers = list(map(str, surfaces.times)) or labels
     numbered = ["time" if surfaces.times else "label"] if any(numbers) else []  # a threshold's parts have no label
     head = (*numbered, "name", *(each.head for each in measures))

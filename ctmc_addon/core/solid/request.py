@@ -183,7 +183,12 @@ class SolidRequest(Described):
     pegs: Pegs | None = None
     combinations: tuple[Combination, ...] = ()
     base: float = setting(
-        0.0, "Height of a flat foot below the lowest point. 0 = none", label="Base", unit="mm", low=0.0, high=LARGEST_MM
+        0.0,
+        "Height of a flat foot at the lowest point, which is wider than the part by as much. 0 = none",
+        label="Base",
+        unit="mm",
+        low=0.0,
+        high=LARGEST_MM,
     )
     least_wall: float = setting(
         0.0,

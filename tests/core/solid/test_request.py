@@ -8,7 +8,7 @@ import json
 import pytest
 
 from ctmc_addon.core import SettingsError
-from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
+from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, Pegs, SolidRequest
 
 FULL = SolidRequest(
     thicken=-0.5,
@@ -59,7 +59,7 @@ def test_lists_are_kept_as_tuples():
         (lambda: SolidRequest(bed=(200, 0, 200)), "bed must be above 0, not 0"),
         (lambda: SolidRequest(drains=(Drain(3),)), "a drain without a point opens a hollow; give the wall"),
         (lambda: SolidRequest(pegs=Pegs(2)), "pegs join the two sides of a cut; add a cut, or leave out the pegs"),
-        (lambda: SolidRequest(cuts=(Cut((0, 0, 0), (0, 0, 1)),) * 9), "9 cuts are too many; give at most 8"),
+        (lambda: SolidRequest(cuts=(Cut((0, 0, 0), (0, 0, 1)),) * 9), f"9 cuts are too many; give at most {MOST_CUTS}"),
         (lambda: Drain(0), "the diameter of a drain is above 0 and at most 1000 mm, not 0"),
         (lambda: Drain(1, (0, 0)), "the point of a drain is 0 0; give three numbers, mm"),
         (lambda: Cut((0, 0, float("inf")), (0, 0, 1)), "the point of a cut is 0 0 inf; give three numbers, mm"),
