@@ -31,6 +31,7 @@ from .fields import Field, HeldField, ShapeField
 from .finish import finished_parts_steps, part_names
 from .foot import foot_steps
 from .lattice import Lattice, lattice_around
+from .least_wall import thin_walls_steps
 from .pegs import placed_pegs_steps, require_met
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
@@ -134,7 +135,7 @@ class PartsMaking:
         mesh = yield from self._extracted_steps({}, everything=False)
         meshes = []
         for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number * self._per_structure(False))
+            own = mesh.of_label(1 + number)
             if not len(own.faces):
                 raise MeshError(f"nothing is left of {structure.name} after {flag}; give a smaller distance")
             meshes.append(own)
@@ -272,9 +273,17 @@ class PartsMaking:
         )
 
     def _walls_steps(self) -> Steps[dict[int, list[Shape]]]:
-        """Return what thickens thin walls, by the structure's number."""
-        raise NotImplementedError
-        yield
+        """Return what thickens thin walls, by the structure's number; the notes say where and by how much."""
+        mesh = yield from self._extracted_steps({}, everything=False)
+        walls: dict[int, list[Shape]] = {}
+        for number, structure in enumerate(self.structures):
+            own = mesh.of_label(1 + number)
+            spacing = sum(self.lattice.sides_mm) / 3
+            found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
+            structure.notes += found.notes
+            if found.shape is not None:
+                walls[number] = [found.shape]
+        return walls
 
     def _feet_steps(self, added: dict[int, list[Shape]]) -> Steps[dict[int, list[Shape]]]:
         """Return `added` with a foot for every part, by the structure's number."""

@@ -92,15 +92,15 @@ def walls_steps(mesh: TriangleMesh, budget: Budget, spacing: float | None = None
     stages = Stages(STAGES)
     wide, fine = (math.sqrt(mesh.area / count) for count in (SAMPLES, MOST_SAMPLES))
     longest = BETWEEN * (wide if spacing is None else max(spacing, fine))
-    sampled = surface_samples_steps(mesh, longest or 1.0, side=-1)
-    tree, gap, areas = yield from stages.run(sampling, sampled)
+    samples = yield from stages.run(sampling, surface_samples_steps(mesh, longest or 1.0, side=-1))
+    tree, gap, areas = samples
     limit = float((mesh.vertices.max(axis=0) - mesh.vertices.min(axis=0)).min())
     balls = TangentBalls(tree, gap, limit * (1 + BOX_MARGIN) / 2, TRIANGLE_SLOPE)
-    # The last places of the tree repeat a sample, and some samples stand for no area.
-    asked = (areas[tree.order] > 0) & tree.normals.any(axis=0)
-    asked[len(areas) :] = False
-    every = -(-int(np.count_nonzero(asked)) // MOST_ASKED) or 1
+    once = np.zeros(len(tree.order), np.bool_)
+    once[samples.places] = True
+    asked = once & (areas[tree.order] > 0) & tree.normals.any(axis=0)  # Some samples stand for no area.
     numbers = np.flatnonzero(asked)
+    every = -(-len(numbers) // MOST_ASKED) or 1
     asked[:] = False
     asked[numbers[::every]] = True  # Neighbors in the tree are neighbors in space.
     radii = yield from stages.run(measuring, balls.radii_steps(asked, budget.thread_count))

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...arrays import Doubles, Floats
+from ...arrays import Doubles, Floats, Indices
 from ...progress import PAUSE, Steps
 from ..face_normals import face_vectors, sphere_normals_steps
 from ..topology import FACES_PER_STEP
@@ -36,6 +36,13 @@ class SurfaceSamples(NamedTuple):
     tree: PatchTree
     gap: float
     areas: Doubles
+
+    @property
+    def places(self) -> Indices:
+        """One place in the tree of every sample, (n,) int64; others repeat a sample."""
+        places = np.empty(len(self.areas), np.int64)
+        places[self.tree.order[::-1]] = np.arange(len(self.tree.order))[::-1]  # The first place is written last.
+        return places
 
 
 def surface_samples_steps(

@@ -1,0 +1,186 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Walls that are thinner than a least thickness, and the shape that thickens them to it, there alone.
+
+The middle of a thin wall is where the centers of the balls are that touch both of its sides (mesh/distance/
+tangent_balls.py). The centers of a triangle whose corners all lie on thin walls are the corners of a triangle in that
+middle; other centers stand there alone. What lies within half of the least thickness of them is the shape: a plate
+gets the least thickness exactly, a bar this diameter and up to a tenth of its own more, as far as normals are off, and
+where a wall grows thick enough the shape ends inside it.
+
+A ball near an edge is small too. Only where it meets what faces it is there a wall (walls.py), or where its far end
+lies as near to the surface as between two sides that do: a ball in a round bar may meet any of it. So the edges of a
+box are none, and a blade below 30 degrees is one.
+
+Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..arrays import Doubles, Flags, Indices
+from ..machine.parallel import worker_count
+from ..mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
+from ..mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
+from ..mesh.distance.triangle_tree import BLOCK, TriangleTree
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Stages, Steps, equal_part
+from .request import Point
+from .shapes import Box
+from .walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
+
+BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
+SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
+EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius stands at a rim.
+FAR_MM = 5.0  # Farther points outside count as this far away, which saves time.
+STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing their middle": 1}
+
+
+@dataclass(frozen=True)
+class Thickening:
+    """What lies within a radius of the middle of thin walls.
+
+    Parameters
+    ----------
+    middle : TriangleTree
+        Triangles, some of them points.
+    radius : float
+        Half of the least wall.
+    """
+
+    middle: TriangleTree
+    radius: float
+
+    @property
+    def box(self) -> Box:
+        """Box that holds it."""
+        corners = self.middle.corners
+        return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
+
+    def at(self, points: Doubles) -> Doubles:
+        """Return the distance to the surface, exact up to `FAR_MM` outside."""
+        farthest = self.radius + FAR_MM
+        out = np.empty(points.shape[1])
+        for start in range(0, points.shape[1], BLOCK):
+            block = np.ascontiguousarray(points[:, start : start + BLOCK])
+            squared, _ = self.middle.nearest(block, np.full(block.shape[1], farthest * farthest))
+            out[start : start + BLOCK] = self.radius - np.minimum(np.sqrt(squared), farthest)
+        return out
+
+
+@dataclass(frozen=True)
+class ThinWalls:
+    """Walls thinner than the least thickness.
+
+    Parameters
+    ----------
+    shape : Thickening or None
+        To be added to the solid; None where nothing is thin.
+    share : float
+        Of the area of the surface that bounds thin walls, 0 to 1.
+    thinnest : float or None
+        Thickness of the thinnest wall, mm, of an area as in walls.py.
+    place : (x, y, z) float or None
+        In the middle of that wall, RAS+ mm.
+    notes : tuple of str
+        Sentences for the user.
+    """
+
+    shape: Thickening | None = None
+    share: float = 0.0
+    thinnest: float | None = None
+    place: Point | None = None
+    notes: tuple[str, ...] = ()
+
+
+def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: int | None = None) -> Steps[ThinWalls]:
+    """Find the walls of a solid that are thinner than `least` mm.
+
+    Parameters
+    ----------
+    mesh : TriangleMesh
+        Closed, RAS+ mm.
+    least : float
+        Above 0, mm.
+    spacing : float
+        Usual edge of the mesh, mm; triangles with edges twice as long are sampled too.
+    threads : int, optional
+        By default one for each processor.
+    """
+    nothing = ThinWalls(notes=(f"No wall is thinner than {least:g} mm.",))
+    if not len(mesh.faces):
+        return nothing
+    stages = Stages(STAGES)
+    sampling, measuring, preparing = STAGES
+    samples = yield from stages.run(sampling, surface_samples_steps(mesh, BETWEEN * spacing, side=-1))
+    measured = _balls_steps(mesh, samples, SEARCHED * least / 2, worker_count(threads))
+    diameters, centers = yield from stages.run(measuring, measured)
+    thin = diameters < least * (1 - SAME)
+    if not thin.any():
+        return nothing
+    areas = np.cumsum(np.stack([samples.areas, np.where(thin, samples.areas, 0.0)]), axis=1)[:, -1].tolist()
+    tree = TriangleTree()
+    yield from stages.run(preparing, tree.prepare_steps(_middle(mesh, thin, centers)))
+    order = np.argsort(np.where(thin, diameters, np.inf), kind="stable")[: int(thin.sum())]
+    enough = np.searchsorted(np.cumsum(samples.areas[order]), min(LEAST_MM2, LEAST_SHARE * areas[0]))
+    at = int(order[min(int(enough), len(order) - 1)])
+    x, y, z = centers[at].tolist()
+    thinnest = float(diameters[at])
+    share = areas[1] / areas[0] if areas[0] else 0.0
+    note = (
+        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.2f} mm at "
+        f"{x:.1f} {y:.1f} {z:.1f}; they are thickened, by up to {least - thinnest:.2f} mm."
+    )
+    return ThinWalls(Thickening(tree, least / 2), share, thinnest, (x, y, z), (note,))
+
+
+def _balls_steps(
+    mesh: TriangleMesh, samples: SurfaceSamples, limit: float, threads: int
+) -> Steps[tuple[Doubles, Doubles]]:
+    """Return the balls that touch both sides of walls, up to a radius, by sample.
+
+    Diameters (n,), NaN where there is none, and centers (n, 3).
+    """
+    tree, gap, areas = samples
+    balls = TangentBalls(tree, gap, limit, TRIANGLE_SLOPE)
+    asked = np.zeros(len(tree.order), np.bool_)
+    asked[samples.places] = True
+    asked &= tree.normals.any(axis=0)
+    radii = yield from equal_part(balls.radii_steps(asked, threads), 0, 2)
+    places = np.flatnonzero(asked & ~np.isnan(radii))
+    ways = tree.normals[:, places].astype(np.float64) * radii[places]
+    middles = tree.positions[:, places].astype(np.float64) + tree.middle[:, None] + ways
+    facing = balls.facing(places) <= FACING
+    others = np.flatnonzero(~facing)
+    if len(others):
+        surface = TriangleTree()
+        yield from surface.prepare_steps(mesh)
+        reach = (1 + FACING) * radii[places[others]]
+        ends = surface.distances_steps((middles + ways)[:, others].T, float(reach.max()), threads)
+        others = others[(yield from equal_part(ends, 2, 4)) <= reach]
+        empty = yield from equal_part(surface.distances_steps(middles[:, others].T, limit, threads), 3, 4)
+        facing[others[empty >= EMPTY * radii[places[others]]]] = True
+    numbers = tree.order[places[facing]]
+    diameters, centers = np.full(len(areas), np.nan), np.zeros((len(areas), 3))
+    diameters[numbers] = 2 * radii[places[facing]]
+    centers[numbers] = middles[:, facing].T
+    return diameters, centers
+
+
+def _middle(mesh: TriangleMesh, thin: Flags, centers: Doubles) -> TriangleMesh:
+    """Return the middle of thin walls as triangles, some of which are points."""
+    faces = mesh.faces[thin[mesh.faces].all(axis=1)]
+    alone: Indices = np.flatnonzero(thin)
+    covered = np.zeros(len(thin), np.bool_)
+    covered[faces] = True
+    alone = alone[~covered[alone]]
+    points = np.repeat(alone[:, None], 3, axis=1)
+    numbers = np.concatenate([faces, points]).astype(np.int32)
+    used, place = np.unique(numbers, return_inverse=True)
+    return TriangleMesh(centers[used].astype(np.float32), place.reshape(-1, 3).astype(np.int32))
+
+
+def _percent(share: float) -> str:
+    return f"{100 * share:.1f} %" if share >= 0.001 else "Less than 0.1 %"
