@@ -29,7 +29,7 @@ from ctmc_addon.core import (
     table_csv,
 )
 from ctmc_addon.core.mesh import Measures, OneWayDistance, SurfaceDistance, TriangleQuality
-from ctmc_addon.core.solid import PrintFacts
+from ctmc_addon.core.solid import PrintFacts, SolidRequest
 from ctmc_addon.core.volume import InsideValues, ValueKind
 from ctmc_addon.core.volume.statistics.sampled_inside import SampledValues
 
@@ -268,6 +268,7 @@ def test_the_notes_of_several_parts_name_those_that_do_not_fit():
     from ctmc_addon.cli.surfaces import Surfaces
 
     result = reconstruct(ball(), ReconstructionSettings(threshold=0.0))
+    result = replace(result, solid=SolidRequest(bed=PRINTING.bed_mm))
     part = replace(result, printing=PRINTING, notes=(*result.notes, *PRINTING.notes))
     fitting = replace(result, printing=replace(PRINTING, fits_bed=True, cuts=()))
     told = "The part does not fit the bed of 60 x 220 x 250 mm; cut it with --cut 45 40 20.25 1 0 0"

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,6 +14,7 @@ from ..reconstruction import Reconstruction, Stage
 from .print_facts import print_facts_steps
 from .request import SolidRequest
 
+MOST_SAMPLES = 200_000  # Of walls: more take longer than the surface.
 PRINTING = "Measuring for print"
 """The stage of a part's facts."""
 
@@ -30,7 +32,8 @@ def printed_steps(
         The request that they were made by; its bed and least wall count.
     budget : Budget, optional
     spacing : float, optional
-        How far samples of walls are apart, mm; by default as far as the samples of the volume, or less for thin walls.
+        How far samples of walls are apart, mm; by default as far as the samples of the volume, or less for thin walls;
+        farther where that would be more than `MOST_SAMPLES`.
 
     Raises
     ------
@@ -42,7 +45,7 @@ def printed_steps(
     for at, result in enumerate(results):
         if result.measured is not None:
             raise MeshError("the surface is already written, and facts for print need it in memory; make it again")
-        between = sum(result.spacing_mm) / 3 if spacing is None else spacing
+        between = spacing or max(sum(result.spacing_mm) / 3, math.sqrt(result.measures.area / MOST_SAMPLES))
         facts = yield from stages.run(f"{at}", print_facts_steps(result.mesh, solid, budget, between))
         stage = Stage(PRINTING, stages.seconds[f"{at}"])
         notes = (*result.notes, *facts.notes)

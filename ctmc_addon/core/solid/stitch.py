@@ -132,9 +132,9 @@ def _fans(loop: list[int], corners: list[int]) -> list[tuple[int, int, int]]:
     Examples
     --------
     >>> _fans([0, 9, 1, 2], [0, 1, 2])
-    [(9, 1, 2), (9, 2, 0)]
+    [(2, 0, 9), (9, 1, 2)]
     >>> _fans([0, 8, 1, 9, 2], [0, 1, 2])
-    [(8, 1, 9), (8, 9, 2), (8, 2, 0)]
+    [(2, 0, 8), (8, 1, 9), (8, 9, 2)]
     """
     ears = []
     side_of = _sides_of(loop, corners)

@@ -10,6 +10,7 @@ from meshes import as_mesh, icosphere, joined
 
 from ctmc_addon.core import Budget, MeshError, ReconstructionSettings, TriangleMesh, Volume, finish, reconstruct
 from ctmc_addon.core.solid import (
+    MOST_CUTS,
     Cut,
     Pegs,
     PrintFacts,
@@ -224,7 +225,8 @@ def test_cuts_beyond_those_of_one_run_are_told():
     facts = facts_of(box((0, 0, 0), (100, 10, 10)), bed=(10, 10, 10))
     assert len(facts.cuts) == 9
     assert facts.notes == (
-        "The part does not fit the bed of 10 x 10 x 10 mm; it takes 9 cuts, and 8 are possible; give a larger bed",
+        f"The part does not fit the bed of 10 x 10 x 10 mm; it takes 9 cuts, and {MOST_CUTS} are possible; "
+        "give a larger bed",
     )
 
 
