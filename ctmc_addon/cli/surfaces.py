@@ -93,7 +93,7 @@ class Surfaces:
         shared = [note for note in self.results[0].notes if all(note in result.notes for result in self.results)]
         of_parts: dict[str, list[str]] = {}
         for name, result in zip(self.titles, self.results, strict=True):
-            for note in () if result.solid is None else result.notes:
+            for note in () if result.solid is None and result.printing is None else result.notes:
                 if note not in shared:
                     of_parts.setdefault(note, []).append(name)
         return [*shared, *(f"{', '.join(names)}: {note}" for note, names in of_parts.items()), *self.left_out]
