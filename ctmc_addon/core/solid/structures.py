@@ -295,16 +295,17 @@ class PartsMaking:
             vertices = own.mesh.vertices.astype(np.float64)
             depth = depth_below(signed, threads=self.budget.threads)
             foot = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
-            feet.setdefault((part - 1) // self._per_structure(True), []).append(foot)
+            feet.setdefault((part - 1) // self._per_structure, []).append(foot)
         return feet
 
-    def _per_structure(self, everything: bool) -> int:
-        """Return how many numbers of parts a structure has."""
-        return 1 << len(self.planes) if everything else 1
+    @property
+    def _per_structure(self) -> int:
+        """Numbers of parts that a structure has."""
+        return 1 << len(self.planes)
 
     def _finished_steps(self, mesh: ComplexMesh) -> Steps[list[Reconstruction]]:
         """Simplify all parts together, and describe them."""
-        each = self._per_structure(True)
+        each = self._per_structure
         owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
         names: dict[int, str] = {}
         for structure in self.structures:
