@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.distance.surface_distance import SurfaceDistance
     from .mesh.measures import Measures
-    from .solid.print_facts import PrintFacts
+    from .solid.printing.print_facts import PrintFacts
     from .volume.statistics.inside import InsideValues
     from .volume.statistics.sampled_inside import SampledValues
 

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from .maps.surface_map import SurfaceMap
     from .mesh.angles.alpha_choice import AlphaChoice
     from .mesh.labels.label_complex import Neighbor
-    from .solid.print_facts import PrintFacts
+    from .solid.printing.print_facts import PrintFacts
     from .solid.request import SolidRequest
 
 OPEN_NOTE = "The surface is open, so it has no volume; close_border closes it at the border of the volume or region."

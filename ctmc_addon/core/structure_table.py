@@ -29,7 +29,7 @@ from .volume.value_kind import ValueKind
 from .volume.volume import Volume
 
 if TYPE_CHECKING:
-    from .solid.print_facts import PrintFacts
+    from .solid.printing.print_facts import PrintFacts
 
 DIGITS = 9  # A number in a CSV has this many digits.
 

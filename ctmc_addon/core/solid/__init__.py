@@ -6,22 +6,24 @@ from typing import TYPE_CHECKING
 from ..later import lazy_names
 
 if TYPE_CHECKING:
-    from .drains import auto_diameter as auto_diameter
-    from .lattice import Lattice as Lattice
+    from .fields.lattice import Lattice as Lattice
+    from .fields.shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
     from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
-    from .outlines import (
+    from .placing.drains import auto_diameter as auto_diameter
+    from .placing.outlines import (
         drain_bars as drain_bars,
         moved_to as moved_to,
         peg_bars as peg_bars,
         position_of as position_of,
         rectangle_of as rectangle_of,
     )
-    from .print_facts import (
+    from .printing.print_facts import (
         PrintFacts as PrintFacts,
         cuts_to_fit as cuts_to_fit,
         print_facts_steps as print_facts_steps,
     )
-    from .printed import PRINTING as PRINTING, printed_steps as printed_steps
+    from .printing.printed import PRINTING as PRINTING, printed_steps as printed_steps
+    from .printing.walls import Walls as Walls, walls_steps as walls_steps
     from .request import (
         LARGEST_MM as LARGEST_MM,
         MOST_CUTS as MOST_CUTS,
@@ -33,7 +35,5 @@ if TYPE_CHECKING:
         Pegs as Pegs,
         SolidRequest as SolidRequest,
     )
-    from .shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
-    from .walls import Walls as Walls, walls_steps as walls_steps
 
 __getattr__ = lazy_names(__name__)

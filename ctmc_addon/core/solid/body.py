@@ -15,10 +15,10 @@ from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.distance.triangle_tree import TriangleTree
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from .distances import distances_bytes, distances_steps
-from .fields import StructureField
-from .lattice import Lattice
-from .lattice_edges import edge_vertices_steps, inside_steps
+from .fields.distances import distances_bytes, distances_steps
+from .fields.lattice import Lattice
+from .fields.lattice_edges import edge_vertices_steps, inside_steps
+from .fields.lattice_fields import StructureField
 
 OnEdges = tuple[NDArray[np.int64], Floats]
 

@@ -18,7 +18,7 @@ from ..structures import structure_names
 from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
-from .printed import PRINTING, printed_steps
+from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest
 from .structures import PartsMaking, Structure
 

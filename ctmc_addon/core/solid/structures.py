@@ -23,19 +23,19 @@ from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
-from .cubes import deepest_steps
-from .depth import Depth, depth_below
-from .drains import drains_steps
-from .extract import Recipe, extract_parts_steps
-from .fields import Field, HeldField, ShapeField
+from .cells.extract import Recipe, extract_parts_steps
+from .fields.depth import Depth, depth_below
+from .fields.lattice import Lattice, lattice_around
+from .fields.lattice_fields import Field, HeldField, ShapeField
+from .fields.shapes import HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
-from .foot import foot_steps
-from .lattice import Lattice, lattice_around
-from .least_wall import thin_walls_steps
-from .pegs import placed_pegs_steps, require_met
+from .placing.cubes import deepest_steps
+from .placing.drains import drains_steps
+from .placing.foot import foot_steps
+from .placing.least_wall import thin_walls_steps
+from .placing.pegs import placed_pegs_steps, require_met
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
-from .shapes import HalfSpace, Shape, Union
 
 FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
 PER_HOLE = 4  # Steps across a drain or a peg, at least.

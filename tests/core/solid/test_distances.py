@@ -10,10 +10,10 @@ from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.solid import distances as module
-from ctmc_addon.core.solid.distances import at_samples_steps, distances_bytes, distances_steps
-from ctmc_addon.core.solid.lattice import Lattice
-from ctmc_addon.core.solid.lattice_edges import edge_vertices_steps, inside_steps
-from ctmc_addon.core.solid.nearby import nearby_steps, packed, unpacked
+from ctmc_addon.core.solid.fields.distances import at_samples_steps, distances_bytes, distances_steps
+from ctmc_addon.core.solid.fields.lattice import Lattice
+from ctmc_addon.core.solid.fields.lattice_edges import edge_vertices_steps, inside_steps
+from ctmc_addon.core.solid.fields.nearby import nearby_steps, packed, unpacked
 from ctmc_addon.core.volume.affine import to_index
 
 THRESHOLD = 0.0

@@ -10,10 +10,10 @@ from meshes import as_mesh, icosphere, joined
 from ctmc_addon.core import SettingsError, finish, marching_cubes
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
 from ctmc_addon.core.solid import Drain
-from ctmc_addon.core.solid.cubes import deepest_steps
-from ctmc_addon.core.solid.depth import depth_below
-from ctmc_addon.core.solid.drains import auto_diameter, drains_steps
-from ctmc_addon.core.solid.hollows import cavities_steps
+from ctmc_addon.core.solid.fields.depth import depth_below
+from ctmc_addon.core.solid.placing.cubes import deepest_steps
+from ctmc_addon.core.solid.placing.drains import auto_diameter, drains_steps
+from ctmc_addon.core.solid.placing.hollows import cavities_steps
 
 BALL = icosphere(5, 20.0, (3.0, -2.0, 7.0))
 CENTER = np.array([3.0, -2.0, 7.0])

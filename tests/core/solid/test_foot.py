@@ -6,8 +6,8 @@ import pytest
 
 from ctmc_addon.core import MeshError, finish
 from ctmc_addon.core.solid import HalfSpace
-from ctmc_addon.core.solid.cubes import lowest_steps
-from ctmc_addon.core.solid.foot import foot_steps
+from ctmc_addon.core.solid.placing.cubes import lowest_steps
+from ctmc_addon.core.solid.placing.foot import foot_steps
 
 LOW, HIGH = np.array([-30.0, -31, -29]), np.array([33.0, 30, 30])
 

@@ -6,7 +6,7 @@ import pytest
 from meshes import as_mesh, icosphere, joined
 
 from ctmc_addon.core import finish, marching_cubes
-from ctmc_addon.core.solid.least_wall import thin_walls_steps
+from ctmc_addon.core.solid.placing.least_wall import thin_walls_steps
 
 UNIT = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
 POSES = pytest.mark.parametrize("degrees", [0.0, 33.0, 70.0])

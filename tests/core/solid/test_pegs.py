@@ -11,8 +11,8 @@ from meshes import icosphere
 from ctmc_addon.core import SettingsError, finish
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
 from ctmc_addon.core.solid import Cut, HalfSpace, Pegs
-from ctmc_addon.core.solid.depth import depth_below
-from ctmc_addon.core.solid.pegs import placed_pegs_steps, require_met
+from ctmc_addon.core.solid.fields.depth import depth_below
+from ctmc_addon.core.solid.placing.pegs import placed_pegs_steps, require_met
 
 AXES = pytest.mark.parametrize("axis", [(0, 0, 1), (1, 2, -3), (-5, 1, 0)])
 CORNERS = np.array([[x, y, z] for x in (-40, 40) for y in (-40, 40) for z in (-40, 40)], float)

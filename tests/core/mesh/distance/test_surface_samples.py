@@ -7,7 +7,7 @@ from meshes import as_mesh, icosphere, joined
 
 from ctmc_addon.core import Budget, finish
 from ctmc_addon.core.mesh.distance.surface_samples import surface_samples_steps
-from ctmc_addon.core.solid.walls import walls_steps
+from ctmc_addon.core.solid.printing.walls import walls_steps
 
 
 @pytest.mark.parametrize(("levels", "longest"), [(2, 100.0), (2, 1.0), (5, 100.0)])

@@ -6,12 +6,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles
-from ..mesh.distance.signed_distance import SignedSurface
-from ..mesh.measures import component_volumes_steps
-from ..mesh.topology import compacted, component_numbers_steps, components_of_vertices
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import PAUSE, Steps
+from ...arrays import Doubles
+from ...mesh.distance.signed_distance import SignedSurface
+from ...mesh.measures import component_volumes_steps
+from ...mesh.topology import compacted, component_numbers_steps, components_of_vertices
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Steps
 
 
 class OuterSurfaces:

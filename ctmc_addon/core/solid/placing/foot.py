@@ -17,14 +17,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Indices
-from ..errors import MeshError
-from ..mesh.distance.triangle_tree import BLOCK, TriangleTree
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import PAUSE, Steps
+from ...arrays import Doubles, Indices
+from ...errors import MeshError
+from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Steps
+from ..fields.depth import Depth
+from ..fields.shapes import Box
 from .cubes import lowest_steps
-from .depth import Depth
-from .shapes import Box
 
 SIDE_MM = 0.2  # Of the squares at the outline.
 MOST_SQUARES = 60000  # Do not part more.

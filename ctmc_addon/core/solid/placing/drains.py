@@ -17,17 +17,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..errors import SettingsError
-from ..mesh.distance.signed_distance import SignedSurface
-from ..mesh.vectors import dot
-from ..progress import Steps
+from ...arrays import Doubles
+from ...errors import SettingsError
+from ...mesh.distance.signed_distance import SignedSurface
+from ...mesh.vectors import dot
+from ...progress import Steps
+from ..fields.depth import Depth
+from ..fields.shapes import Bar, Shape, Union
+from ..request import Drain, Point
 from .cubes import deepest_steps
-from .depth import Depth
 from .hollows import Cavities, cavities_steps
 from .outer import OuterSurfaces
-from .request import Drain, Point
-from .shapes import Bar, Shape, Union
 
 AUTO_DIAMETER_MM = 4.0
 WALL_PER_DIAMETER = 2.0  # A hole this much deeper than wide is hard to clean.

@@ -20,16 +20,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Doubles, Flags, Indices
-from ..machine.parallel import worker_count
-from ..mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
-from ..mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
-from ..mesh.distance.triangle_tree import BLOCK, TriangleTree
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Stages, Steps, equal_part
-from .request import Point
-from .shapes import Box
-from .walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
+from ...arrays import Doubles, Flags, Indices
+from ...machine.parallel import worker_count
+from ...mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
+from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
+from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import Stages, Steps, equal_part
+from ..fields.shapes import Box
+from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
+from ..request import Point
 
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
 SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles
-from ..errors import SettingsError
-from ..mesh.vectors import dot
-from ..progress import PAUSE, Steps
-from .depth import Depth
-from .request import Cut, Pegs, Point
-from .shapes import Bar, HalfSpace, Shape, Union
+from ...arrays import Doubles
+from ...errors import SettingsError
+from ...mesh.vectors import dot
+from ...progress import PAUSE, Steps
+from ..fields.depth import Depth
+from ..fields.shapes import Bar, HalfSpace, Shape, Union
+from ..request import Cut, Pegs, Point
 
 MARGIN_MM = 1.0  # Material around a hole.
 FIRST_SQUARES = 16  # Along the longer side of the section's box.

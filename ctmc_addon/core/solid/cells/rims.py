@@ -11,11 +11,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Flags, Floats
-from ..extraction.case_table import NEAREST
-from ..progress import PAUSE, Step, Steps
+from ...arrays import Doubles, Flags, Floats
+from ...extraction.case_table import NEAREST
+from ...progress import PAUSE, Step, Steps
+from ..fields.lattice_fields import Field
 from .arrangement import Node, pieces_of, signs_of, zero_of
-from .fields import Field
 
 TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutations(range(3))], np.intp)
 """(6, 4) corners of a cell; bits of a corner are its places along x, y and z (Kuhn 1960)."""

@@ -13,11 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Doubles, Indices
-from ..mesh.topology import component_numbers_steps
-from ..progress import PAUSE, Steps
+from ...arrays import Doubles, Indices
+from ...mesh.topology import component_numbers_steps
+from ...progress import PAUSE, Steps
+from ..fields.depth import Depth
 from .cubes import HALF_DIAGONAL, LEAST_SIDE_MM, Cubes
-from .depth import Depth
 
 MOST_CUBES = 50000  # Part no more of them.
 COUNTED = 8  # Cubes of a cavity that is told of; smaller ones may be noise.

@@ -22,7 +22,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Flags
+from ...arrays import Doubles, Flags
 
 CORNERS = range(4)
 EDGES = tuple(combinations(CORNERS, 2))

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles
-from ..mesh.vectors import cross, dot
-from .request import Cut, Drain, Pegs, Point
-from .shapes import Bar, HalfSpace
+from ...arrays import Doubles
+from ...mesh.vectors import cross, dot
+from ..fields.shapes import Bar, HalfSpace
+from ..request import Cut, Drain, Pegs, Point
 
 
 def position_of(cut: Cut) -> float:

@@ -10,14 +10,14 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Flags, Floats, Indices
-from ..errors import MeshError
-from ..machine.budget import Budget
-from ..machine.parallel import map_steps, parts_of
-from ..mesh.distance.triangle_tree import order_steps
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import PAUSE, Steps, equal_part
-from ..volume.affine import to_index
+from ...arrays import Doubles, Flags, Floats, Indices
+from ...errors import MeshError
+from ...machine.budget import Budget
+from ...machine.parallel import map_steps, parts_of
+from ...mesh.distance.triangle_tree import order_steps
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Steps, equal_part
+from ...volume.affine import to_index
 from .lattice import Lattice
 
 ON_EDGE = 2.0**-9  # A vertex is on an edge if it is off by this share of a step at most.

@@ -11,10 +11,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Flags
-from ..machine.budget import Budget
-from ..machine.parallel import map_steps, parts_of
-from ..progress import Steps, equal_part
+from ...arrays import Flags
+from ...machine.budget import Budget
+from ...machine.parallel import map_steps, parts_of
+from ...progress import Steps, equal_part
 from .lattice import Lattice
 
 Words = NDArray[np.uint64]

@@ -15,13 +15,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Bytes, Doubles, Flags, Floats, Indices
-from ..errors import MeshError
-from ..machine.budget import Budget
-from ..machine.parallel import parts_of
-from ..mesh.distance.signed_distance import SignedSurface
-from ..mesh.distance.triangle_tree import TriangleTree
-from ..progress import PAUSE, Steps, equal_part, timed_steps
+from ...arrays import Bytes, Doubles, Flags, Floats, Indices
+from ...errors import MeshError
+from ...machine.budget import Budget
+from ...machine.parallel import parts_of
+from ...mesh.distance.signed_distance import SignedSurface
+from ...mesh.distance.triangle_tree import TriangleTree
+from ...progress import PAUSE, Steps, equal_part, timed_steps
 from .lattice import Lattice
 from .nearby import WORD, Words, nearby_steps, packed, unpacked, words_of
 

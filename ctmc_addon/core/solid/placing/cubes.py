@@ -13,9 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Indices
-from ..progress import Steps
-from .depth import Depth
+from ...arrays import Doubles, Indices
+from ...progress import Steps
+from ..fields.depth import Depth
 
 FIRST_CUBES = 8  # Along the longest side of the box.
 HALF_DIAGONAL = 0.8661

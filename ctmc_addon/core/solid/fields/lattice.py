@@ -10,9 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles
-from ..volume.affine import to_index, transform_points
-from ..volume.volume import Volume
+from ...arrays import Doubles
+from ...volume.affine import to_index, transform_points
+from ...volume.volume import Volume
 
 AROUND = 3  # Samples beyond what is asked for, at either end.
 

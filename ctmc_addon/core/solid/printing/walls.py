@@ -17,13 +17,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..errors import MeshError
-from ..machine.budget import Budget
-from ..mesh.distance.surface_samples import surface_samples_steps
-from ..mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
-from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Stages, Steps
+from ...arrays import Doubles
+from ...errors import MeshError
+from ...machine.budget import Budget
+from ...mesh.distance.surface_samples import surface_samples_steps
+from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import Stages, Steps
 
 FACING = -math.sqrt(0.75)  # The cosine of 150 degrees between the normals of both sides.
 LEAST_MM2, LEAST_SHARE = 2.0, 0.001  # The area of the thinnest wall, both sides; the lesser of both counts.

@@ -6,12 +6,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from ..errors import MeshError
-from ..machine.budget import Budget
-from ..progress import Stages, Steps
-from ..reconstruction import Reconstruction, Stage
+from ...errors import MeshError
+from ...machine.budget import Budget
+from ...progress import Stages, Steps
+from ...reconstruction import Reconstruction, Stage
+from ..request import SolidRequest
 from .print_facts import print_facts_steps
-from .request import SolidRequest
 
 PRINTING = "Measuring for print"
 """The stage of a part's facts."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Flags
+from ...arrays import Flags
 from .rims import CutRims
 
 AXIS_OF_CODE = np.array([-1, 0, 1, -1, 2, -1, -1, -1])

@@ -12,9 +12,9 @@ from typing import Protocol
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..mesh.vectors import dot
-from .request import Point
+from ...arrays import Doubles
+from ...mesh.vectors import dot
+from ..request import Point
 
 Box = tuple[Doubles, Doubles]  # Lowest and highest corner, (3,) each.
 

@@ -9,10 +9,10 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Flags, Floats
-from ..mesh.distance.triangle_tree import TriangleTree
-from ..progress import PAUSE, Steps
-from ..volume.affine import to_index
+from ...arrays import Doubles, Flags, Floats
+from ...mesh.distance.triangle_tree import TriangleTree
+from ...progress import PAUSE, Steps
+from ...volume.affine import to_index
 from .lattice import Lattice
 from .shapes import HalfSpace, Shape
 

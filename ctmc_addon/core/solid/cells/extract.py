@@ -17,20 +17,20 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ..arrays import Doubles, Flags, Floats
-from ..errors import SettingsError
-from ..extraction.case_table import NEAREST
-from ..extraction.grid import Axis
-from ..extraction.interfaces.bands import band_ranges, fill_band, find_band
-from ..extraction.interfaces.owners import Owners
-from ..machine.budget import Budget
-from ..machine.parallel import map_steps
-from ..mesh.intersections import self_intersections_steps
-from ..mesh.labels.label_complex import ComplexMesh
-from ..progress import PAUSE, Stages, Steps
-from ..volume.affine import to_index, transform_faces, transform_points
-from .fields import Field, ShapeField
-from .lattice import Lattice
+from ...arrays import Doubles, Flags, Floats
+from ...errors import SettingsError
+from ...extraction.case_table import NEAREST
+from ...extraction.grid import Axis
+from ...extraction.interfaces.bands import band_ranges, fill_band, find_band
+from ...extraction.interfaces.owners import Owners
+from ...machine.budget import Budget
+from ...machine.parallel import map_steps
+from ...mesh.intersections import self_intersections_steps
+from ...mesh.labels.label_complex import ComplexMesh
+from ...progress import PAUSE, Stages, Steps
+from ...volume.affine import to_index, transform_faces, transform_points
+from ..fields.lattice import Lattice
+from ..fields.lattice_fields import Field, ShapeField
 from .rims import CutRims, cut_rims_steps
 from .stitch import stitched
 

@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..mesh.distance.signed_distance import SignedSurface
-from ..progress import Steps
+from ...arrays import Doubles
+from ...mesh.distance.signed_distance import SignedSurface
+from ...progress import Steps
 
 Depth = Callable[[Doubles], Steps[Doubles]]
 
