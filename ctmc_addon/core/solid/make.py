@@ -20,9 +20,9 @@ from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
 from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest
-from .structures import PartsMaking, Structure
+from .structures import MAKING, PartsMaking, Structure
 
-SURFACES, SOLIDS = "Surfaces", "Making the solid"
+SURFACES = "Surfaces"
 MOST_TOGETHER = 4
 """Structures with common walls that are made together, at most."""
 
@@ -76,7 +76,7 @@ def solid_parts_steps(
 ) -> Steps[list[Reconstruction]]:
     """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held."""
     budget = budget or Budget()
-    stages = Stages({SURFACES: 2, SOLIDS: 3, PRINTING: 1} | ({MAPPING: 1} if maps else {}))
+    stages = Stages({SURFACES: 2, MAKING: 3, PRINTING: 1} | ({MAPPING: 1} if maps else {}))
     plain = [
         SurfaceRequest(replace(request.settings.without(SIMPLIFICATION), close_border=True)) for request in requests
     ]
@@ -91,7 +91,7 @@ def solid_parts_steps(
         )
         for name, result, request in zip(_names(volume, results), results, requests, strict=True)
     ]
-    parts = yield from stages.run(SOLIDS, _parts_steps(structures, solid, budget))
+    parts = yield from stages.run(MAKING, _parts_steps(structures, solid, budget))
     parts = yield from stages.run(PRINTING, printed_steps(parts, solid, budget))
     if not maps:
         return parts

@@ -17,8 +17,8 @@ from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
 from ..mesh.triangle_mesh import TriangleMesh
-from ..progress import Steps
-from ..reconstruction import Reconstruction
+from ..progress import Stages, Steps
+from ..reconstruction import Reconstruction, Stage
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
@@ -37,6 +37,8 @@ from .placing.pegs import placed_pegs_steps, require_met
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
 
+MAKING = "Making the solid"
+"""The stage in which a solid is made of surfaces."""
 FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
 PER_HOLE = 4  # Steps across a drain or a peg, at least.
 BLOCK = 1 << 18
@@ -72,6 +74,15 @@ class PartsMaking:
 
     def parts_steps(self) -> Steps[list[Reconstruction]]:
         """Return the parts, one structure after the other."""
+        stages = Stages({MAKING: 3, "": 1})
+        mesh = yield from stages.run(MAKING, self._mesh_steps())
+        stage = Stage(MAKING, stages.seconds[MAKING])
+        for structure in self.structures:
+            structure.result = replace(structure.result, stages=(*structure.result.stages, stage))
+        return (yield from stages.run("", self._finished_steps(mesh)))
+
+    def _mesh_steps(self) -> Steps[ComplexMesh]:
+        """Return the surfaces of all parts."""
         solid = self.solid
         for structure in self.structures:
             if _is_capped(structure):
@@ -95,8 +106,7 @@ class PartsMaking:
             added = yield from self._walls_steps()
         if solid.base:
             added = yield from self._feet_steps(added)
-        mesh = yield from self._extracted_steps(added, everything=True)
-        return (yield from self._finished_steps(mesh))
+        return (yield from self._extracted_steps(added, everything=True))
 
     def _require_met(self, structure: Structure) -> None:
         """Raise the error of a cut that misses a structure, if it is the only one."""
