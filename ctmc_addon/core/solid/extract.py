@@ -74,7 +74,7 @@ class Recipe:
         return np.asarray(self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])).astype(np.uint8)
 
     def moved(self, share: float) -> Recipe:
-        """Return the recipe with its shapes moved inward, by up to a share of the lattice's shortest step, each more."""
+        """Return the recipe with its shapes moved inward by up to a share of the lattice's shortest step, each more."""
         step = share * self.lattice.shortest_mm / len(self.fields)
         fields = [
             replace(field, shift=step * (number + 1)) if isinstance(field, ShapeField) else field

@@ -23,13 +23,13 @@ from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
+from .cubes import deepest_steps
 from .depth import Depth, depth_below
 from .drains import drains_steps
 from .extract import Recipe, extract_parts_steps
 from .fields import Field, HeldField, ShapeField
 from .finish import finished_parts_steps, part_names
 from .foot import foot_steps
-from .cubes import deepest_steps
 from .lattice import Lattice, lattice_around
 from .pegs import placed_pegs_steps, require_met
 from .request import Combination, Combining, SolidRequest
