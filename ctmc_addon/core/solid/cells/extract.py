@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Doubles, Flags, Floats
-from ...errors import SettingsError
+from ...errors import MeshError, SettingsError
 from ...extraction.case_table import NEAREST
 from ...extraction.grid import Axis
 from ...extraction.interfaces.bands import band_ranges, fill_band, find_band
@@ -75,16 +75,25 @@ class Recipe:
         return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
 
     def moved(self, share: float) -> Recipe:
-        """Return the recipe with its shapes moved inward by a share of the lattice's shortest step."""
-        shift = share * self.lattice.shortest_mm
-        fields = [replace(field, shift=shift) if isinstance(field, ShapeField) else field for field in self.fields]
+        """Return the recipe with its shapes moved inward by up to a share of the lattice's shortest step, each more."""
+        step = share * self.lattice.shortest_mm / len(self.fields)
+        fields = [
+            replace(field, shift=step * (number + 1)) if isinstance(field, ShapeField) else field
+            for number, field in enumerate(self.fields)
+        ]
         return replace(self, fields=fields)
 
 
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
     """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
 
-    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again.
+    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again; so are those
+    that coincide where a third surface meets them, since no order of their zeros is right there.
+
+    Raises
+    ------
+    MeshError
+        For surfaces that coincide even so.
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
@@ -93,10 +102,35 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
             break
+        fits = _fits(mesh, extraction.may_cross)
+        if not fits:
+            continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
         if not len((yield from stages.run(looking, crossing))):
             break
+    if extraction.cut is not None and not fits:
+        raise MeshError("surfaces of a solid coincide, and its parts would be open; move its cuts by 0.1 mm or so")
     return mesh
+
+
+def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
+    """Return whether the triangles of rims leave no part open: along every edge a part's triangles run both ways."""
+    at_rims = np.zeros(len(mesh.vertices), bool)
+    at_rims[mesh.faces[of_rims]] = True
+    near = np.count_nonzero(at_rims[mesh.faces], axis=1) > 1
+    faces, sides = mesh.faces[near].astype(np.int64), mesh.sides[near].astype(np.int64)
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    up = np.where(start < end, 1, -1)
+    edges = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)
+    inner = at_rims[start] & at_rims[end]
+    for part in np.unique(sides[sides > 0]).tolist():
+        own = (sides[:, 0] == part).astype(np.int64) - (sides[:, 1] == part)
+        turned = own.repeat(3) * up
+        mine = np.flatnonzero(inner & (turned != 0))
+        _, group = np.unique(edges[mine], return_inverse=True)
+        if np.bincount(group.reshape(-1), turned[mine]).any():
+            return False
+    return True
 
 
 class _Extraction:
