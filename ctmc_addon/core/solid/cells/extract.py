@@ -351,18 +351,17 @@ class _Extraction:
     def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
         """Place the nodes of rims; those on segments between cells' vertices lie straight between them."""
         first, nodes = len(self.keys), cut.nodes
-        lowest = self._index(nodes.lowest)
+        codes, lowest = nodes.codes, self._index(nodes.lowest)
         at = lowest.copy()
         sides = self._index(nodes.lowest + self.corners[7]) - lowest
         for corner in range(1, 4):
-            codes = nodes.codes[:, corner - 1]
             for axis in range(3):
-                at[:, axis] += cut.weights[:, corner] * (codes >> axis & 1) * sides[:, axis]
+                at[:, axis] += cut.weights[:, corner] * (codes[:, corner - 1] >> axis & 1) * sides[:, axis]
         places[first:] = at
         for node, (low, high) in self.middles.items():
-            code = int(nodes.codes[node - first, 0])
+            code = int(codes[node - first, 0])
             axes = [axis for axis in range(3) if code >> axis & 1]
-            if len(axes) == 2 and not nodes.codes[node - first, 1]:
+            if len(axes) == 2 and not codes[node - first, 1]:
                 own = lowest[node - first]
                 begin, end = ((places[vertex] - own)[axes] / sides[node - first][axes] for vertex in (low, high))
                 turn = (end[0] - begin[0]) - (end[1] - begin[1])
