@@ -278,7 +278,7 @@ class _Extraction:
         nodes = 0 if self.cut is None else len(self.cut.nodes.keys)
         used = np.zeros(len(self.keys) + nodes, bool)
         used[self.faces] = True
-        places = np.empty((len(used), 3))
+        places = np.zeros((len(used), 3))
         exact = np.full(len(used), -1, np.intp)  # Number of the exact place, of the vertex' field.
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
