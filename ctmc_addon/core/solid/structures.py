@@ -170,7 +170,7 @@ class PartsMaking:
         assert values is not None, "a combination has two structures at least"
         edges = _edges_of([self.bodies[number] for number in numbers])
         recipe = Recipe(self.lattice, [HeldField(self.lattice, values)], PartRule(1), {0: edges} if edges else {})
-        mesh = (yield from extract_parts_steps(recipe, self.budget)).of_label(1)
+        mesh = (yield from extract_parts_steps(recipe, self.budget)).mesh.of_label(1)
         if not len(mesh.faces):
             raise MeshError(f"nothing is left of {combination.name}; {' and '.join(combination.of)} do not overlap")
         notes = [note for number in numbers for note in self.structures[number].notes]
@@ -209,7 +209,8 @@ class PartsMaking:
             fields.append(ShapeField(Union(shapes), self.lattice))
         if everything:
             yield from self._holes_steps(fields, rule)
-        return (yield from extract_parts_steps(Recipe(self.lattice, fields, rule, edges), self.budget))
+        mesh, self.crossings = yield from extract_parts_steps(Recipe(self.lattice, fields, rule, edges), self.budget)
+        return mesh
 
     def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
         """Return the fields that tell the structures from what is around and from each other."""
@@ -327,7 +328,7 @@ class PartsMaking:
             part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
             for part, owner in owners.items()
         }
-        return (yield from finished_parts_steps(described, mesh, self.budget))
+        return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
 
 
 def _edges_of(bodies: Sequence[Body]) -> OnEdges | None:

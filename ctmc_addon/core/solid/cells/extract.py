@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -84,8 +84,23 @@ class Recipe:
         return replace(self, fields=fields)
 
 
-def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
-    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
+class Extracted(NamedTuple):
+    """The surfaces of all parts.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        RAS+ mm; the sides of triangles are parts, 0 for none.
+    crossings : (n, 2) int64
+        Pairs of triangles that cross; none but where moving shapes did not help.
+    """
+
+    mesh: ComplexMesh
+    crossings: NDArray[np.int64]
+
+
+def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
+    """Return the surfaces of all parts.
 
     Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again; so are those
     that coincide where a third surface meets them, since no order of their zeros is right there.
@@ -97,20 +112,23 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
+    best: Extracted | None = None
     for share in MOVES:
         extraction = _Extraction(recipe.moved(share), budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
-            break
-        fits = _fits(mesh, extraction.may_cross)
-        if not fits:
+            return Extracted(mesh, np.empty((0, 2), np.int64))
+        if not _fits(mesh, extraction.may_cross):
             continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
-        if not len((yield from stages.run(looking, crossing))):
+        pairs = yield from stages.run(looking, crossing)
+        if best is None or len(pairs) < len(best.crossings):
+            best = Extracted(mesh, pairs)
+        if not len(pairs):
             break
-    if extraction.cut is not None and not fits:
+    if best is None:
         raise MeshError("surfaces of a solid coincide, and its parts would be open; move its cuts by 0.1 mm or so")
-    return mesh
+    return best
 
 
 def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
