@@ -33,7 +33,7 @@ from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import placed_pegs_steps, require_met
+from .placing.pegs import placed_pegs_steps, require_met, require_wall
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
 
@@ -84,6 +84,8 @@ class PartsMaking:
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
         solid = self.solid
+        if solid.hollow and solid.pegs is not None:
+            require_wall(solid.pegs, solid.hollow)
         for structure in self.structures:
             if _is_capped(structure):
                 structure.notes.append("The surface is closed at the border of the volume, as a solid needs that.")
