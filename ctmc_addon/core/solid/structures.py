@@ -33,7 +33,7 @@ from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import placed_pegs_steps, require_met
+from .placing.pegs import placed_pegs_steps, require_met, require_wall
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
 
@@ -84,6 +84,8 @@ class PartsMaking:
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
         solid = self.solid
+        if solid.hollow and solid.pegs is not None:
+            require_wall(solid.pegs, solid.hollow)
         for structure in self.structures:
             if _is_capped(structure):
                 structure.notes.append("The surface is closed at the border of the volume, as a solid needs that.")
@@ -170,7 +172,7 @@ class PartsMaking:
         assert values is not None, "a combination has two structures at least"
         edges = _edges_of([self.bodies[number] for number in numbers])
         recipe = Recipe(self.lattice, [HeldField(self.lattice, values)], PartRule(1), {0: edges} if edges else {})
-        mesh = (yield from extract_parts_steps(recipe, self.budget)).of_label(1)
+        mesh = (yield from extract_parts_steps(recipe, self.budget)).mesh.of_label(1)
         if not len(mesh.faces):
             raise MeshError(f"nothing is left of {combination.name}; {' and '.join(combination.of)} do not overlap")
         notes = [note for number in numbers for note in self.structures[number].notes]
@@ -209,7 +211,8 @@ class PartsMaking:
             fields.append(ShapeField(Union(shapes), self.lattice))
         if everything:
             yield from self._holes_steps(fields, rule)
-        return (yield from extract_parts_steps(Recipe(self.lattice, fields, rule, edges), self.budget))
+        mesh, self.crossings = yield from extract_parts_steps(Recipe(self.lattice, fields, rule, edges), self.budget)
+        return mesh
 
     def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
         """Return the fields that tell the structures from what is around and from each other."""
@@ -327,7 +330,7 @@ class PartsMaking:
             part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
             for part, owner in owners.items()
         }
-        return (yield from finished_parts_steps(described, mesh, self.budget))
+        return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
 
 
 def _edges_of(bodies: Sequence[Body]) -> OnEdges | None:

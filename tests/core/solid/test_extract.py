@@ -35,7 +35,7 @@ def lattice(affine=None, count=25):
 def extracted(shapes, rule, on=None, threads=None):
     on = on or lattice()
     recipe = Recipe(on, [ShapeField(shape, on) for shape in shapes], rule, {})
-    return finish(extract_parts_steps(recipe, Budget(threads=threads)))
+    return finish(extract_parts_steps(recipe, Budget(threads=threads))).mesh
 
 
 def assert_sound(mesh):

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,7 @@ from .stitch import stitched
 MOST_FIELDS = 20
 FACES_OF_CELL = ((0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5))
 STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
+AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])  # By the way along a diagonal.
 POINTS_AT_ONCE = 1 << 18
 MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step.
 
@@ -84,8 +85,23 @@ class Recipe:
         return replace(self, fields=fields)
 
 
-def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
-    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
+class Extracted(NamedTuple):
+    """The surfaces of all parts.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        RAS+ mm; the sides of triangles are parts, 0 for none.
+    crossings : (n, 2) int64
+        Pairs of triangles that cross; none but where moving shapes did not help.
+    """
+
+    mesh: ComplexMesh
+    crossings: NDArray[np.int64]
+
+
+def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
+    """Return the surfaces of all parts.
 
     Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again; so are those
     that coincide where a third surface meets them, since no order of their zeros is right there.
@@ -97,20 +113,23 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
+    best: Extracted | None = None
     for share in MOVES:
         extraction = _Extraction(recipe.moved(share), budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
-            break
-        fits = _fits(mesh, extraction.may_cross)
-        if not fits:
+            return Extracted(mesh, np.empty((0, 2), np.int64))
+        if not _fits(mesh, extraction.may_cross):
             continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
-        if not len((yield from stages.run(looking, crossing))):
+        pairs = yield from stages.run(looking, crossing)
+        if best is None or len(pairs) < len(best.crossings):
+            best = Extracted(mesh, pairs)
+        if not len(pairs):
             break
-    if extraction.cut is not None and not fits:
+    if best is None:
         raise MeshError("surfaces of a solid coincide, and its parts would be open; move its cuts by 0.1 mm or so")
-    return mesh
+    return best
 
 
 def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
@@ -358,17 +377,27 @@ class _Extraction:
             for axis in range(3):
                 at[:, axis] += cut.weights[:, corner] * (codes[:, corner - 1] >> axis & 1) * sides[:, axis]
         places[first:] = at
-        for node, (low, high) in self.middles.items():
-            code = int(codes[node - first, 0])
-            axes = [axis for axis in range(3) if code >> axis & 1]
-            if len(axes) == 2 and not codes[node - first, 1]:
-                own = lowest[node - first]
-                begin, end = ((places[vertex] - own)[axes] / sides[node - first][axes] for vertex in (low, high))
-                turn = (end[0] - begin[0]) - (end[1] - begin[1])
-                if abs(turn) > NEAREST:
-                    along = begin[0] + (begin[1] - begin[0]) / turn * (end[0] - begin[0])
-                    places[node] = own
-                    places[node][axes] += np.clip(along, NEAREST, 1 - NEAREST) * sides[node - first][axes]
+        if self.middles:
+            self._straighten(cut, places, lowest, sides)
+
+    def _straighten(self, cut: CutRims, places: Doubles, lowest: Doubles, sides: Doubles) -> None:
+        """Place the nodes on diagonals of faces where the segments between vertices of cells cross these."""
+        nodes, ends = np.array(list(self.middles)), np.array(list(self.middles.values()))  # (n,), (n, 2)
+        own = nodes - len(self.keys)
+        codes = cut.nodes.codes[own]
+        axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 for no face
+        each = np.flatnonzero((axes[:, 0] >= 0) & (codes[:, 1] == 0))
+        nodes, ends, own, axes = nodes[each], ends[each], own[each], axes[each]
+        rows = np.arange(len(own))[:, None]
+        begin, end = ((places[ends[:, at]] - lowest[own])[rows, axes] / sides[own][rows, axes] for at in (0, 1))
+        step = end - begin
+        turn = step[:, 0] - step[:, 1]
+        turns = np.flatnonzero(np.abs(turn) > NEAREST)
+        begin, step, turn, nodes, own, axes = (each[turns] for each in (begin, step, turn, nodes, own, axes))
+        along = begin[:, 0] + (begin[:, 1] - begin[:, 0]) / turn * step[:, 0]
+        places[nodes] = lowest[own]
+        shares = np.clip(along, NEAREST, 1 - NEAREST)
+        places[nodes[:, None], axes] += shares[:, None] * sides[own[:, None], axes]
 
     def _index(self, flat: NDArray[np.intp]) -> Doubles:
         """Return the places of samples in index space, (n, 3)."""

@@ -145,6 +145,21 @@ def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
     )
 
 
+def require_wall(pegs: Pegs, wall: float, margin: float = MARGIN_MM) -> None:
+    """Raise a `SettingsError` if pegs fit nowhere in the wall of a hollow, mm thick."""
+    around = 2 * (pegs.clearance + margin)
+    needed = pegs.diameter + around
+    if wall >= needed:
+        return
+    fits = math.floor(10 * (wall - around) + 1e-9)  # tenths of a mm
+    thinner = f"pegs of {fits / 10:g} mm, " if fits >= LEAST_DIAMETER else ""
+    raise SettingsError(
+        f"pegs of {pegs.diameter:g} mm with {pegs.clearance:g} mm clearance and {margin:g} mm around them need a wall "
+        f"of {needed:g} mm, and the hollow leaves {wall:g} mm; give --hollow {needed:g} or more, {thinner}or "
+        "leave out --pegs"
+    )
+
+
 @dataclass(frozen=True)
 class _Size:
     """What a peg needs: its axis goes from `root` mm inside part a to `reach` mm inside part b."""
