@@ -14,7 +14,7 @@ from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
+from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents
 from ..simplification.whole import Simplification
@@ -72,7 +72,15 @@ def finished_parts_steps(
             simple = Simplification(own, collapsed, simplified.handles_cut, own_crossings)
             part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
         parts.append(part)
-    return [replace(part, stages=(*part.stages, *finishing.ran)) for part in parts]
+    return [replace(part, stages=_summed((*part.stages, *finishing.ran))) for part in parts]
+
+
+def _summed(stages: Sequence[Stage]) -> tuple[Stage, ...]:
+    """Return each stage once, with all of its seconds."""
+    seconds: dict[str, float] = {}
+    for name, each in stages:
+        seconds[name] = seconds.get(name, 0.0) + each
+    return tuple(Stage(name, each) for name, each in seconds.items())
 
 
 def part_names(name: str, numbers: Sequence[int]) -> dict[int, str]:
