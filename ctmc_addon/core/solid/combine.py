@@ -22,7 +22,15 @@ from .structure import Structure, body_steps, drain_steps, extracted_steps, holl
 
 
 def named_by(structures: Sequence[Structure], solid: SolidRequest) -> list[Structure]:
-    """Return the structures that combinations name."""
+    """Return the structures that combinations name; raise a `SettingsError` for a name that none has."""
+    known = {each.name for each in structures} | {str(each.result.settings.label) for each in structures}
+    for combination in solid.combinations:
+        for name in combination.of:
+            if name not in known:
+                there = ", ".join(each.name for each in structures)
+                asked = f"--{combination.how.value} {combination.name}"
+                raise SettingsError(f"{asked} needs {name}; the structures are {there}")
+        known.add(combination.name)
     names = {name for combination in solid.combinations for name in combination.of}
     return [each for each in structures if each.name in names or str(each.result.settings.label) in names]
 

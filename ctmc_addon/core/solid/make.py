@@ -21,7 +21,7 @@ from ..volume.volume import Volume
 from .combine import combined_steps, named_by
 from .parts import MAKING, PartsMaking
 from .printing.printed import PRINTING, printed_steps
-from .request import SolidRequest
+from .request import SolidRequest, require_different_cuts
 from .structure import Structure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
@@ -77,6 +77,7 @@ def solid_parts_steps(
     maps: MapRequest | None = None,
 ) -> Steps[list[Reconstruction]]:
     """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held."""
+    require_different_cuts(solid.cuts)
     budget = budget or Budget()
     stages = Stages({SURFACES: 2, MAKING: 3, PRINTING: 1} | ({MAPPING: 1} if maps else {}))
     plain = [

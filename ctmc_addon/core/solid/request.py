@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from enum import Enum
 from typing import Any, TypeVar
@@ -219,11 +219,6 @@ class SolidRequest(Described):
             raise SettingsError("pegs join the two sides of a cut; add a cut, or leave out the pegs")
         if len(self.cuts) > MOST_CUTS:
             raise SettingsError(f"{len(self.cuts)} cuts are too many; give at most {MOST_CUTS}")
-        for number, cut in enumerate(self.cuts):
-            if any(_same_plane(cut, other) for other in self.cuts[:number]):
-                raise SettingsError(
-                    f"the cut at {_numbers(cut.point)} is given twice; leave one out, or move it by a millimeter"
-                )
         if any(drain.point is None for drain in self.drains) and not self.hollow:
             raise SettingsError(
                 "a drain without a point opens a hollow; give the wall of a hollow above 0, or the point of the drain"
@@ -283,6 +278,15 @@ def _made(kind: Callable[..., Item], values: Mapping[str, Any]) -> Item:
 
 def _numbers(values: Iterable[float]) -> str:
     return " ".join(f"{value:g}" for value in values)
+
+
+def require_different_cuts(cuts: Sequence[Cut]) -> None:
+    """Raise a `SettingsError` if two cuts are one plane: no part lies between them."""
+    for number, cut in enumerate(cuts):
+        if any(_same_plane(cut, other) for other in cuts[:number]):
+            raise SettingsError(
+                f"the cut at {_numbers(cut.point)} is given twice; leave one out, or move it by a millimeter"
+            )
 
 
 def _same_plane(first: Cut, second: Cut) -> bool:

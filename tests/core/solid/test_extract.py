@@ -144,7 +144,7 @@ def test_a_peg_and_its_hole_a_tenth_of_a_step_apart(normal):
     plane = HalfSpace(MIDDLE, normal)
     start, end = np.array(MIDDLE) + 3 * plane.unit, np.array(MIDDLE) - 3 * plane.unit
     peg, hole = (Bar(tuple(start), tuple(end), radius) for radius in (2.5, 2.6))
-    rule = PartRule(1, cuts=[1], pegs=[2])
+    rule = PartRule(1, cuts=[1], pegs=[(2, 3)])
     mesh = extracted([BALL, plane, Union([peg]), Union([hole])], rule)
     assert_sound(mesh)
     first, second = (mesh.of_label(part) for part in mesh.labels)
