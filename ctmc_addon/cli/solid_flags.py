@@ -47,7 +47,7 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
         4,
         _drains,
         f"X Y Z MM|{AUTO}",
-        "round hole of a diameter from a point straight out through the nearest wall; "
+        "round hole of a diameter from a point in a cavity or wall straight out through the nearest wall; "
         f"{AUTO} opens a hollow at its lowest and its highest point",
     )
     _add_numbers(
@@ -56,11 +56,16 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
         6,
         _cuts,
         "X Y Z NX NY NZ",
-        "cut in two at the plane through a point; part a is on the side that the normal points to, b beyond",
+        "cut in two at the plane through a point; part a is on the side that the normal points to, b on the other, and "
+        "further cuts make c, d and so on",
     )
     pegs = Pegs(1)
     group.add_argument(
-        "--pegs", type=_peg_count, default=argparse.SUPPRESS, metavar="N", help="pegs on each cut (default 0)"
+        "--pegs",
+        type=_peg_count,
+        default=argparse.SUPPRESS,
+        metavar="N",
+        help="pegs on part a at each cut, and holes for them in part b (default 0)",
     )
     _add_numbers(
         group,
