@@ -28,8 +28,8 @@ class PartRule:
     drains : int or None
     cuts : list of int
         Above 0 on the side of part a.
-    pegs : list of int
-        Pegs of every cut; the field behind it are their holes.
+    pegs : list of (int, int)
+        Pegs of every cut, and their holes; the same field where there is no clearance.
     """
 
     structures: int
@@ -37,7 +37,7 @@ class PartRule:
     added: dict[int, int] = field(default_factory=dict)
     drains: int | None = None
     cuts: list[int] = field(default_factory=list)
-    pegs: list[int] = field(default_factory=list)
+    pegs: list[tuple[int, int]] = field(default_factory=list)
 
     def __call__(self, above: list[Flags]) -> NDArray[Any]:
         """Return the part of every point from 1 on, structure by structure; 0 for none."""
@@ -58,7 +58,7 @@ class PartRule:
         for number, cut in enumerate(self.cuts):
             is_above = above[cut]
             if self.pegs:
-                peg, hole = above[self.pegs[number]], above[self.pegs[number] + 1]
+                peg, hole = (above[each] for each in self.pegs[number])
                 solid = solid & (is_above | peg | ~hole)
                 is_above = is_above | peg
             side = side + (~is_above).astype(np.int64) * (1 << number)

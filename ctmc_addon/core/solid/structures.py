@@ -27,7 +27,7 @@ from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
 from .fields.lattice import Lattice, lattice_around
 from .fields.lattice_fields import Field, HeldField, ShapeField
-from .fields.shapes import HalfSpace, Shape, Union
+from .fields.shapes import HalfSpace, Shape, Union, require_apart
 from .finish import finished_parts_steps, part_names
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
@@ -86,6 +86,7 @@ class PartsMaking:
         solid = self.solid
         if solid.hollow and solid.pegs is not None:
             require_wall(solid.pegs, solid.hollow)
+        require_apart(self.planes)
         for structure in self.structures:
             if _is_capped(structure):
                 structure.notes.append("The surface is closed at the border of the volume, as a solid needs that.")
@@ -270,8 +271,10 @@ class PartsMaking:
                 pegs.append(placed_pegs.pegs)
                 holes.append(placed_pegs.holes)
             avoid += holes
-            rule.pegs.append(len(fields))
-            fields += [ShapeField(Union(pegs), self.lattice), ShapeField(Union(holes), self.lattice)]
+            # Where a peg fills its hole, both are one field: of two that are 0 at the same places no part is certain.
+            shapes_of_cut = [pegs, holes] if solid.pegs.clearance else [pegs]
+            rule.pegs.append((len(fields), len(fields) + len(shapes_of_cut) - 1))
+            fields += [ShapeField(Union(each), self.lattice) for each in shapes_of_cut]
 
     def _too_thick_steps(self, body: Body, structure: Structure) -> Steps[str]:
         """Return why no hollow is left."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Doubles, Flags, Floats
-from ...errors import SettingsError
+from ...errors import MeshError, SettingsError
 from ...extraction.case_table import NEAREST
 from ...extraction.grid import Axis
 from ...extraction.interfaces.bands import band_ranges, fill_band, find_band
@@ -86,6 +86,11 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
     """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
 
     Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again.
+
+    Raises
+    ------
+    MeshError
+        If they still cross, as where two fields are 0 at the same places.
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
@@ -95,8 +100,11 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
         if extraction.cut is None:
             break
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
-        if not len((yield from stages.run(looking, crossing))):
+        found = yield from stages.run(looking, crossing)
+        if not len(found):
             break
+    else:
+        raise MeshError(f"parts cross at {len(found)} places, wherever shapes are moved; move a cut or drain by 0.1 mm")
     return mesh
 
 
