@@ -6,6 +6,7 @@ Alpha is the shape key `alpha` over the midpoints (Su and Ma, eq. 5 to 7), Decim
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -33,6 +34,7 @@ NAMED = "ctmc_name"
 NEIGHBOR = "neighbor_label"
 """The attribute of a label's triangles with the label in front of each, 0 for none."""
 NAME_BYTES = 63  # Blender 4 cuts longer names
+SHARP_DEG = 50.0  # Edges of parts of solids are sharp from this angle between their faces on.
 
 
 def add_reconstruction(
@@ -295,7 +297,10 @@ def _decimate_ratio(settings: ReconstructionSettings, faces: int) -> float:
 
 
 def shade(obj: bpy.types.Object, result: Reconstruction, placement: Placement) -> None:
-    """Shade with the surface's own normals, where it has any."""
+    """Shade with the surface's own normals, where it has any; parts of solids with sharp rims of cuts and holes."""
+    if result.solid:  # Normals of the vertices at a rim are averages, with which a flat cut looks dished.
+        obj.data.set_sharp_from_angle(angle=math.radians(SHARP_DEG))
+        return
     normals = result.mesh.normals if result.surface is None else result.surface.normals
     if normals is not None:
         if placement.applied is not None:

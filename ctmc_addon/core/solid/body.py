@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,3 +86,15 @@ class Body:
             yield from tree.prepare_steps(self.mesh)
             self._tree = tree
         return self._tree
+
+
+def edges_of(bodies: Sequence[Body]) -> OnEdges | None:
+    """Return the vertices of bodies that lie on edges of the lattice, one for each edge; None if any is not known."""
+    known = [body.on_edges for body in bodies if body.on_edges is not None]
+    if len(known) < len(bodies):
+        return None
+    if len(known) == 1:
+        return known[0]
+    keys = np.concatenate([each for each, _ in known])
+    unique, first = np.unique(keys, return_index=True)
+    return unique, np.concatenate([positions for _, positions in known])[first]

@@ -7,13 +7,14 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ..machine.budget import Budget
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
+from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents
 from ..simplification.whole import Simplification
@@ -24,7 +25,7 @@ WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
 def finished_parts_steps(
-    structures: Mapping[int, Reconstruction], mesh: ComplexMesh, budget: Budget
+    structures: Mapping[int, Reconstruction], mesh: ComplexMesh, crossings: NDArray[np.int64], budget: Budget
 ) -> Steps[list[Reconstruction]]:
     """Return the parts, simplified together where their settings ask for that.
 
@@ -34,6 +35,8 @@ def finished_parts_steps(
         The structure of every part, by its number, with the part's name and all notes.
     mesh : ComplexMesh
         Sides are the parts' numbers.
+    crossings : (n, 2) int64
+        Pairs of its triangles that cross.
     budget : Budget
     """
     settings = next(iter(structures.values())).settings
@@ -45,14 +48,14 @@ def finished_parts_steps(
         simplifying = simplify_complex_steps(mesh, budget=budget, **goal_of(settings))
         simplified = yield from stages.run(SIMPLIFYING, simplifying)
     final = mesh if simplified is None else simplified.mesh
-    pairs = np.empty((0, 2), np.int64)  # An extraction has looked at its own.
+    pairs = crossings if simplified is None else crossings[:0]
     if simplified is not None and simplified.self_intersections != 0:
         pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
     parts = []
     for number, border in borders_of(final.faces, final.sides).items():
         mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
         own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
-        crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())
+        own_crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())
         part = replace(
             structures[number],
             mesh=own,
@@ -62,14 +65,22 @@ def finished_parts_steps(
             components=None,
             measured=None,
             neighbors=(),
-            self_intersections=crossings,
+            self_intersections=own_crossings,
         )
         if simplified is not None:
             collapsed = simplified.collapsed_of.get(number, CollapsedComponents())
-            simple = Simplification(own, collapsed, simplified.handles_cut, crossings)
+            simple = Simplification(own, collapsed, simplified.handles_cut, own_crossings)
             part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
         parts.append(part)
-    return [replace(part, stages=(*part.stages, *finishing.ran)) for part in parts]
+    return [replace(part, stages=_summed((*part.stages, *finishing.ran))) for part in parts]
+
+
+def _summed(stages: Sequence[Stage]) -> tuple[Stage, ...]:
+    """Return each stage once, with all of its seconds."""
+    seconds: dict[str, float] = {}
+    for name, each in stages:
+        seconds[name] = seconds.get(name, 0.0) + each
+    return tuple(Stage(name, each) for name, each in seconds.items())
 
 
 def part_names(name: str, numbers: Sequence[int]) -> dict[int, str]:

@@ -18,9 +18,11 @@ from ..structures import structure_names
 from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
+from .combine import combined_steps, named_by
+from .parts import MAKING, PartsMaking
 from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest
-from .structures import MAKING, PartsMaking, Structure
+from .structure import Structure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
 MOST_TOGETHER = 4
@@ -112,13 +114,21 @@ def _names(volume: Volume, results: Sequence[Reconstruction]) -> list[str]:
     return list(structure_names(results))
 
 
-def _parts_steps(structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> Steps[list[Reconstruction]]:
-    """Return the parts of all structures: by themselves, or together where they are combined or share walls."""
-    groups = [[structure] for structure in structures]
+def _parts_steps(structures: list[Structure], solid: SolidRequest, budget: Budget) -> Steps[list[Reconstruction]]:
+    """Return the parts of all structures: by themselves, or together where they share walls or may overlap."""
+    for structure in structures:
+        structure.note_cap()
+    yield from share_drains_steps(structures, solid)
     if solid.combinations:
-        groups = [list(structures)]
-    elif share_walls([structure.result.settings for structure in structures]):
-        groups = _touching(structures)
+        named = named_by(structures, solid)
+        combined = yield from combined_steps(named or structures, solid, budget)
+        structures = [each for each in structures if each not in named] + combined
+    check_cuts(structures, solid)
+    plain = [each for each in structures if not each.is_shaped]
+    groups = [[structure] for structure in plain]
+    if share_walls([structure.result.settings for structure in plain]):
+        groups = _touching(plain, solid)
+    groups += [[each] for each in structures if each.is_shaped]
     parts: list[Reconstruction] = []
     for number, group in enumerate(groups):
         making = PartsMaking(group, solid, budget).parts_steps()
@@ -126,12 +136,26 @@ def _parts_steps(structures: Sequence[Structure], solid: SolidRequest, budget: B
     return parts
 
 
-def _touching(structures: Sequence[Structure]) -> list[list[Structure]]:
-    """Return groups of structures that share walls; where too many do, each by itself, with a note."""
+def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list[Structure]]:
+    """Return groups of structures that share walls or may grow into each other.
+
+    Where too many do, each is made by itself, with a note.
+    """
+    grown = max(solid.thicken, 0.0) + solid.base + solid.least_wall / 2
+    boxes = {
+        each.name: (each.mesh.vertices.min(axis=0) - grown, each.mesh.vertices.max(axis=0) + grown)
+        for each in structures
+    }
+
+    def meets(first: Structure, second: Structure) -> bool:
+        if second.result.settings.label in {neighbor.label for neighbor in first.result.neighbors}:
+            return True
+        (low, high), (other_low, other_high) = boxes[first.name], boxes[second.name]
+        return bool(grown and (low <= other_high).all() and (other_low <= high).all())
+
     groups: list[list[Structure]] = []
     for structure in structures:
-        borders = {neighbor.label for neighbor in structure.result.neighbors}
-        met = [group for group in groups if any(each.result.settings.label in borders for each in group)]
+        met = [group for group in groups if any(meets(structure, each) for each in group)]
         groups = [group for group in groups if group not in met]
         groups.append([each for group in met for each in group] + [structure])
     order = {structure.name: at for at, structure in enumerate(structures)}
@@ -141,6 +165,10 @@ def _touching(structures: Sequence[Structure]) -> list[list[Structure]]:
         if len(group) <= MOST_TOGETHER:
             out.append(group)
             continue
-        note = f"{len(group)} structures touch, more than {MOST_TOGETHER}: their parts share no walls."
-        out += [[replace(each, notes=[*each.notes, note])] for each in group]
+        overlap = f", and may overlap by up to {2 * grown:g} mm" if grown else ""
+        for each in group:
+            each.notes.append(
+                f"{len(group)} structures touch, more than {MOST_TOGETHER}: their parts share no walls{overlap}."
+            )
+            out.append([each])
     return out

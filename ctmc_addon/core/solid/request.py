@@ -219,6 +219,11 @@ class SolidRequest(Described):
             raise SettingsError("pegs join the two sides of a cut; add a cut, or leave out the pegs")
         if len(self.cuts) > MOST_CUTS:
             raise SettingsError(f"{len(self.cuts)} cuts are too many; give at most {MOST_CUTS}")
+        for number, cut in enumerate(self.cuts):
+            if any(_same_plane(cut, other) for other in self.cuts[:number]):
+                raise SettingsError(
+                    f"the cut at {_numbers(cut.point)} is given twice; leave one out, or move it by a millimeter"
+                )
         if any(drain.point is None for drain in self.drains) and not self.hollow:
             raise SettingsError(
                 "a drain without a point opens a hollow; give the wall of a hollow above 0, or the point of the drain"
@@ -274,6 +279,24 @@ def _made(kind: Callable[..., Item], values: Mapping[str, Any]) -> Item:
         return kind(**values)
     except (TypeError, ValueError) as error:
         raise SettingsError(f"a solid cannot be made of {values!r} ({error}); see SolidRequest.to_dict") from error
+
+
+def _numbers(values: Iterable[float]) -> str:
+    return " ".join(f"{value:g}" for value in values)
+
+
+def _same_plane(first: Cut, second: Cut) -> bool:
+    """Return whether two cuts are one plane, to 0.01 mm and a thousandth of a radian."""
+    one, other = (_unit(cut.normal) for cut in (first, second))
+    cosine = sum(a * b for a, b in zip(one, other, strict=True))
+    height = sum(a * (q - p) for a, p, q in zip(one, first.point, second.point, strict=True))
+    return abs(cosine) > 1 - 5e-7 and abs(height) < 0.01
+
+
+def _unit(normal: Point) -> Point:
+    length = math.sqrt(sum(each * each for each in normal))
+    x, y, z = (each / length for each in normal)
+    return x, y, z
 
 
 def _length(name: str, value: float) -> float:

@@ -30,6 +30,8 @@ class PartRule:
         Above 0 on the side of part a.
     pegs : list of (int, int)
         Pegs of every cut, and their holes; the same field where there is no clearance.
+    feet : dict of int to int
+        Above 0 in the foot of a part, by its number.
     """
 
     structures: int
@@ -38,28 +40,39 @@ class PartRule:
     drains: int | None = None
     cuts: list[int] = field(default_factory=list)
     pegs: list[tuple[int, int]] = field(default_factory=list)
+    feet: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def parts(self) -> int:
+        """Numbers of parts that a structure has."""
+        return 1 << len(self.cuts)
 
     def __call__(self, above: list[Flags]) -> NDArray[Any]:
         """Return the part of every point from 1 on, structure by structure; 0 for none."""
         owner = np.zeros(above[0].shape, np.int64)  # structure from 1 on
+        is_hollow = np.zeros(above[0].shape, bool)
         rest = above[0].copy()
         for number in range(self.structures):
             own = rest & above[1 + number] if number + 1 < self.structures else rest
             rest = rest & ~own
             if self.hollows:
+                is_hollow |= own & above[self.hollows[number]]
                 own = own & ~above[self.hollows[number]]
             owner[own] = number + 1
         for number, shape in self.added.items():
             owner[(owner == 0) & above[shape]] = number + 1
-        solid = owner > 0
-        if self.drains is not None:
-            solid &= ~above[self.drains]
-        side = np.zeros(owner.shape, np.int64)
+        is_open = np.zeros(owner.shape, bool) if self.drains is None else above[self.drains].copy()
+        side, side_of_plane = np.zeros(owner.shape, np.int64), np.zeros(owner.shape, np.int64)
         for number, cut in enumerate(self.cuts):
             is_above = above[cut]
+            side_of_plane += (~is_above).astype(np.int64) * (1 << number)
             if self.pegs:
                 peg, hole = (above[each] for each in self.pegs[number])
-                solid = solid & (is_above | peg | ~hole)
+                is_open |= ~is_above & ~peg & hole
                 is_above = is_above | peg
-            side = side + (~is_above).astype(np.int64) * (1 << number)
-        return np.where(solid, 1 + (owner - 1) * (1 << len(self.cuts)) + side, 0)
+            side += (~is_above).astype(np.int64) * (1 << number)
+        part = np.where(owner > 0, 1 + (owner - 1) * self.parts + side, 0)
+        for number, shape in self.feet.items():
+            is_foot = (owner == 0) & ~is_hollow & above[shape] & (side_of_plane == (number - 1) % self.parts)
+            part[is_foot & (part == 0)] = number
+        return np.where(is_open, 0, part)

@@ -9,7 +9,7 @@ from ctmc_addon.core import MeshError, ReconstructionSettings, TriangleMesh, Vol
 from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
-from ctmc_addon.core.solid import distances as module
+from ctmc_addon.core.solid.fields import distances as module
 from ctmc_addon.core.solid.fields.distances import at_samples_steps, distances_bytes, distances_steps
 from ctmc_addon.core.solid.fields.lattice import Lattice
 from ctmc_addon.core.solid.fields.lattice_edges import edge_vertices_steps, inside_steps

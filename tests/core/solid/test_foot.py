@@ -65,10 +65,11 @@ def test_the_foot_of_a_box_has_round_corners():
     points = crowd((-14, -11, -7), (14, 11, -1))
     over = np.maximum(np.abs(points[:2]) - [[10.0], [7.0]], 0)
     exact = np.minimum(np.minimum(points[2] + 5, -3 - points[2]), 2 - np.linalg.norm(over, axis=0))
+    exact, found = np.maximum(exact, -3), np.maximum(made.at(points), -3)  # Farther points count as 3 mm away.
     beside_corners = (over > 0).all(axis=0)
     assert 50 < beside_corners.sum() < 1000
-    np.testing.assert_allclose(made.at(points)[~beside_corners], exact[~beside_corners], atol=0.01)
-    np.testing.assert_allclose(made.at(points), exact, atol=0.075)
+    np.testing.assert_allclose(found[~beside_corners], exact[~beside_corners], atol=0.01)
+    np.testing.assert_allclose(found, exact, atol=0.075)
 
 
 def test_the_shadow_of_an_overhang_counts():

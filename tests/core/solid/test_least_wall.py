@@ -6,7 +6,9 @@ import pytest
 from meshes import as_mesh, icosphere, joined
 
 from ctmc_addon.core import finish, marching_cubes
+from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.solid.placing.least_wall import thin_walls_steps
+from ctmc_addon.core.solid.placing.near_cells import near_cells_steps
 
 UNIT = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
 POSES = pytest.mark.parametrize("degrees", [0.0, 33.0, 70.0])
@@ -123,7 +125,7 @@ def test_only_the_thinner_of_two_plates_is_thickened(degrees):
 
     found = thin_walls(extracted(plates, 17.0, degrees), 2.0)
     np.testing.assert_allclose(at(found, degrees, (0, 0, 6), (4, 5, 4), (0, 0, 5)), [0, 0, 1], atol=0.02)
-    assert at(found, degrees, (0, 0, -5), (5, 5, -5), (-4, 4, -3.4), (9, 9, -3.4)).max() < -2
+    assert at(found, degrees, (0, 0, -5), (5, 5, -5), (-4, 4, -3.4), (9, 9, -3.4)).max() < -0.79
     assert found.thinnest == pytest.approx(1.0, abs=0.05)
     assert 0.3 < found.share < 0.5
 
@@ -153,11 +155,23 @@ def test_a_wedge_is_thickened_up_to_where_it_is_thick_enough():
 
 
 def test_the_field_is_the_distance_and_stops_far_away():
-    found = thin_walls(extracted(capsule(0.8, 6.0), 8.0, step=0.25), 2.5)
-    points = np.array([[0.0, 0, 0], [4.0, 5.0, 50.0], [0, 0, 0]])
-    np.testing.assert_allclose(found.shape.at(points), [1.25 - 4, 1.25 - 5, -5], atol=0.16)
+    found = thin_walls(extracted(capsule(0.8, 6.0), 8.0, step=0.25), 2.5, 1.0)
+    points = np.array([[0.0, 0, 0, 30], [2.2, 3.0, 5.0, 0], [0, 0, 0, 0]])
+    np.testing.assert_allclose(found.shape.at(points), [1.25 - 2.2, 1.25 - 3, -2, -2], atol=0.16)
     low, high = found.shape.box
     np.testing.assert_allclose(high - low, [12 + 2.5, 2.5, 2.5], atol=0.32)
+
+
+def test_points_outside_near_cells_are_far_from_all_triangles():
+    tree = TriangleTree(joined(icosphere(1, 10.0), icosphere(3, 1.5, (14.0, 2, -3))))
+    cells = finish(near_cells_steps(tree, 1.7))
+    points = np.random.default_rng(5).uniform(-20, 20, (3, 20000))
+    far = np.ones(20000, bool)
+    far[cells.of(points)] = False
+    distances = tree.distances(points.T)
+    assert far.sum() > 3000
+    assert distances[far].min() > cells.side >= 1.7
+    assert (~far)[distances <= 1.7].all()
 
 
 def test_a_mesh_without_triangles_has_no_thin_walls():

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -76,36 +76,80 @@ class Recipe:
         return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
 
     def moved(self, share: float) -> Recipe:
-        """Return the recipe with its shapes moved inward by a share of the lattice's shortest step."""
-        shift = share * self.lattice.shortest_mm
-        fields = [replace(field, shift=shift) if isinstance(field, ShapeField) else field for field in self.fields]
+        """Return the recipe with its shapes moved inward by up to a share of the lattice's shortest step, each more."""
+        step = share * self.lattice.shortest_mm / len(self.fields)
+        fields = [
+            replace(field, shift=step * (number + 1)) if isinstance(field, ShapeField) else field
+            for number, field in enumerate(self.fields)
+        ]
         return replace(self, fields=fields)
 
 
-def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[ComplexMesh]:
-    """Return the surfaces of all parts, in RAS+ mm; the sides of triangles are parts, 0 for none.
+class Extracted(NamedTuple):
+    """The surfaces of all parts.
 
-    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again.
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        RAS+ mm; the sides of triangles are parts, 0 for none.
+    crossings : (n, 2) int64
+        Pairs of triangles that cross; none but where moving shapes did not help.
+    """
+
+    mesh: ComplexMesh
+    crossings: NDArray[np.int64]
+
+
+def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
+    """Return the surfaces of all parts.
+
+    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again; so are those
+    that coincide where a third surface meets them, since no order of their zeros is right there.
 
     Raises
     ------
     MeshError
-        If they still cross, as where two fields are 0 at the same places.
+        For surfaces that coincide even so.
     """
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
+    best: Extracted | None = None
     for share in MOVES:
         extraction = _Extraction(recipe.moved(share), budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
-            break
+            return Extracted(mesh, np.empty((0, 2), np.int64))
+        if not _fits(mesh, extraction.may_cross):
+            continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
-        found = yield from stages.run(looking, crossing)
-        if not len(found):
+        pairs = yield from stages.run(looking, crossing)
+        if best is None or len(pairs) < len(best.crossings):
+            best = Extracted(mesh, pairs)
+        if not len(pairs):
             break
-    else:
-        raise MeshError(f"parts cross at {len(found)} places, wherever shapes are moved; move a cut or drain by 0.1 mm")
-    return mesh
+    if best is None:
+        raise MeshError("surfaces of a solid coincide, and its parts would be open; move its cuts by 0.1 mm or so")
+    return best
+
+
+def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
+    """Return whether the triangles of rims leave no part open: along every edge a part's triangles run both ways."""
+    at_rims = np.zeros(len(mesh.vertices), bool)
+    at_rims[mesh.faces[of_rims]] = True
+    near = np.count_nonzero(at_rims[mesh.faces], axis=1) > 1
+    faces, sides = mesh.faces[near].astype(np.int64), mesh.sides[near].astype(np.int64)
+    start, end = faces.reshape(-1), np.roll(faces, -1, axis=1).reshape(-1)
+    up = np.where(start < end, 1, -1)
+    edges = np.minimum(start, end) * len(mesh.vertices) + np.maximum(start, end)
+    inner = at_rims[start] & at_rims[end]
+    for part in np.unique(sides[sides > 0]).tolist():
+        own = (sides[:, 0] == part).astype(np.int64) - (sides[:, 1] == part)
+        turned = own.repeat(3) * up
+        mine = np.flatnonzero(inner & (turned != 0))
+        _, group = np.unique(edges[mine], return_inverse=True)
+        if np.bincount(group.reshape(-1), turned[mine]).any():
+            return False
+    return True
 
 
 class _Extraction:
@@ -326,10 +370,9 @@ class _Extraction:
     def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
         """Place the nodes of rims; those on segments between cells' vertices lie straight between them."""
         first, nodes = len(self.keys), cut.nodes
-        lowest = self._index(nodes.lowest)
+        codes, lowest = nodes.codes, self._index(nodes.lowest)
         at = lowest.copy()
         sides = self._index(nodes.lowest + self.corners[7]) - lowest
-        codes = nodes.codes
         for corner in range(1, 4):
             for axis in range(3):
                 at[:, axis] += cut.weights[:, corner] * (codes[:, corner - 1] >> axis & 1) * sides[:, axis]

@@ -13,12 +13,8 @@ from typing import Protocol
 import numpy as np
 
 from ...arrays import Doubles
-from ...errors import SettingsError
 from ...mesh.vectors import dot
 from ..request import Point
-
-LEAST_APART_MM = 0.001  # Two planes that are parallel to SAME_DIRECTION are at least so far apart.
-SAME_DIRECTION = 1e-6
 
 Box = tuple[Doubles, Doubles]  # Lowest and highest corner, (3,) each.
 
@@ -54,17 +50,6 @@ class HalfSpace:
     def at(self, points: Doubles) -> Doubles:
         """Return the height of points above the plane."""
         return np.asarray(dot(points - np.array(self.point)[:, None], self.unit[:, None]))
-
-
-def require_apart(planes: Sequence[HalfSpace]) -> None:
-    """Raise a `SettingsError` if two planes are the same: no part lies between them."""
-    for number, plane in enumerate(planes):
-        for other in planes[:number]:
-            turned = plane.unit * (1.0 if float(dot(plane.unit, other.unit)) > 0 else -1.0) - other.unit
-            height = float(dot(np.subtract(plane.point, other.point), other.unit))
-            if np.abs(turned).max() < SAME_DIRECTION and abs(height) < LEAST_APART_MM:
-                at = " ".join(f"{each:g}" for each in plane.point)
-                raise SettingsError(f"two cuts are at the same plane, through {at}; leave one out, or move it by 1 mm")
 
 
 @dataclass(frozen=True)

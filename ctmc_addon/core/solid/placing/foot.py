@@ -4,7 +4,8 @@
 The shadow is the sum of squares whose column from the lowest point up to the foot's height meets the part. Squares at
 its outline are parted to `SIDE_MM` and cut where the greatest depth of their corners' columns, taken as linear between
 them, is 0: the outline is right to `SIDE_MM` squared over eight times its radius, and to half of `SIDE_MM` at sharp
-corners and rims. From there the distance is exact.
+corners, half of `STEP_MM` at sharp rims between the lowest point and the foot's height. From there the distance is
+exact.
 
 Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 """
@@ -27,13 +28,42 @@ from ..fields.shapes import Box
 from .cubes import lowest_steps
 
 SIDE_MM = 0.2  # Of the squares at the outline.
+STEP_MM = 0.4  # Of the samples in a column, at least.
 MOST_SQUARES = 60000  # Do not part more.
 FIRST_SQUARES = 16  # Along the longer side of the box.
 HALF_DIAGONAL = 0.7072
 POINTS_AT_ONCE = 1 << 18
-FAR_MM = 10.0  # Above and below the foot by this, the distance from its planes is enough.
+FAR_MM = 3.0  # Farther points outside count as this far away, which saves time.
+MOST_CELLS = 256  # Along the longer side of the table of distances from the shadow.
 CORNERS = np.array([[0, 0, 1, 1], [0, 1, 0, 1]])  # of a square, (2, 4)
 HALVES = np.array([[0, 2, 3], [0, 3, 1]])  # Its triangles, counter-clockwise.
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Distances from the shadow at the middles of square cells, which bound those of all points.
+
+    Parameters
+    ----------
+    low : (2,) float64
+        Where it begins.
+    side : float
+        Of a cell, mm.
+    distances : (x, y) float64
+    """
+
+    low: Doubles
+    side: float
+    distances: Doubles
+
+    def bounds(self, at: Doubles) -> tuple[Doubles, Doubles]:
+        """Return the least and the greatest distance that points (2, n) can have; beyond the table inf for both."""
+        cells = np.floor((at - self.low[:, None]) / self.side)
+        within = ((cells >= 0) & (cells < np.array(self.distances.shape)[:, None])).all(axis=0)
+        x, y = np.where(within, cells, 0).astype(np.intp)
+        here = np.where(within, self.distances[x, y], np.inf)
+        reach = HALF_DIAGONAL * self.side
+        return here - reach, here + reach
 
 
 @dataclass(frozen=True)
@@ -48,12 +78,15 @@ class Foot:
         From where to where it goes along z.
     grown : float
         By how much it is wider than the shadow, all around.
+    table : Table
+        Of distances from the shadow.
     """
 
     shadow: TriangleTree
     low: float
     high: float
     grown: float
+    table: Table
 
     @property
     def box(self) -> Box:
@@ -64,17 +97,21 @@ class Foot:
         return low, high
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance near the surface, and a lower bound of it far inside and beside edges."""
+        """Return the distance near the surface; a lower bound of it far inside, beside edges and far away."""
         out = np.minimum(points[2] - self.low, self.high - points[2])
         near = np.flatnonzero(out > -FAR_MM)
-        flat = np.zeros((3, len(near)))
-        flat[:2] = points[:2, near]
-        aside = np.empty(len(near))
-        for start in range(0, len(near), BLOCK):
+        least, greatest = self.table.bounds(points[:2, near])
+        # Where the shadow is surely near enough, the planes are nearer than the outline.
+        far = self.grown - least < -FAR_MM
+        out[near[far]] = -FAR_MM
+        asked = near[~far & (self.grown - greatest < out[near])]
+        flat = np.zeros((3, len(asked)))
+        flat[:2] = points[:2, asked]
+        for start in range(0, len(asked), BLOCK):
             block = np.ascontiguousarray(flat[:, start : start + BLOCK])
             squared, _ = self.shadow.nearest(block, np.full(block.shape[1], np.inf))
-            aside[start : start + BLOCK] = np.sqrt(squared)
-        out[near] = np.minimum(out[near], self.grown - aside)
+            numbers = asked[start : start + BLOCK]
+            out[numbers] = np.minimum(out[numbers], self.grown - np.sqrt(squared))
         return out
 
 
@@ -105,7 +142,18 @@ def foot_steps(depth: Depth, low: Doubles, high: Doubles, base: float) -> Steps[
         raise MeshError(f"the lowest {base:g} mm of a part are thinner than {SIDE_MM:g} mm; give a higher --base")
     tree = TriangleTree()
     yield from tree.prepare_steps(_flat_mesh(triangles))
-    return Foot(tree, lowest, lowest + base, base)
+    return Foot(tree, lowest, lowest + base, base, (yield from _table_steps(tree, base + FAR_MM)))
+
+
+def _table_steps(shadow: TriangleTree, beyond: float) -> Steps[Table]:
+    """Return a table of distances from the shadow up to `beyond` mm away."""
+    corners = shadow.corners[:, :2]
+    low, high = corners.min(axis=(0, 2)) - beyond, corners.max(axis=(0, 2)) + beyond
+    side = float((high - low).max()) / MOST_CELLS
+    counts = [math.ceil(span / side) for span in (high - low).tolist()]
+    at = low[:, None] + (np.stack([each.ravel() for each in np.indices(counts)]) + 0.5) * side
+    distances = yield from shadow.distances_steps(np.stack([*at, np.zeros(at.shape[1])], axis=1))
+    return Table(low, side, distances.reshape(counts))
 
 
 @dataclass(frozen=True)
@@ -138,10 +186,11 @@ def _shadow_steps(columns: _Columns, low: Doubles, high: Doubles) -> Steps[tuple
     at = np.stack([each.ravel() for each in np.indices(counts)])
     whole = []
     while True:
-        deepest = yield from columns.deepest_steps(origin + (at + 0.5) * side, side)
+        step = max(side, STEP_MM)
+        deepest = yield from columns.deepest_steps(origin + (at + 0.5) * side, step)
         reach = HALF_DIAGONAL * side
         whole.append(_triangles(origin, at[:, deepest > reach], side))
-        at = at[:, (deepest <= reach) & (deepest + side / 2 > -reach)]
+        at = at[:, (deepest <= reach) & (deepest + step / 2 > -reach)]
         if side <= SIDE_MM or at.shape[1] > MOST_SQUARES:
             break
         at, side = (2 * at[:, :, None] + CORNERS[:, None]).reshape(2, -1), side / 2
@@ -157,7 +206,7 @@ def _outline_steps(columns: _Columns, origin: Doubles, at: Indices, side: float)
     width = int(corners[1].max()) + 1
     flat, number = np.unique(corners[0] * width + corners[1], return_inverse=True)
     places = origin + np.stack(np.divmod(flat, width)) * side
-    deepest = yield from columns.deepest_steps(places, side / 2)
+    deepest = yield from columns.deepest_steps(places, STEP_MM)
     yield PAUSE
     numbers = number.reshape(-1, 4)[:, HALVES].reshape(-1, 3).T  # (3, triangles)
     return cut_triangles(places[:, numbers], deepest[numbers])

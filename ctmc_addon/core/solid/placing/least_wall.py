@@ -20,21 +20,23 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Doubles, Flags, Indices
+from ...arrays import Doubles, Flags
 from ...machine.parallel import worker_count
 from ...mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
 from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
 from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
+from ...mesh.topology import compacted
 from ...mesh.triangle_mesh import TriangleMesh
-from ...progress import Stages, Steps, equal_part
+from ...progress import PAUSE, Stages, Steps, equal_part
 from ..fields.shapes import Box
 from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
 from ..request import Point
+from .near_cells import NearCells, near_cells_steps
 
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
 SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
 EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius stands at a rim.
-FAR_MM = 5.0  # Farther points outside count as this far away, which saves time.
+FAR = 2.0  # Points more than this many spacings outside count as that far away.
 STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing their middle": 1}
 
 
@@ -48,10 +50,13 @@ class Thickening:
         Triangles, some of them points.
     radius : float
         Half of the least wall.
+    cells : NearCells
+        Cubes outside of which points count as one side of them away from the middle, which saves time.
     """
 
     middle: TriangleTree
     radius: float
+    cells: NearCells
 
     @property
     def box(self) -> Box:
@@ -60,13 +65,14 @@ class Thickening:
         return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
 
     def at(self, points: Doubles) -> Doubles:
-        """Return the distance to the surface, exact up to `FAR_MM` outside."""
-        farthest = self.radius + FAR_MM
-        out = np.empty(points.shape[1])
-        for start in range(0, points.shape[1], BLOCK):
-            block = np.ascontiguousarray(points[:, start : start + BLOCK])
-            squared, _ = self.middle.nearest(block, np.full(block.shape[1], farthest * farthest))
-            out[start : start + BLOCK] = self.radius - np.minimum(np.sqrt(squared), farthest)
+        """Return the distance to the surface, exact up to `FAR` spacings outside."""
+        farthest = self.cells.side
+        out = np.full(points.shape[1], self.radius - farthest)
+        near = self.cells.of(points)
+        for start in range(0, len(near), BLOCK):
+            numbers = near[start : start + BLOCK]
+            squared, _ = self.middle.nearest(points[:, numbers], np.full(len(numbers), farthest * farthest))
+            out[numbers] = self.radius - np.minimum(np.sqrt(squared), farthest)
         return out
 
 
@@ -121,11 +127,11 @@ def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: 
     if not thin.any():
         return nothing
     areas = np.cumsum(np.stack([samples.areas, np.where(thin, samples.areas, 0.0)]), axis=1)[:, -1].tolist()
-    tree = TriangleTree()
-    yield from stages.run(preparing, tree.prepare_steps(_middle(mesh, thin, centers)))
-    order = np.argsort(np.where(thin, diameters, np.inf), kind="stable")[: int(thin.sum())]
-    enough = np.searchsorted(np.cumsum(samples.areas[order]), min(LEAST_MM2, LEAST_SHARE * areas[0]))
-    at = int(order[min(int(enough), len(order) - 1)])
+    shape = yield from stages.run(preparing, _shape_steps(mesh, thin, centers, least / 2, FAR * spacing))
+    thinnest_first = np.flatnonzero(thin)[np.argsort(diameters[thin], kind="stable")]
+    yield PAUSE
+    enough = np.searchsorted(np.cumsum(samples.areas[thinnest_first]), min(LEAST_MM2, LEAST_SHARE * areas[0]))
+    at = int(thinnest_first[min(int(enough), len(thinnest_first) - 1)])
     x, y, z = centers[at].tolist()
     thinnest = float(diameters[at])
     share = areas[1] / areas[0] if areas[0] else 0.0
@@ -133,7 +139,15 @@ def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: 
         f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.2f} mm at "
         f"{x:.1f} {y:.1f} {z:.1f}; they are thickened, by up to {least - thinnest:.2f} mm."
     )
-    return ThinWalls(Thickening(tree, least / 2), share, thinnest, (x, y, z), (note,))
+    return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
+
+
+def _shape_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles, radius: float, far: float) -> Steps[Thickening]:
+    """Return what thickens thin walls."""
+    middle = yield from _middle_steps(mesh, thin, centers)
+    tree = TriangleTree()
+    yield from tree.prepare_steps(middle)
+    return Thickening(tree, radius, (yield from near_cells_steps(tree, radius + far)))
 
 
 def _balls_steps(
@@ -169,17 +183,18 @@ def _balls_steps(
     return diameters, centers
 
 
-def _middle(mesh: TriangleMesh, thin: Flags, centers: Doubles) -> TriangleMesh:
+def _middle_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles) -> Steps[TriangleMesh]:
     """Return the middle of thin walls as triangles, some of which are points."""
     faces = mesh.faces[thin[mesh.faces].all(axis=1)]
-    alone: Indices = np.flatnonzero(thin)
+    yield PAUSE
     covered = np.zeros(len(thin), np.bool_)
     covered[faces] = True
-    alone = alone[~covered[alone]]
-    points = np.repeat(alone[:, None], 3, axis=1)
-    numbers = np.concatenate([faces, points]).astype(np.int32)
-    used, place = np.unique(numbers, return_inverse=True)
-    return TriangleMesh(centers[used].astype(np.float32), place.reshape(-1, 3).astype(np.int32))
+    yield PAUSE
+    alone = np.flatnonzero(thin & ~covered).astype(np.int32)
+    numbers = np.concatenate([faces, np.repeat(alone[:, None], 3, axis=1)])
+    used, renumbered = compacted(numbers, len(thin))
+    yield PAUSE
+    return TriangleMesh(centers[used].astype(np.float32), renumbered)
 
 
 def _percent(share: float) -> str:

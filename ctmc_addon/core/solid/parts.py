@@ -1,0 +1,255 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Parts of structures that are made together, or of one: thicken, hollow, drain, cut, least wall, base.
+
+Structures are thickened first if they are hollow, so that walls are measured from the new surface. All else is one
+extraction from all fields at once; thin walls and feet are found on extractions without them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import product
+
+import numpy as np
+
+from ..arrays import Doubles
+from ..errors import MeshError, SettingsError
+from ..machine.budget import Budget
+from ..mesh.distance.signed_distance import SignedSurface
+from ..mesh.labels.label_complex import ComplexMesh
+from ..progress import Stages, Steps
+from ..reconstruction import Reconstruction, Stage
+from .body import Body, OnEdges, edges_of
+from .cells.extract import Recipe, extract_parts_steps
+from .fields.depth import Depth, depth_below
+from .fields.lattice_fields import Field, HeldField, ShapeField
+from .fields.shapes import Box, HalfSpace, Shape, Union
+from .finish import finished_parts_steps, part_names
+from .placing.foot import foot_steps
+from .placing.least_wall import thin_walls_steps
+from .placing.pegs import heights_of, placed_pegs_steps
+from .request import Pegs, SolidRequest
+from .rule import PartRule
+from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
+
+MAKING = "Making the solid"
+"""The stage in which a solid is made of surfaces."""
+
+
+class PartsMaking:
+    """Make the parts of structures that share walls, or of one."""
+
+    def __init__(self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> None:
+        self.structures, self.solid, self.budget = list(structures), solid, budget
+        shaped = self.structures[0].is_shaped
+        self.thicken, self.hollow = (0.0, 0.0) if shaped else (solid.thicken, solid.hollow)
+        self.planes = [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
+        self.walls: dict[int, Shape] = {}
+        self.pegs: list[tuple[Shape, Shape] | None] = []
+        self.feet: dict[int, Shape] = {}
+
+    def parts_steps(self) -> Steps[list[Reconstruction]]:
+        """Return the parts, one structure after the other."""
+        stages = Stages({MAKING: 3, "": 1})
+        mesh = yield from stages.run(MAKING, self._mesh_steps())
+        stage = Stage(MAKING, stages.seconds[MAKING])
+        for structure in self.structures:
+            structure.result = replace(structure.result, stages=(*structure.result.stages, stage))
+        return (yield from stages.run("", self._finished_steps(mesh)))
+
+    def _mesh_steps(self) -> Steps[ComplexMesh]:
+        """Return the surfaces of all parts."""
+        solid = self.solid
+        self.lattice = lattice_of(self.structures, solid)
+        self.bodies: list[Body] = []
+        for structure in self.structures:
+            self.bodies.append((yield from body_steps(structure.mesh, self.lattice, self.budget)))
+        if self.thicken and self.hollow:
+            yield from self._thicken_steps()
+        if not self.structures[0].is_shaped:
+            for structure, body in zip(self.structures, self.bodies, strict=True):
+                yield from drain_steps(structure, body, self.hollow, self.thicken)
+        if solid.least_wall:
+            yield from self._walls_steps()
+        if solid.pegs is not None:
+            yield from self._pegs_steps(solid.pegs)
+        if solid.base:
+            yield from self._feet_steps()
+        return (yield from self._extracted_steps(drains=True, cuts=True))
+
+    def _thicken_steps(self) -> Steps[None]:
+        """Thicken the structures, so that distances are measured from their new surfaces."""
+        hollow, self.hollow = self.hollow, 0.0
+        mesh = yield from self._extracted_steps()
+        bodies = []
+        for number, structure in enumerate(self.structures):
+            own = mesh.of_label(1 + number)
+            if not len(own.faces):
+                raise MeshError(f"nothing is left of {structure.name} after --thicken; give a smaller distance")
+            bodies.append((yield from body_steps(own, self.lattice, self.budget)))
+        self.bodies, self.thicken, self.hollow = bodies, 0.0, hollow
+
+    def _extracted_steps(self, drains: bool = False, cuts: bool = False) -> Steps[ComplexMesh]:
+        """Extract all parts, numbered from 1 on: structure by structure, by which cuts they are below as bits."""
+        fields, edges = yield from self._structures_steps()
+        rule = PartRule(len(self.bodies))
+
+        def added(shape: Shape) -> int:
+            fields.append(ShapeField(shape, self.lattice))
+            return len(fields) - 1
+
+        if self.hollow:
+            for body, structure in zip(self.bodies, self.structures, strict=True):
+                rule.hollows.append(len(fields))
+                fields.append((yield from hollow_steps(structure, body, self.hollow, self.thicken)))
+        rule.added = {number: added(shape) for number, shape in sorted(self.walls.items())}
+        holes = [hole for structure in self.structures for hole in structure.holes]
+        if drains and holes:
+            rule.drains = added(Union(holes))
+        if cuts:
+            rule.cuts = [added(plane) for plane in self.planes]
+            for both in self.pegs:
+                if both is None:  # Nothing is above 0 in a point far away.
+                    both = (_NOTHING, _NOTHING)
+                peg = added(both[0])
+                rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
+            rule.feet = {part: added(shape) for part, shape in sorted(self.feet.items())}
+        recipe = Recipe(self.lattice, fields, rule, edges)
+        mesh, self.crossings = yield from extract_parts_steps(recipe, self.budget)
+        return mesh
+
+    def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
+        """Return the fields that tell the structures from what is around and from each other."""
+        known = None if self.thicken else edges_of(self.bodies)
+        on_edges = {} if known is None else dict.fromkeys(range(len(self.bodies)), known)
+        if len(self.bodies) == 1:
+            only = yield from self.bodies[0].field_steps(-self.thicken)
+            return [only], on_edges
+        samples = self.lattice.shape[0] * self.lattice.shape[1] * self.lattice.shape[2]
+        needed = 4 * samples * (3 * len(self.bodies) + 1)
+        self.budget.require(needed, f"the fields of {len(self.bodies)} structures", "make fewer at once, or a region")
+        distances = []
+        for body in self.bodies:
+            distances.append((yield from body.distances_steps(-self.thicken)))
+        whole = distances[0].copy()
+        for each in distances[1:]:
+            np.maximum(whole, each, out=whole)
+        fields: list[Field] = [HeldField(self.lattice, whole + np.float32(self.thicken))]
+        for number, own in enumerate(distances[:-1]):
+            others = distances[number + 1].copy()
+            for each in distances[number + 2 :]:
+                np.maximum(others, each, out=others)
+            fields.append(HeldField(self.lattice, own - others))
+        return fields, on_edges
+
+    def _walls_steps(self) -> Steps[None]:
+        """Find what thickens thin walls; the notes say where and by how much."""
+        mesh = yield from self._extracted_steps()
+        for number, structure in enumerate(self.structures):
+            own = mesh.of_label(1 + number)
+            spacing = sum(self.lattice.sides_mm) / 3
+            found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
+            structure.notes += found.notes
+            if found.shape is not None:
+                self.walls[number] = found.shape
+
+    def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
+        """Place the pegs of every cut, between each two sides of the others."""
+        depths: list[Depth] = []
+        mesh = (yield from self._extracted_steps()) if self.hollow else None
+        for number, body in enumerate(self.bodies):
+            if mesh is None:
+                signed = yield from body.signed_steps()
+                depths.append(depth_below(signed, self.thicken, threads=self.budget.threads))
+            else:
+                signed = SignedSurface()
+                yield from signed.prepare_steps(mesh.of_label(1 + number))
+                depths.append(depth_below(signed, threads=self.budget.threads))
+        avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
+        for number, cut in enumerate(self.solid.cuts):
+            bars: list[Shape] = []
+            holes: list[Shape] = []
+            refused: list[SettingsError] = []
+            others = self.planes[:number] + self.planes[number + 1 :]
+            for depth, body, structure in zip(depths, self.bodies, self.structures, strict=True):
+                low, high = heights_of(cut, body.mesh.vertices, self.thicken)
+                if not low < 0 < high:
+                    continue
+                for signs in product((1.0, -1.0), repeat=len(others)):
+                    sides = list(zip(others, signs, strict=True))
+                    try:
+                        own, around = _within(depth, sides), body.mesh.vertices
+                        placing = placed_pegs_steps(cut, pegs, own, others, around, max(0.0, self.thicken), avoid=avoid)
+                        placed = yield from placing
+                    except SettingsError as error:
+                        refused.append(error)
+                        continue
+                    structure.notes += placed.notes
+                    bars.append(placed.pegs)
+                    holes.append(placed.holes)
+            if refused and not bars:
+                raise refused[0]
+            if refused:
+                where = " ".join(f"{at:g}" for at in cut.point)
+                self.structures[0].notes.append(f"Some joints at the cut at {where} have no peg.")
+            avoid += holes
+            if not bars:
+                self.pegs.append(None)
+                continue
+            union = Union(bars)
+            # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
+            self.pegs.append((union, Union(holes) if pegs.clearance else union))
+
+    def _feet_steps(self) -> Steps[None]:
+        """Make a foot for every part, as it stands without pegs."""
+        pegs, self.pegs = self.pegs, []
+        mesh = yield from self._extracted_steps(drains=True, cuts=True)
+        for part in mesh.labels:
+            own = Body(mesh.of_label(part), self.lattice, self.budget)
+            signed = yield from own.signed_steps()
+            vertices = own.mesh.vertices.astype(np.float64)
+            depth = depth_below(signed, threads=self.budget.threads)
+            foot = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
+            self.feet[part] = foot
+        self.pegs = pegs
+
+    def _finished_steps(self, mesh: ComplexMesh) -> Steps[list[Reconstruction]]:
+        """Simplify all parts together, and describe them."""
+        each = 1 << len(self.planes)
+        owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
+        names: dict[int, str] = {}
+        for structure in self.structures:
+            names |= part_names(structure.name, [part for part, owner in owners.items() if owner is structure])
+            if structure not in owners.values():
+                raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
+        described = {
+            part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
+            for part, owner in owners.items()
+        }
+        return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
+
+
+class _Nothing:
+    """A shape without a point."""
+
+    box: Box | None = (np.full(3, 1e9), np.full(3, 1e9))
+
+    def at(self, points: Doubles) -> Doubles:
+        """Return that all points are outside."""
+        return np.full(points.shape[1], -1.0)
+
+
+_NOTHING = _Nothing()
+
+
+def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
+    """Return the depth within some sides of planes."""
+
+    def depth_steps(points: Doubles) -> Steps[Doubles]:
+        room = yield from depth(points)
+        for plane, sign in sides:
+            room = np.minimum(room, sign * plane.at(points))
+        return room
+
+    return depth_steps if sides else depth

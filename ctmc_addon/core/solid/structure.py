@@ -1,0 +1,182 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""A structure that parts are made of, and the lattice around several."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from ..errors import MeshError, SettingsError
+from ..machine.budget import Budget
+from ..mesh.distance.signed_distance import SignedSurface
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import Steps
+from ..reconstruction import Reconstruction
+from ..surfaces.request import scope_of
+from ..volume.affine import to_index
+from ..volume.volume import Volume
+from .body import Body
+from .cells.extract import Recipe, extract_parts_steps
+from .fields.depth import depth_below
+from .fields.lattice import Lattice, lattice_around
+from .fields.lattice_fields import Field
+from .fields.shapes import Shape
+from .placing.cubes import deepest_steps
+from .placing.drains import drains_steps
+from .placing.pegs import heights_of, require_met, require_wall
+from .request import Drain, SolidRequest
+from .rule import PartRule
+
+FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
+PER_HOLE = 4  # Steps across a drain or a peg, at least.
+BLOCK = 1 << 18
+
+
+@dataclass(eq=False)
+class Structure:
+    """A structure that parts are made of.
+
+    Parameters
+    ----------
+    name : str
+    result : Reconstruction
+        Its closed surface with all triangles; settings are those of the parts.
+    volume : Volume
+    notes : list of str
+        On its parts.
+    drains : tuple of Drain
+        Those that open it.
+    holes : list of Shape
+        Drains that are placed.
+    is_shaped : bool
+        Whether its surface is thickened and hollow already.
+    """
+
+    name: str
+    result: Reconstruction
+    volume: Volume
+    notes: list[str] = field(default_factory=list)
+    drains: tuple[Drain, ...] = ()
+    holes: list[Shape] = field(default_factory=list)
+    is_shaped: bool = False
+
+    @property
+    def mesh(self) -> TriangleMesh:
+        """Its surface."""
+        return self.result.mesh
+
+    def note_cap(self) -> None:
+        """Add a note if the surface was open, and is now closed at the border."""
+        result, volume = self.result, self.volume
+        if result.settings.close_border:
+            return
+        scope = scope_of(volume, replace(result.settings, close_border=True))
+        for start in range(0, len(self.mesh.vertices), BLOCK):
+            index = to_index(volume.affine, self.mesh.vertices[start : start + BLOCK].astype(np.float64))
+            for axis, (low, high) in enumerate(scope.region):
+                if (index[:, axis] < low - 1e-3).any() or (index[:, axis] > high - 1 + 1e-3).any():
+                    where = "volume" if result.settings.region is None else "region"
+                    self.notes.append(f"The surface is closed at the border of the {where}, as a solid needs that.")
+                    return
+
+
+def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
+    """Raise the error of pegs that no wall holds, or of a cut that meets no structure; note it on those it misses."""
+    if solid.pegs is not None and solid.hollow and not solid.least_wall:
+        require_wall(solid.pegs, solid.hollow)
+    for cut in solid.cuts:
+        beyond = 0.0 if any(each.is_shaped for each in structures) else solid.thicken
+        missed = []
+        for structure in structures:
+            low, high = heights_of(cut, structure.mesh.vertices, beyond)
+            if not low < 0 < high:
+                missed.append(structure)
+        if len(missed) == len(structures):
+            require_met(cut, structures[0].mesh.vertices, beyond)
+        for structure in missed:
+            structure.notes.append(f"The cut at {' '.join(f'{at:g}' for at in cut.point)} misses {structure.name}.")
+
+
+def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> Steps[None]:
+    """Give every drain with a point to the structure that holds it, and those without to all."""
+    if len(structures) == 1:
+        structures[0].drains = solid.drains
+        return
+    given = [drain for drain in solid.drains if drain.point is not None]
+    nearest = dict.fromkeys(range(len(given)), (np.inf, structures[0]))
+    for structure in structures if given else ():
+        signed = SignedSurface()
+        yield from signed.prepare_steps(structure.mesh)
+        distances, _ = yield from signed.distances_steps(np.array([drain.point for drain in given], np.float64))
+        for at, distance in enumerate(distances.tolist()):
+            if distance < nearest[at][0]:
+                nearest[at] = distance, structure
+    for structure in structures:
+        own = [drain for at, drain in enumerate(given) if nearest[at][1] is structure]
+        structure.drains = (*own, *(drain for drain in solid.drains if drain.point is None))
+
+
+def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
+    """Return a lattice around structures that is fine enough for what is done to them."""
+    first = structures[0]
+    settings, volume = first.result.settings, first.volume
+    scope = scope_of(volume, replace(settings, close_border=True))
+    steps = max(structure.result.slice_steps for structure in structures)
+    margin = max(solid.thicken, 0.0) + solid.base + solid.least_wall
+    sides = [
+        spacing * stride / (steps if axis == 2 else 1)
+        for axis, (spacing, stride) in enumerate(zip(volume.spacing, settings.stride, strict=True))
+    ]
+    widths = [drain.diameter / PER_HOLE for drain in solid.drains]
+    if solid.pegs is not None:
+        widths.append(solid.pegs.diameter / PER_HOLE)
+    if solid.hollow:
+        widths.append(solid.hollow)
+    longest = min([FLATTEST * min(sides), *widths])
+    points = np.concatenate([structure.mesh.vertices for structure in structures])
+    return lattice_around(volume, settings.stride, steps, scope.region, points, margin, longest)
+
+
+def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Body]:
+    """Return a mesh on a lattice, ready."""
+    body = Body(mesh, lattice, budget)
+    yield from body.prepare_steps()
+    return body
+
+
+def extracted_steps(fields: Sequence[Field], rule: PartRule, body: Body, name: str, flag: str) -> Steps[Body]:
+    """Extract a body that fields say, on the same lattice; distances are measured from it then."""
+    on_edges = {0: body.on_edges} if body.on_edges is not None and flag == "--hollow" else {}
+    extracted = yield from extract_parts_steps(Recipe(body.lattice, fields, rule, on_edges), body.budget)
+    mesh = extracted.mesh.of_label(1)
+    if not len(mesh.faces):
+        raise MeshError(f"nothing is left of {name} after {flag}; give a smaller distance")
+    return (yield from body_steps(mesh, body.lattice, body.budget))
+
+
+def hollow_steps(structure: Structure, body: Body, wall: float, thicken: float) -> Steps[Field]:
+    """Return the field of a structure's hollow."""
+    hollow = yield from body.field_steps(wall - thicken)
+    if any(hollow.above(layer, layer + 1).any() for layer in range(body.lattice.shape[0])):
+        return hollow
+    signed = yield from body.signed_steps()
+    low, high = (np.asarray(each, np.float64) for each in (body.mesh.vertices.min(0), body.mesh.vertices.max(0)))
+    _, deepest = yield from deepest_steps(depth_below(signed, thicken), low, high)
+    thinner = float(f"{deepest / 2.1:.2g}")
+    raise SettingsError(
+        f"a wall of {wall:g} mm leaves no hollow in {structure.name}, which is {deepest:.3g} mm deep at most; "
+        f"give a thinner wall, such as --hollow {thinner:g}"
+    )
+
+
+def drain_steps(structure: Structure, body: Body, wall: float, thicken: float) -> Steps[None]:
+    """Place the drains of a structure."""
+    if not structure.drains:
+        return
+    signed = yield from body.signed_steps()
+    below = depth_below(signed, thicken, 0.0, body.budget.threads)
+    placed = yield from drains_steps(structure.drains, signed, below, wall, thicken)
+    structure.notes += placed.notes
+    structure.holes += placed.bars
