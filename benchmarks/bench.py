@@ -35,6 +35,7 @@ PARTS = {  # Module and subject by name.
     "many_labels": "104 labels at once against the largest alone; a patient's organs with shared walls",
     "painting": "values of another volume at 1M vertices",
     "thickness": "thickness of walls against trimesh and libigl",
+    "solids": "organs cut and hollow against Blender's Boolean and Solidify, and manifold3d",
     "reading": "DICOM folders against SimpleITK",
     "livers": "the start of ctmc; livers from labels to STL against 3D Slicer's recipe, whole processes",
     "processes": "bone from a file to an STL file against 3D Slicer's recipe in VTK, whole processes",

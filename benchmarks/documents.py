@@ -22,6 +22,7 @@ WITH_ROWS = (
     "small_components",
     "bounds",
     "thickness",
+    "solids",
     "reading",
     "livers",
     "processes",

@@ -19,7 +19,7 @@ from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 
 PACKAGES = (
     *("numpy", "vtk", "scikit-image", "PyMCubes", "fast-simplification", "pyfqmr", "meshoptimizer", "SimpleITK"),
-    *("libigl", "trimesh"),
+    *("libigl", "trimesh", "manifold3d"),
 )
 
 

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from ctmc_addon.core import SettingsError, finish
+from ctmc_addon.core import ReconstructionSettings, SettingsError, Volume, finish
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
-from ctmc_addon.core.solid import Cut, HalfSpace, Pegs
+from ctmc_addon.core.solid import Cut, HalfSpace, Pegs, SolidRequest, solid_parts
 from ctmc_addon.core.solid.fields.depth import depth_below
 from ctmc_addon.core.solid.placing.pegs import placed_pegs_steps, require_met, require_wall
 
@@ -209,3 +209,11 @@ def test_pegs_that_no_wall_of_a_hollow_holds_are_refused_before_work(wall, remed
         require_wall(Pegs(2, 5.0, 5.0, 0.2), wall)
     require_wall(Pegs(2, 5.0, 5.0, 0.2), 7.4)
     require_wall(Pegs(2, 3.1, 5.0, 0.2), 5.5)
+
+
+def test_a_hollow_with_pegs_that_its_wall_does_not_hold_says_so():
+    cut = Cut((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+    solid = SolidRequest(hollow=2.0, cuts=(cut,), pegs=Pegs(2))
+    values = np.pad(np.ones((20, 20, 20), np.uint8), 2)
+    with pytest.raises(SettingsError, match=r"need a wall of 7\.4 mm, and the hollow leaves 2 mm"):
+        solid_parts(Volume(values, np.eye(4)), ReconstructionSettings(threshold=0.5), solid)
