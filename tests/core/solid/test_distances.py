@@ -16,6 +16,8 @@ from ctmc_addon.core.solid.fields.lattice_edges import edge_vertices_steps, insi
 from ctmc_addon.core.solid.fields.nearby import nearby_steps, packed, unpacked
 from ctmc_addon.core.volume.affine import to_index
 
+pytestmark = pytest.mark.once
+
 THRESHOLD = 0.0
 TURNED = np.array([[0.8, -0.6, 0.0], [0.6, 0.8, 0.0], [0.0, 0.0, 1.0]])
 TILTED = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.3], [0.0, 0.0, 1.0]])  # by the gantry

@@ -15,6 +15,8 @@ from ctmc_addon.core.solid.placing.cubes import deepest_steps
 from ctmc_addon.core.solid.placing.drains import auto_diameter, drains_steps
 from ctmc_addon.core.solid.placing.hollows import cavities_steps
 
+pytestmark = pytest.mark.once
+
 BALL = icosphere(5, 20.0, (3.0, -2.0, 7.0))
 CENTER = np.array([3.0, -2.0, 7.0])
 UP = np.array([0.0, 0.0, 1.0])

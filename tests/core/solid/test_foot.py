@@ -9,6 +9,8 @@ from ctmc_addon.core.solid import HalfSpace
 from ctmc_addon.core.solid.placing.cubes import lowest_steps
 from ctmc_addon.core.solid.placing.foot import foot_steps
 
+pytestmark = pytest.mark.once
+
 LOW, HIGH = np.array([-30.0, -31, -29]), np.array([33.0, 30, 30])
 
 

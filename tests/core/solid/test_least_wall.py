@@ -10,6 +10,8 @@ from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.solid.placing.least_wall import thin_walls_steps
 from ctmc_addon.core.solid.placing.near_cells import near_cells_steps
 
+pytestmark = pytest.mark.once
+
 UNIT = np.array([1.0, 2.0, 3.0]) / np.sqrt(14.0)
 POSES = pytest.mark.parametrize("degrees", [0.0, 33.0, 70.0])
 

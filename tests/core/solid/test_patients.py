@@ -13,6 +13,8 @@ from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.solid import Cut, Pegs, SolidRequest, solid_parts
 from ctmc_addon.readers import read_volume
 
+pytestmark = pytest.mark.once
+
 ORGANS = {  # Label, wall, and stride.
     "liver": (5, 2.0, (3, 3, 3)),
     "vertebra": (29, 2.0, (1, 1, 1)),

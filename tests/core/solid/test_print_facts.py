@@ -21,6 +21,8 @@ from ctmc_addon.core.solid import (
     walls_steps,
 )
 
+pytestmark = pytest.mark.once
+
 ONE_CUT = Cut((0, 0, 0), (0, 0, 1))
 
 
