@@ -16,7 +16,6 @@ import numpy as np
 from ..arrays import Doubles
 from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
-from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.labels.label_complex import ComplexMesh
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
@@ -28,7 +27,7 @@ from .fields.shapes import Box, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import heights_of, placed_pegs_steps
+from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
@@ -47,6 +46,7 @@ class PartsMaking:
         self.planes = [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
         self.walls: dict[int, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
+        self.bosses: list[Shape] = []
         self.feet: dict[int, Shape] = {}
 
     def parts_steps(self) -> Steps[list[Reconstruction]]:
@@ -114,6 +114,8 @@ class PartsMaking:
                     both = (_NOTHING, _NOTHING)
                 peg = added(both[0])
                 rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
+            if self.bosses:
+                rule.bosses = added(Union(self.bosses))
             rule.feet = {part: added(shape) for part, shape in sorted(self.feet.items())}
         recipe = Recipe(self.lattice, fields, rule, edges)
         mesh, self.crossings = yield from extract_parts_steps(recipe, self.budget)
@@ -156,23 +158,19 @@ class PartsMaking:
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
         """Place the pegs of every cut, between each two sides of the others."""
-        depths: list[Depth] = []
-        mesh = (yield from self._extracted_steps()) if self.hollow else None
-        for number, body in enumerate(self.bodies):
-            if mesh is None:
-                signed = yield from body.signed_steps()
-                depths.append(depth_below(signed, self.thicken, threads=self.budget.threads))
-            else:
-                signed = SignedSurface()
-                yield from signed.prepare_steps(mesh.of_label(1 + number))
-                depths.append(depth_below(signed, threads=self.budget.threads))
+        surfaces = []
+        for body in self.bodies:
+            surfaces.append((yield from body.signed_steps()))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
             bars: list[Shape] = []
             holes: list[Shape] = []
             refused: list[SettingsError] = []
             others = self.planes[:number] + self.planes[number + 1 :]
-            for depth, body, structure in zip(depths, self.bodies, self.structures, strict=True):
+            for surface, body, structure in zip(surfaces, self.bodies, self.structures, strict=True):
+                depth = depth_below(surface, self.thicken, threads=self.budget.threads)
+                if self.hollow:
+                    depth = beside_wall(depth, pegs)
                 low, high = heights_of(cut, body.mesh.vertices, self.thicken)
                 if not low < 0 < high:
                     continue
@@ -186,6 +184,8 @@ class PartsMaking:
                         refused.append(error)
                         continue
                     structure.notes += placed.notes
+                    if self.hollow:
+                        self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surface)))
                     bars.append(placed.pegs)
                     holes.append(placed.holes)
             if refused and not bars:

@@ -30,6 +30,8 @@ class PartRule:
         Above 0 on the side of part a.
     pegs : list of (int, int)
         Pegs of every cut, and their holes; the same field where there is no clearance.
+    bosses : int or None
+        Above 0 in what is not hollow, around pegs.
     feet : dict of int to int
         Above 0 in the foot of a part, by its number.
     """
@@ -40,6 +42,7 @@ class PartRule:
     drains: int | None = None
     cuts: list[int] = field(default_factory=list)
     pegs: list[tuple[int, int]] = field(default_factory=list)
+    bosses: int | None = None
     feet: dict[int, int] = field(default_factory=dict)
 
     @property
@@ -56,8 +59,11 @@ class PartRule:
             own = rest & above[1 + number] if number + 1 < self.structures else rest
             rest = rest & ~own
             if self.hollows:
-                is_hollow |= own & above[self.hollows[number]]
-                own = own & ~above[self.hollows[number]]
+                hollow = own & above[self.hollows[number]]
+                if self.bosses is not None:
+                    hollow &= ~above[self.bosses]
+                is_hollow |= hollow
+                own = own & ~hollow
             owner[own] = number + 1
         for number, shape in self.added.items():
             owner[(owner == 0) & above[shape]] = number + 1

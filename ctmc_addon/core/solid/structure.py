@@ -25,7 +25,7 @@ from .fields.lattice_fields import Field
 from .fields.shapes import Shape
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
-from .placing.pegs import heights_of, require_met, require_wall
+from .placing.pegs import heights_of, require_met
 from .request import Drain, SolidRequest
 from .rule import PartRule
 
@@ -83,9 +83,7 @@ class Structure:
 
 
 def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
-    """Raise the error of pegs that no wall holds, or of a cut that meets no structure; note it on those it misses."""
-    if solid.pegs is not None and solid.hollow and not solid.least_wall:
-        require_wall(solid.pegs, solid.hollow)
+    """Raise the error of a cut that meets no structure; note it on those that it misses."""
     for cut in solid.cuts:
         beyond = 0.0 if any(each.is_shaped for each in structures) else solid.thicken
         missed = []

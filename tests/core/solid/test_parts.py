@@ -5,6 +5,8 @@ Marching Cubes makes a ball of a radius of 10 voxels 0.6 % too small, so volumes
 where that matters.
 """
 
+import math
+
 import numpy as np
 import pytest
 from shapes import distance_mm
@@ -312,3 +314,13 @@ def test_what_cannot_be_made_is_refused_with_a_remedy_that_works():
     assert "a drain at 0 0 0 lies 10.6 mm outside the surface" in text
     point = tuple(map(float, text.rsplit("such as ", 1)[1].split()))
     assert made(hollow=2.0, drains=[Drain(3, point)])["ball"].euler == 2
+
+
+def test_pegs_in_a_thin_hollow_stand_on_the_wall():
+    whole = made(hollow=1.0, cuts=[OBLIQUE_CUT])
+    parts = made(hollow=1.0, cuts=[OBLIQUE_CUT], pegs=Pegs(2, 3.0, 4.0, 0.2))
+    for name, mesh in parts.items():
+        assert mesh.closed
+        assert mesh.components == 1, name
+        assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
+        assert mesh.volume > whole[name].volume + 2 * math.pi * 2.7 * 2.7  # Material is around every peg and hole.

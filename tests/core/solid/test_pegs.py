@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from meshes import icosphere
 
-from ctmc_addon.core import ReconstructionSettings, SettingsError, Volume, finish
+from ctmc_addon.core import SettingsError, finish
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
-from ctmc_addon.core.solid import Cut, HalfSpace, Pegs, SolidRequest, solid_parts
+from ctmc_addon.core.solid import Cut, HalfSpace, Pegs
 from ctmc_addon.core.solid.fields.depth import depth_below
-from ctmc_addon.core.solid.placing.pegs import placed_pegs_steps, require_met, require_wall
+from ctmc_addon.core.solid.placing.pegs import placed_pegs_steps, require_met
 
 AXES = pytest.mark.parametrize("axis", [(0, 0, 1), (1, 2, -3), (-5, 1, 0)])
 CORNERS = np.array([[x, y, z] for x in (-40, 40) for y in (-40, 40) for z in (-40, 40)], float)
@@ -199,21 +199,3 @@ def test_the_same_places_come_out_again():
     first, second = (place(cylinder((1, 2, 3)), (1, 2, 3), count=5).places for _ in range(2))
     assert (first == second).all()
     assert all(a.tolist() != b.tolist() for a, b in pairwise(first))
-
-
-@pytest.mark.parametrize(
-    ("wall", "remedy"), [(2.0, "--hollow 7.4 or more, or leave"), (5.5, "--hollow 7.4 or more, pegs of 3.1 mm, or")]
-)
-def test_pegs_that_no_wall_of_a_hollow_holds_are_refused_before_work(wall, remedy):
-    with pytest.raises(SettingsError, match=re.escape(remedy)):
-        require_wall(Pegs(2, 5.0, 5.0, 0.2), wall)
-    require_wall(Pegs(2, 5.0, 5.0, 0.2), 7.4)
-    require_wall(Pegs(2, 3.1, 5.0, 0.2), 5.5)
-
-
-def test_a_hollow_with_pegs_that_its_wall_does_not_hold_says_so():
-    cut = Cut((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
-    solid = SolidRequest(hollow=2.0, cuts=(cut,), pegs=Pegs(2))
-    values = np.pad(np.ones((20, 20, 20), np.uint8), 2)
-    with pytest.raises(SettingsError, match=r"need a wall of 7\.4 mm, and the hollow leaves 2 mm"):
-        solid_parts(Volume(values, np.eye(4)), ReconstructionSettings(threshold=0.5), solid)

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Doubles
 from ...errors import SettingsError
+from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import PAUSE, Steps
 from ..fields.depth import Depth
@@ -40,6 +41,7 @@ SAMPLES = 4  # In the needed room, along an axis.
 HALF_DIAGONAL = 0.7072
 FARTHEST_ROUNDS = 4  # Move each of a few pegs this often to where it is farthest from the others.
 FEW = 8
+REACH = 3.0  # Pegs in a hollow are no farther from the surface, in rooms that they need and one more.
 LEAST_DIAMETER = 10  # Tenths of a mm; smaller pegs break.
 
 
@@ -57,12 +59,15 @@ class PlacedPegs:
         Where the axes meet the plane, RAS+ mm.
     notes : tuple of str
         Sentences for the user.
+    bars : tuple of Bar
+        Those of the pegs.
     """
 
     pegs: Shape
     holes: Shape
     places: Doubles
     notes: tuple[str, ...] = ()
+    bars: tuple[Bar, ...] = ()
 
 
 def placed_pegs_steps(
@@ -123,7 +128,7 @@ def placed_pegs_steps(
     holes = [replace(bar, radius=bar.radius + pegs.clearance) for bar in bars]
     note = f"{len(chosen)} of {pegs.count} pegs fit on the cut at {_numbers(cut.point)}; of thinner ones more may fit"
     notes = (note,) if len(chosen) < pegs.count else ()
-    return PlacedPegs(Union(bars), Union(holes), np.ascontiguousarray(places.T), notes)
+    return PlacedPegs(Union(bars), Union(holes), np.ascontiguousarray(places.T), notes, tuple(bars))
 
 
 def heights_of(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> tuple[float, float]:
@@ -145,19 +150,39 @@ def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
     )
 
 
-def require_wall(pegs: Pegs, wall: float, margin: float = MARGIN_MM) -> None:
-    """Raise a `SettingsError` if pegs fit nowhere in the wall of a hollow, mm thick."""
-    around = 2 * (pegs.clearance + margin)
-    needed = pegs.diameter + around
-    if wall >= needed:
-        return
-    fits = math.floor(10 * (wall - around) + 1e-9)  # tenths of a mm
-    thinner = f"pegs of {fits / 10:g} mm, " if fits >= LEAST_DIAMETER else ""
-    raise SettingsError(
-        f"pegs of {pegs.diameter:g} mm with {pegs.clearance:g} mm clearance and {margin:g} mm around them need a wall "
-        f"of {needed:g} mm, and the hollow leaves {wall:g} mm; give --hollow {needed:g} or more, {thinner}or "
-        "leave out --pegs"
-    )
+def beside_wall(depth: Depth, pegs: Pegs, margin: float = MARGIN_MM) -> Depth:
+    """Return a depth for pegs in a hollow: that of the solid near its surface, and falling again far below it."""
+    need = pegs.diameter / 2 + pegs.clearance + margin
+
+    def depth_steps(points: Doubles) -> Steps[Doubles]:
+        below = yield from depth(points)
+        return np.minimum(below, (2 + REACH) * need - below)
+
+    return depth_steps
+
+
+def bosses_steps(placed: PlacedPegs, pegs: Pegs, wall: float, surface: SignedSurface) -> Steps[Shape]:
+    """Return the material around pegs and holes in a hollow, and from there to the wall; it fills the hollow only.
+
+    Parameters
+    ----------
+    placed : PlacedPegs
+    pegs : Pegs
+    wall : float
+        Thickness of the wall, mm.
+    surface : SignedSurface
+        Of the structure.
+    """
+    distances, faces = yield from surface.distances_steps(placed.places)
+    ways = surface.nearest_on(np.ascontiguousarray(placed.places.T), faces).T - placed.places
+    shares = np.clip(1.0 - wall / 2 / np.abs(distances), 0.01, 1.0)[:, None]
+    radius = pegs.diameter / 2 + pegs.clearance + MARGIN_MM
+    ends = placed.places + shares * ways
+    ribs = [
+        Bar(_point(start), _point(end), radius)
+        for start, end in zip(placed.places.tolist(), ends.tolist(), strict=True)
+    ]
+    return Union([*(replace(bar, radius=radius) for bar in placed.bars), *ribs])
 
 
 @dataclass(frozen=True)
