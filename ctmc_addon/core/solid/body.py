@@ -21,6 +21,7 @@ from .fields.lattice import Lattice
 from .fields.lattice_edges import edge_vertices_steps, inside_steps
 from .fields.lattice_fields import StructureField
 
+REMEDY = "choose a region, or a thicker hollow, wider drains and wider pegs, which allow longer steps"
 OnEdges = tuple[NDArray[np.int64], Floats]
 
 
@@ -46,7 +47,7 @@ class Body:
 
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
-        self.budget.require(distances_bytes(self.lattice), "the fields of a solid", "use a larger stride or a region")
+        self.budget.require(distances_bytes(self.lattice), "a solid", REMEDY)
         try:
             self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
         except MeshError:

@@ -114,7 +114,8 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
     best: Extracted | None = None
-    for share in MOVES:
+    moves = MOVES if any(isinstance(field, ShapeField) for field in recipe.fields) else MOVES[:1]
+    for share in moves:
         extraction = _Extraction(recipe.moved(share), budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
@@ -128,7 +129,9 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
         if not len(pairs):
             break
     if best is None:
-        raise MeshError("surfaces of a solid coincide, and its parts would be open; move its cuts by 0.1 mm or so")
+        raise MeshError(
+            "surfaces of a solid coincide, and its parts would be open; change its lengths or places by 0.1 mm or so"
+        )
     return best
 
 
