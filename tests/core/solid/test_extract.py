@@ -224,7 +224,7 @@ def test_surfaces_that_coincide_however_shapes_are_moved_are_an_error():
     ball, plane = ShapeField(BALL, on), ShapeField(HalfSpace(MIDDLE, (0, 0, 1)), on)
     held = Fixed(ball)
     rule = PartRule(1, hollows=[1], cuts=[2])
-    with pytest.raises(MeshError, match=r"surfaces of a solid coincide.* move its cuts by 0\.1 mm"):
+    with pytest.raises(MeshError, match=r"surfaces of a solid coincide.* change its lengths or places by 0\.1 mm"):
         finish(extract_parts_steps(Recipe(on, [held, held, plane], rule, {}), Budget()))
 
 
