@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,6 +35,13 @@ class Body:
         RAS+ mm.
     lattice : Lattice
     budget : Budget
+
+    Attributes
+    ----------
+    inside : (z, y, x) bool or None
+        Samples inside; None if the surface was not extracted on this lattice.
+    on_edges : (keys, positions) or None
+        Vertices on edges of the lattice, as `Recipe` takes them.
     """
 
     mesh: TriangleMesh
@@ -44,6 +51,7 @@ class Body:
     on_edges: OnEdges | None = None
     _tree: TriangleTree | None = None
     _signed: SignedSurface | None = None
+    _distances: dict[float, Floats] = field(default_factory=dict)
 
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
@@ -75,11 +83,12 @@ class Body:
 
     def distances_steps(self, level: float) -> Steps[Floats]:
         """Return distances that are exact where a level passes, (z, y, x) float32 mm, positive inside."""
-        if self.inside is None:
-            signed = yield from self.signed_steps()
-            return (yield from distances_steps(signed, self.lattice, [level], None, self.budget))
-        tree = yield from self._tree_steps()
-        return (yield from distances_steps(tree, self.lattice, [level], self.inside, self.budget))
+        if level not in self._distances:
+            surface: SignedSurface | TriangleTree
+            surface = yield from self.signed_steps() if self.inside is None else self._tree_steps()
+            measuring = distances_steps(surface, self.lattice, [level], self.inside, self.budget)
+            self._distances[level] = yield from measuring
+        return self._distances[level]
 
     def _tree_steps(self) -> Steps[TriangleTree]:
         if self._tree is None:
