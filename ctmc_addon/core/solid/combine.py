@@ -43,13 +43,13 @@ def combined_steps(structures: Sequence[Structure], solid: SolidRequest, budget:
         body = yield from body_steps(structure.mesh, lattice, budget)
         if solid.thicken:
             fields = [(yield from body.field_steps(-solid.thicken))]
-            body = yield from extracted_steps(fields, PartRule(1), body, structure.name, "--thicken")
+            body = yield from extracted_steps(fields, PartRule(1), None, body, structure.name, "--thicken")
         yield from drain_steps(structure, body, solid.hollow, 0.0)
         if solid.hollow:
             outer = yield from body.field_steps(0.0)
             hollow = yield from hollow_steps(structure, body, solid.hollow, 0.0)
             rule = PartRule(1, hollows=[1])
-            body = yield from extracted_steps([outer, hollow], rule, body, structure.name, "--hollow")
+            body = yield from extracted_steps([outer, hollow], rule, body.on_edges, body, structure.name, "--hollow")
         bodies.append((structure, body))
     for combination in solid.combinations:
         members = [_named(name, bodies, combination) for name in combination.of]
@@ -81,8 +81,11 @@ def _joined_steps(
     recipe = Recipe(lattice, [HeldField(lattice, values)], PartRule(1), {0: edges} if edges else {})
     mesh = (yield from extract_parts_steps(recipe, budget)).mesh.of_label(1)
     if not len(mesh.faces):
-        do = "cover" if combination.how is Combining.SUBTRACT else "do not overlap"
-        raise MeshError(f"nothing is left of {combination.name}: {' and '.join(combination.of)} {do} each other")
+        names = combination.of
+        why = f"{' and '.join(names)} do not overlap"
+        if combination.how is Combining.SUBTRACT:
+            why = f"{names[0]} lies within {' and '.join(names[1:])}"
+        raise MeshError(f"nothing is left of {combination.name}, as {why}; choose other structures")
     first = members[0][0]
     notes = [note for structure, _ in members for note in structure.notes]
     joined = Structure(

@@ -122,7 +122,7 @@ def _parts_steps(structures: list[Structure], solid: SolidRequest, budget: Budge
     yield from share_drains_steps(structures, solid)
     if solid.combinations:
         named = named_by(structures, solid)
-        combined = yield from combined_steps(named or structures, solid, budget)
+        combined = yield from combined_steps(named, solid, budget)
         structures = [each for each in structures if each not in named] + combined
     check_cuts(structures, solid)
     plain = [each for each in structures if not each.is_shaped]

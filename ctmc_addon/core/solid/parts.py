@@ -23,7 +23,7 @@ from .body import Body, OnEdges, edges_of
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
-from .fields.shapes import Box, HalfSpace, Shape, Union
+from .fields.shapes import HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
@@ -110,8 +110,9 @@ class PartsMaking:
         if cuts:
             rule.cuts = [added(plane) for plane in self.planes]
             for both in self.pegs:
-                if both is None:  # Nothing is above 0 in a point far away.
-                    both = (_NOTHING, _NOTHING)
+                if both is None:
+                    rule.pegs.append(None)
+                    continue
                 peg = added(both[0])
                 rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
             if self.bosses:
@@ -228,19 +229,6 @@ class PartsMaking:
             for part, owner in owners.items()
         }
         return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
-
-
-class _Nothing:
-    """A shape without a point."""
-
-    box: Box | None = (np.full(3, 1e9), np.full(3, 1e9))
-
-    def at(self, points: Doubles) -> Doubles:
-        """Return that all points are outside."""
-        return np.full(points.shape[1], -1.0)
-
-
-_NOTHING = _Nothing()
 
 
 def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:

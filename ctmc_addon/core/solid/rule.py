@@ -28,8 +28,8 @@ class PartRule:
     drains : int or None
     cuts : list of int
         Above 0 on the side of part a.
-    pegs : list of (int, int)
-        Pegs of every cut, and their holes; the same field where there is no clearance.
+    pegs : list of (int, int) or None
+        Pegs of every cut, and their holes, the same field where there is no clearance; None for a cut without.
     bosses : int or None
         Above 0 in what is not hollow, around pegs.
     feet : dict of int to int
@@ -41,7 +41,7 @@ class PartRule:
     added: dict[int, int] = field(default_factory=dict)
     drains: int | None = None
     cuts: list[int] = field(default_factory=list)
-    pegs: list[tuple[int, int]] = field(default_factory=list)
+    pegs: list[tuple[int, int] | None] = field(default_factory=list)
     bosses: int | None = None
     feet: dict[int, int] = field(default_factory=dict)
 
@@ -72,8 +72,9 @@ class PartRule:
         for number, cut in enumerate(self.cuts):
             is_above = above[cut]
             side_of_plane += (~is_above).astype(np.int64) * (1 << number)
-            if self.pegs:
-                peg, hole = (above[each] for each in self.pegs[number])
+            both = self.pegs[number] if self.pegs else None
+            if both is not None:
+                peg, hole = (above[each] for each in both)
                 is_open |= ~is_above & ~peg & hole
                 is_above = is_above | peg
             side += (~is_above).astype(np.int64) * (1 << number)

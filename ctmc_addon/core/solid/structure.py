@@ -17,7 +17,7 @@ from ..reconstruction import Reconstruction
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
-from .body import Body
+from .body import Body, OnEdges
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around
@@ -144,10 +144,15 @@ def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Bo
     return body
 
 
-def extracted_steps(fields: Sequence[Field], rule: PartRule, body: Body, name: str, flag: str) -> Steps[Body]:
-    """Extract a body that fields say, on the same lattice; distances are measured from it then."""
-    on_edges = {0: body.on_edges} if body.on_edges is not None and flag == "--hollow" else {}
-    extracted = yield from extract_parts_steps(Recipe(body.lattice, fields, rule, on_edges), body.budget)
+def extracted_steps(
+    fields: Sequence[Field], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
+) -> Steps[Body]:
+    """Extract a body that fields say, on the same lattice; distances are measured from it then.
+
+    `on_edges` are exact places of the first field's surface; `name` and `flag` say what is lost where nothing is left.
+    """
+    recipe = Recipe(body.lattice, fields, rule, {} if on_edges is None else {0: on_edges})
+    extracted = yield from extract_parts_steps(recipe, body.budget)
     mesh = extracted.mesh.of_label(1)
     if not len(mesh.faces):
         raise MeshError(f"nothing is left of {name} after {flag}; give a smaller distance")

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Doubles, Flags, Floats
 from ...errors import MeshError, SettingsError
-from ...extraction.case_table import NEAREST
+from ...extraction.case_table import FACES, NEAREST
 from ...extraction.grid import Axis
 from ...extraction.interfaces.bands import band_ranges, fill_band, find_band
 from ...extraction.interfaces.owners import Owners
@@ -35,7 +35,7 @@ from .rims import CutRims, cut_rims_steps
 from .stitch import stitched
 
 MOST_FIELDS = 20
-FACES_OF_CELL = ((0, 2, 6, 4), (1, 5, 7, 3), (0, 4, 5, 1), (2, 3, 7, 6), (0, 1, 3, 2), (4, 6, 7, 5))
+
 STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
 AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])  # By the way along a diagonal.
 POINTS_AT_ONCE = 1 << 18
@@ -242,7 +242,7 @@ class _Extraction:
         while len(fresh):
             added = []
             for face, across in zip(
-                FACES_OF_CELL, (-1, 1, -self.steps[1], self.steps[1], -self.steps[2], self.steps[2]), strict=True
+                FACES, (-1, 1, -self.steps[1], self.steps[1], -self.steps[2], self.steps[2]), strict=True
             ):
                 a, b, c, d = (owner.take(fresh + self.corners[corner]) for corner in face)
                 neighbor = fresh + across
