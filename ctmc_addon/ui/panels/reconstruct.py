@@ -129,5 +129,5 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     if not alpha_matters(settings):
         draw_text(layout, context, translate("Alpha has no effect on a label that is not smoothed"), "INFO")
     if settings.preview and settings.use_label and sum(item.chosen for item in settings.labels) > 1:
-        text = translate("The preview shows the first ticked structure")
+        text = translate("Preview: first ticked structure")
         draw_text(layout, context, text, "INFO")

@@ -15,7 +15,7 @@ from ..state import measurements, structures, surfaces, volumes
 from ..translations import translate
 from .layout import draw_name, draw_text, holds_hu, is_narrow
 
-ROWS = (3, 4)  # Fewest and most lines of the list.
+ROWS = (2, 4)  # Fewest and most lines of the list.
 
 
 def draw_structures(layout: Any, context: bpy.types.Context, settings: Any) -> None:

@@ -167,7 +167,7 @@ def test_everything_that_opens_in_place_begins_closed(scene, ball_file):
 
 
 def test_the_panel_says_which_of_several_labels_the_preview_shows(scene):
-    says = "The preview shows the first ticked structure"
+    says = "Preview: first ticked structure"
     scene.ctmc.volume_path = KNOWN
     scene.ctmc.show_labels([(1, "", (1, 0, 0)), (2, "", (0, 1, 0))])
     scene.ctmc.labels[0].chosen = True
