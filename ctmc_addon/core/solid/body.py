@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,9 +40,9 @@ class Body:
     Attributes
     ----------
     inside : (z, y, x) bool or None
-        Samples inside; None if the surface was not extracted on this lattice.
+        Samples inside; None if the surface was not extracted on this very lattice.
     on_edges : (keys, positions) or None
-        Vertices on edges of the lattice, as `Recipe` takes them.
+        Vertices on edges of the lattice, as `Recipe` takes them; None if most lie elsewhere.
     """
 
     mesh: TriangleMesh
@@ -56,12 +57,18 @@ class Body:
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
         self.budget.require(distances_bytes(self.lattice), "a solid", REMEDY)
-        try:
-            self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
-        except MeshError:
-            return
         keys, vertices = yield from edge_vertices_steps(self.mesh, self.lattice, self.budget)
+        if 2 * len(keys) < len(self.mesh.vertices):
+            return
         self.on_edges = keys, self.mesh.vertices[vertices]
+        with suppress(MeshError):  # The lattice is finer than the one that it was extracted on.
+            self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
+
+    def on_steps(self, lattice: Lattice) -> Steps[Body]:
+        """Return the same surface on another lattice, ready."""
+        body = replace(self, lattice=lattice, inside=None, on_edges=None, _distances={})
+        yield from body.prepare_steps()
+        return body
 
     def signed_steps(self) -> Steps[SignedSurface]:
         """Return the surface, ready for signed distances."""

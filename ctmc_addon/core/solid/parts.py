@@ -23,14 +23,14 @@ from .body import Body, OnEdges, edges_of
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
-from .fields.shapes import HalfSpace, Shape, Union
+from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
 from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
+from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around
 
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
@@ -47,6 +47,7 @@ class PartsMaking:
         self.walls: dict[int, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
+        self.bars: list[Bar] = []
         self.feet: dict[int, Shape] = {}
 
     def parts_steps(self) -> Steps[list[Reconstruction]]:
@@ -74,6 +75,7 @@ class PartsMaking:
             yield from self._walls_steps()
         if solid.pegs is not None:
             yield from self._pegs_steps(solid.pegs)
+        yield from self._refine_steps()
         if solid.base:
             yield from self._feet_steps()
         return (yield from self._extracted_steps(drains=True, cuts=True))
@@ -187,6 +189,7 @@ class PartsMaking:
                     structure.notes += placed.notes
                     if self.hollow:
                         self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surface)))
+                    self.bars += placed.bars
                     bars.append(placed.pegs)
                     holes.append(placed.holes)
             if refused and not bars:
@@ -201,6 +204,15 @@ class PartsMaking:
             union = Union(bars)
             # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
+
+    def _refine_steps(self) -> Steps[None]:
+        """Make the lattice finer around drains and pegs."""
+        bars = [bar for structure in self.structures for bar in structure.holes] + self.bars
+        lattice = refined_around(self.lattice, bars)
+        if lattice is not self.lattice:
+            self.lattice = lattice
+            for number, body in enumerate(self.bodies):
+                self.bodies[number] = yield from body.on_steps(lattice)
 
     def _feet_steps(self) -> Steps[None]:
         """Make a foot for every part, as it stands without pegs."""

@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -22,7 +23,7 @@ from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around
 from .fields.lattice_fields import Field
-from .fields.shapes import Shape
+from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
 from .placing.pegs import heights_of, require_met
@@ -30,7 +31,7 @@ from .request import Drain, SolidRequest
 from .rule import PartRule
 
 FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
-PER_HOLE = 4  # Steps across a drain or a peg, at least.
+PER_HOLE = 4  # Steps across a drain or a peg, at least; only around it.
 BLOCK = 1 << 18
 
 
@@ -48,7 +49,7 @@ class Structure:
         On its parts.
     drains : tuple of Drain
         Those that open it.
-    holes : list of Shape
+    holes : list of Bar
         Drains that are placed.
     is_shaped : bool
         Whether its surface is thickened and hollow already.
@@ -59,7 +60,7 @@ class Structure:
     volume: Volume
     notes: list[str] = field(default_factory=list)
     drains: tuple[Drain, ...] = ()
-    holes: list[Shape] = field(default_factory=list)
+    holes: list[Bar] = field(default_factory=list)
     is_shaped: bool = False
 
     @property
@@ -117,7 +118,7 @@ def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> 
 
 
 def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
-    """Return a lattice around structures that is fine enough for what is done to them."""
+    """Return a lattice around structures that is fine enough for walls and surfaces; holes need it finer."""
     first = structures[0]
     settings, volume = first.result.settings, first.volume
     scope = scope_of(volume, replace(settings, close_border=True))
@@ -127,14 +128,16 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
         spacing * stride / (steps if axis == 2 else 1)
         for axis, (spacing, stride) in enumerate(zip(volume.spacing, settings.stride, strict=True))
     ]
-    widths = [drain.diameter / PER_HOLE for drain in solid.drains]
-    if solid.pegs is not None:
-        widths.append(solid.pegs.diameter / PER_HOLE)
-    if solid.hollow:
-        widths.append(solid.hollow)
-    longest = min([FLATTEST * min(sides), *widths])
+    longest = min(FLATTEST * min(sides), solid.hollow or math.inf)
     points = np.concatenate([structure.mesh.vertices for structure in structures])
     return lattice_around(volume, settings.stride, steps, scope.region, points, margin, longest)
+
+
+def refined_around(lattice: Lattice, bars: Sequence[Bar]) -> Lattice:
+    """Return the lattice with enough steps across every bar."""
+    for bar in bars:
+        lattice = lattice.refined(bar.box, 2 * bar.radius / PER_HOLE)
+    return lattice
 
 
 def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Body]:

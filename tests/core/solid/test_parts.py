@@ -160,12 +160,23 @@ def test_pegs_without_clearance_fill_their_holes():
 
 @pytest.mark.parametrize(("drain", "euler"), [(Drain(3, (11.5, 11.5, 14)), 2), (Drain(3), 0)])
 def test_a_drain_joins_cavity_and_surface_and_two_make_a_handle(drain, euler):
-    mesh = made(hollow=2.0, drains=[drain])["ball"]
+    fine = gray(9.3 - distance_mm((47,) * 3, spacing=(0.5,) * 3), (0.5,) * 3)
+    mesh = made(fine, hollow=2.0, drains=[drain])["ball"]
     assert (mesh.components, mesh.euler) == (1, euler)
     holes = 1 if euler == 2 else 2
-    # Steps are halved for holes of 3 mm, so chords take 0.3 % of the cavity.
-    expected = PLAIN.volume - ball_volume(RADIUS - 2) - holes * np.pi * 1.5**2 * 2
-    assert mesh.volume == pytest.approx(expected, abs=6)
+    expected = ball_volume(9.3) - ball_volume(7.3) - holes * np.pi * 1.5**2 * 2
+    assert mesh.volume == pytest.approx(expected, abs=4)
+
+
+def test_steps_are_divided_around_pegs_and_nowhere_else():
+    cuts = [Cut((11.5, 11.5, 11.5), (0, 0, 1))]
+    plain, pegged = (made(cuts=cuts, **more) for more in ({}, {"pegs": Pegs(1, 2, 3)}))
+    for name, mesh in plain.items():
+        kept = rows(pegged[name].vertices)
+        far = mesh.vertices[(np.abs(mesh.vertices - 11.5) > 3.0).all(axis=1)]  # beyond the peg and a step around it
+        assert len(far) > 30
+        assert rows(far) <= kept
+        assert len(pegged[name].faces) < 3 * len(mesh.faces)  # 4 times if steps were halved everywhere
 
 
 def test_thick_slices_and_strides_keep_walls_and_sums():
