@@ -80,6 +80,7 @@ def test_a_ratio_is_typed_as_decimate_has_it(desk):
     desk.ask("s = bpy.context.scene.ctmc; s.use_reduction = False")
 
 
+@pytest.mark.once
 def test_the_window_may_answer_between_the_parts_of_adding_a_surface(desk):
     desk.ask(WATCH)
     desk.press(MAKE, "reconstruct")
@@ -142,7 +143,7 @@ def test_load_opens_where_the_last_ct_lies_with_flips_to_click(desk):
     desk.wait("browser() is None")
 
 
-@pytest.mark.parametrize("scale", [1.1, 2.0])
+@pytest.mark.parametrize("scale", [1.1, pytest.param(2.0, marks=pytest.mark.once)])
 def test_in_german_nothing_jumps_at_the_usual_and_twice_the_size(desk, scale):
     desk.ask(f"bpy.context.preferences.view.language = 'de_DE'; bpy.context.preferences.view.ui_scale = {scale}")
     desk.ask("redraw()")
