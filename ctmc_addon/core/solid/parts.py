@@ -24,7 +24,7 @@ from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
-from .finish import finished_parts_steps, part_names
+from .finish import finished_parts_steps, flats_of, part_names
 from .placing.foot import foot_steps
 from .placing.least_wall import thin_walls_steps
 from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
@@ -121,7 +121,8 @@ class PartsMaking:
                 rule.bosses = added(Union(self.bosses))
             rule.feet = {part: added(shape) for part, shape in sorted(self.feet.items())}
         recipe = Recipe(self.lattice, fields, rule, edges)
-        mesh, self.crossings = yield from extract_parts_steps(recipe, self.budget)
+        mesh, self.crossings, made = yield from extract_parts_steps(recipe, self.budget)
+        self.flats = flats_of(made, [*rule.cuts, *rule.feet.values()])
         return mesh
 
     def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
@@ -240,7 +241,7 @@ class PartsMaking:
             part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
             for part, owner in owners.items()
         }
-        return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
+        return (yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget))
 
 
 def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:

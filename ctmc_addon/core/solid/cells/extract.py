@@ -94,10 +94,13 @@ class Extracted(NamedTuple):
         RAS+ mm; the sides of triangles are parts, 0 for none.
     crossings : (n, 2) int64
         Pairs of triangles that cross; none but where moving shapes did not help.
+    recipe : Recipe
+        What it is made of, with its shapes moved.
     """
 
     mesh: ComplexMesh
     crossings: NDArray[np.int64]
+    recipe: Recipe
 
 
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
@@ -116,16 +119,17 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     best: Extracted | None = None
     moves = MOVES if any(isinstance(field, ShapeField) for field in recipe.fields) else MOVES[:1]
     for share in moves:
-        extraction = _Extraction(recipe.moved(share), budget)
+        moved = recipe.moved(share)
+        extraction = _Extraction(moved, budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
-            return Extracted(mesh, np.empty((0, 2), np.int64))
+            return Extracted(mesh, np.empty((0, 2), np.int64), moved)
         if not _fits(mesh, extraction.may_cross):
             continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
         pairs = yield from stages.run(looking, crossing)
         if best is None or len(pairs) < len(best.crossings):
-            best = Extracted(mesh, pairs)
+            best = Extracted(mesh, pairs, moved)
         if not len(pairs):
             break
     if best is None:

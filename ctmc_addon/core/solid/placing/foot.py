@@ -24,7 +24,7 @@ from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Steps
 from ..fields.depth import Depth
-from ..fields.shapes import Box
+from ..fields.shapes import Box, Plane
 from .cubes import lowest_steps
 
 SIDE_MM = 0.2  # Of the squares at the outline.
@@ -95,6 +95,11 @@ class Foot:
         low, high = corners.min(axis=(0, 2)) - self.grown, corners.max(axis=(0, 2)) + self.grown
         low[2], high[2] = self.low, self.high
         return low, high
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """Its lower and its upper side."""
+        return ((0.0, 0.0, 1.0), self.low), ((0.0, 0.0, -1.0), -self.high)
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance near the surface; a lower bound of it far inside, beside edges and far away."""

@@ -28,7 +28,7 @@ from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
 from ...mesh.topology import compacted
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps, equal_part
-from ..fields.shapes import Box
+from ..fields.shapes import Box, Plane
 from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
 from ..request import Point
 from .near_cells import NearCells, near_cells_steps
@@ -63,6 +63,11 @@ class Thickening:
         """Box that holds it."""
         corners = self.middle.corners
         return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """None: it is round."""
+        return ()
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to the surface, exact up to `FAR` spacings outside."""
