@@ -219,15 +219,14 @@ class PartsMaking:
         """Simplify all parts together, and describe them."""
         each = 1 << len(self.planes)
         owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
-        names: dict[int, str] = {}
+        described: dict[int, Reconstruction] = {}
         for structure in self.structures:
-            names |= part_names(structure.name, [part for part, owner in owners.items() if owner is structure])
-            if structure not in owners.values():
+            own = [part for part, owner in owners.items() if owner is structure]
+            if not own:
                 raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
-        described = {
-            part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
-            for part, owner in owners.items()
-        }
+            notes = (*structure.result.notes, *structure.notes)
+            for number, (part, name) in enumerate(part_names(structure.name, own).items()):
+                described[part] = replace(structure.result, label_name=name, part_number=number, notes=notes)
         return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
 
 
