@@ -7,7 +7,7 @@ They are placed as in the making, but on surfaces that are neither thickened nor
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -25,27 +25,25 @@ from .structure import shared_drains_steps
 
 
 @dataclass(frozen=True)
-class PlacedSolid:
-    """Pegs and drains of a solid.
+class PlacedBars:
+    """Pegs or drains of a solid.
 
     Parameters
     ----------
-    pegs, holes, drains : tuple of Bar
-        RAS+ mm; their round ends lie beyond the ends of their axes. Every peg has a hole.
+    bars : tuple of Bar
+        RAS+ mm; their round ends lie beyond the ends of their axes.
     notes : tuple of str
         Sentences for the user about what does not fit.
     """
 
-    pegs: tuple[Bar, ...]
-    holes: tuple[Bar, ...]
-    drains: tuple[Bar, ...]
-    notes: tuple[str, ...]
+    bars: tuple[Bar, ...] = ()
+    notes: tuple[str, ...] = ()
 
 
-def placed_solid_steps(
+def placed_drains_steps(
     surfaces: Mapping[str, SignedSurface], solid: SolidRequest, threads: int | None = None
-) -> Steps[PlacedSolid]:
-    """Place pegs and drains of a solid.
+) -> Steps[PlacedBars]:
+    """Place the drains of a solid.
 
     Parameters
     ----------
@@ -54,35 +52,42 @@ def placed_solid_steps(
     solid : SolidRequest
     threads : int, optional
     """
+    bars: list[Bar] = []
     notes: list[str] = []
-    drains: list[Bar] = []
     shared = yield from shared_drains_steps(list(surfaces.values()), solid.drains)
     for own, surface in zip(shared, surfaces.values(), strict=True):
+        below = depth_below(surface, solid.thicken, threads=threads)
         for drain in own:
-            below = depth_below(surface, solid.thicken, threads=threads)
             try:
                 placed = yield from drains_steps([drain], surface, below, solid.hollow, solid.thicken)
             except SettingsError as error:
                 notes.append(str(error))
                 continue
-            drains += placed.bars
+            bars += placed.bars
             notes += placed.notes
-    pegs: list[Bar] = []
-    holes: list[Bar] = []
-    if solid.pegs is not None:
-        solids, avoid = _joined(surfaces, solid, threads), list[Shape](drains)
-        for number in range(len(solid.cuts)):
-            try:
-                found = yield from cut_pegs_steps(solid, number, solids, avoid)
-            except SettingsError as error:
-                notes.append(str(error))
-                continue
-            for _, one in found.placed:
-                pegs += one.bars
-                holes += [replace(bar, radius=bar.radius + solid.pegs.clearance) for bar in one.bars]
-                avoid.append(one.holes)
-                notes += one.notes
-    return PlacedSolid(tuple(pegs), tuple(holes), tuple(drains), tuple(dict.fromkeys(notes)))
+    return PlacedBars(tuple(bars), tuple(dict.fromkeys(notes)))
+
+
+def placed_cuts_pegs_steps(
+    surfaces: Mapping[str, SignedSurface], solid: SolidRequest, drains: Sequence[Bar], threads: int | None = None
+) -> Steps[PlacedBars]:
+    """Place the pegs of all cuts beside the drains; a hole has the axis of its peg."""
+    if solid.pegs is None:
+        return PlacedBars()
+    bars: list[Bar] = []
+    notes: list[str] = []
+    solids, avoid = _joined(surfaces, solid, threads), list[Shape](drains)
+    for number in range(len(solid.cuts)):
+        try:
+            found = yield from cut_pegs_steps(solid, number, solids, avoid)
+        except SettingsError as error:
+            notes.append(str(error))
+            continue
+        for _, one in found.placed:
+            bars += one.bars
+            avoid.append(one.holes)
+            notes += one.notes
+    return PlacedBars(tuple(bars), tuple(dict.fromkeys(notes)))
 
 
 def _joined(surfaces: Mapping[str, SignedSurface], solid: SolidRequest, threads: int | None) -> list[Joined]:
