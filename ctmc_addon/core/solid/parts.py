@@ -9,25 +9,24 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..errors import MeshError, SettingsError
+from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
 from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from .body import Body, OnEdges, edges_of
 from .cells.extract import Recipe, extract_parts_steps
-from .fields.depth import Depth, depth_below
+from .fields.depth import depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, flats_of, part_names
 from .placing.foot import foot_steps
+from .placing.joints import Joined, cut_pegs_steps
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
+from .placing.pegs import beside_wall, bosses_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around
@@ -161,48 +160,30 @@ class PartsMaking:
                 self.walls[number] = found.shape
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
-        """Place the pegs of every cut, between each two sides of the others."""
-        surfaces = []
+        """Place the pegs of every cut."""
+        surfaces, solids = [], []
         for body in self.bodies:
-            surfaces.append((yield from body.signed_steps()))
+            surface = yield from body.signed_steps()
+            depth = depth_below(surface, self.thicken, threads=self.budget.threads)
+            surfaces.append(surface)
+            solids.append(Joined(beside_wall(depth, pegs) if self.hollow else depth, body.mesh.vertices, self.thicken))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
-            bars: list[Shape] = []
-            holes: list[Shape] = []
-            refused: list[SettingsError] = []
-            others = self.planes[:number] + self.planes[number + 1 :]
-            for surface, body, structure in zip(surfaces, self.bodies, self.structures, strict=True):
-                depth = depth_below(surface, self.thicken, threads=self.budget.threads)
+            found = yield from cut_pegs_steps(self.solid, number, solids, avoid)
+            for at, placed in found.placed:
+                self.structures[at].notes += placed.notes
                 if self.hollow:
-                    depth = beside_wall(depth, pegs)
-                low, high = heights_of(cut, body.mesh.vertices, self.thicken)
-                if not low < 0 < high:
-                    continue
-                for signs in product((1.0, -1.0), repeat=len(others)):
-                    sides = list(zip(others, signs, strict=True))
-                    try:
-                        own, around = _within(depth, sides), body.mesh.vertices
-                        placing = placed_pegs_steps(cut, pegs, own, others, around, max(0.0, self.thicken), avoid=avoid)
-                        placed = yield from placing
-                    except SettingsError as error:
-                        refused.append(error)
-                        continue
-                    structure.notes += placed.notes
-                    if self.hollow:
-                        self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surface)))
-                    self.bars += placed.bars
-                    bars.append(placed.pegs)
-                    holes.append(placed.holes)
-            if refused and not bars:
-                raise refused[0]
-            if refused:
+                    self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surfaces[at])))
+                self.bars += placed.bars
+            if found.some_refused:
                 where = " ".join(f"{at:g}" for at in cut.point)
                 self.structures[0].notes.append(f"Some joints at the cut at {where} have no peg.")
+            holes: list[Shape] = [placed.holes for _, placed in found.placed]
             avoid += holes
-            if not bars:
+            if not holes:
                 self.pegs.append(None)
                 continue
-            union = Union(bars)
+            union = Union([placed.pegs for _, placed in found.placed])
             # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
 
@@ -232,25 +213,12 @@ class PartsMaking:
         """Simplify all parts together, and describe them."""
         each = 1 << len(self.planes)
         owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
-        names: dict[int, str] = {}
+        described: dict[int, Reconstruction] = {}
         for structure in self.structures:
-            names |= part_names(structure.name, [part for part, owner in owners.items() if owner is structure])
-            if structure not in owners.values():
+            own = [part for part, owner in owners.items() if owner is structure]
+            if not own:
                 raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
-        described = {
-            part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
-            for part, owner in owners.items()
-        }
+            notes = (*structure.result.notes, *structure.notes)
+            for number, (part, name) in enumerate(part_names(structure.name, own).items()):
+                described[part] = replace(structure.result, label_name=name, part_number=number, notes=notes)
         return (yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget))
-
-
-def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
-    """Return the depth within some sides of planes."""
-
-    def depth_steps(points: Doubles) -> Steps[Doubles]:
-        room = yield from depth(points)
-        for plane, sign in sides:
-            room = np.minimum(room, sign * plane.at(points))
-        return room
-
-    return depth_steps if sides else depth

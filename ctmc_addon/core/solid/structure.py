@@ -103,18 +103,29 @@ def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> 
     if len(structures) == 1:
         structures[0].drains = solid.drains
         return
-    given = [drain for drain in solid.drains if drain.point is not None]
-    nearest = dict.fromkeys(range(len(given)), (np.inf, structures[0]))
-    for structure in structures if given else ():
-        signed = SignedSurface()
-        yield from signed.prepare_steps(structure.mesh)
-        distances, _ = yield from signed.distances_steps(np.array([drain.point for drain in given], np.float64))
+    surfaces = []
+    for structure in structures if any(drain.point is not None for drain in solid.drains) else ():
+        surfaces.append(SignedSurface())
+        yield from surfaces[-1].prepare_steps(structure.mesh)
+    shared = yield from shared_drains_steps(surfaces, solid.drains)
+    for structure, own in zip(structures, shared or [solid.drains] * len(structures), strict=True):
+        structure.drains = own
+
+
+def shared_drains_steps(surfaces: Sequence[SignedSurface], drains: Sequence[Drain]) -> Steps[list[tuple[Drain, ...]]]:
+    """Return the drains of each surface: those with a point that it holds, then all without."""
+    given = [drain for drain in drains if drain.point is not None]
+    nearest = dict.fromkeys(range(len(given)), (np.inf, 0))
+    for number, surface in enumerate(surfaces if given else ()):
+        distances, _ = yield from surface.distances_steps(np.array([drain.point for drain in given], np.float64))
         for at, distance in enumerate(distances.tolist()):
             if distance < nearest[at][0]:
-                nearest[at] = distance, structure
-    for structure in structures:
-        own = [drain for at, drain in enumerate(given) if nearest[at][1] is structure]
-        structure.drains = (*own, *(drain for drain in solid.drains if drain.point is None))
+                nearest[at] = distance, number
+    automatic = [drain for drain in drains if drain.point is None]
+    return [
+        (*(drain for at, drain in enumerate(given) if nearest[at][1] == number), *automatic)
+        for number in range(len(surfaces))
+    ]
 
 
 def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:

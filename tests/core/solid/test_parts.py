@@ -55,6 +55,7 @@ def made(volume=BALL, settings=GRAY, labels=(), crossings=True, **solid):
     """The parts' meshes by name; all of them are closed and together do not cross."""
     parts = solid_parts(volume, settings, SolidRequest(**solid), labels)
     assert_parts([part.mesh for part in parts], crossings)
+    assert all((part.part_number > 0) == part.label_name.endswith((" b", " c", " d")) for part in parts)
     return {part.label_name: part.mesh for part in parts}
 
 

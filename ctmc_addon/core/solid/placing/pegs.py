@@ -364,14 +364,14 @@ def _refusal_steps(
     """Return why no peg fits, and what does."""
     require_met(cut, extent, beyond)
     where = f"the cut at {_numbers(cut.point)}"
-    met = yield from _places_steps(plane, _Room(depth, (), ()), _Size(0.0, 0.0, 1e-9))
+    met = yield from _places_steps(plane, _Room(depth, (), ()), _Size(0.0, 0.0, 1e-9), 1)
     if not len(met[1]):
         return f"{where} runs between the pieces of the structure and meets none of them; move its point"
     fits, misses = 0, math.ceil(pegs.diameter * 10 - 1e-9)  # tenths of a mm
     while misses - max(fits, LEAST_DIAMETER - 1) > 1:
         tried = (fits + misses) // 2 if fits else LEAST_DIAMETER
         thinner = replace(pegs, diameter=tried / 10)
-        _, space = yield from _places_steps(plane, room, _Size.of(thinner, margin))
+        _, space = yield from _places_steps(plane, room, _Size.of(thinner, margin), 1)
         if len(space):
             fits = tried
         elif fits:

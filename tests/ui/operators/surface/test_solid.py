@@ -12,6 +12,7 @@ from ui.drawing import drawn, meshes_in
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.blender.colors import part_color
 from ctmc_addon.blender.surface import own_mesh, read_provenance
 from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
 from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, Pegs, SolidRequest
@@ -39,7 +40,8 @@ def parts_steps(volume, requests, solid, budget=None, *, labels=None, maps=None)
         name = result.label_name or "ball"
         for number, letter in enumerate(letters):
             moved = TriangleMesh(mesh.vertices - np.float32(5 * number) * np.array(UP, np.float32), mesh.faces)
-            parts.append(replace(result, mesh=moved, surface=None, label_name=f"{name} {letter}".strip()))
+            title = f"{name} {letter}".strip()
+            parts.append(replace(result, mesh=moved, surface=None, label_name=title, part_number=number))
     return parts
 
 
@@ -319,7 +321,12 @@ def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
     names = [obj.name for obj in meshes_in(labels)]
     assert names[:2] == ["left hip a", "left hip b"]
     assert len(names) == 4
-    assert meshes_in(labels)[3].data.materials[0].diffuse_color[:3] == pytest.approx((0.1, 0.9, 0.2))
+    colors = [obj.data.materials[0].diffuse_color[:3] for obj in meshes_in(labels)[2:]]
+    assert colors[0] == pytest.approx((0.1, 0.9, 0.2))
+    assert colors[1] == pytest.approx(part_color((0.1, 0.9, 0.2), 1))
+    labels.ctmc.labels[1].color = (0.5, 0.1, 0.1)
+    colors = [obj.data.materials[0].diffuse_color[:3] for obj in meshes_in(labels)[2:]]
+    assert colors == [pytest.approx((0.5, 0.1, 0.1)), pytest.approx(part_color((0.5, 0.1, 0.1), 1))], "both follow"
     labels.ctmc.labels[0].name = "hip"
     assert meshes_in(labels)[0].name == "left hip a", "a part keeps the name that it is found by"
 

@@ -1,0 +1,111 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Pegs of a cut through several solids: every joint between two sides of the other cuts has its own.
+
+Points are (3, n) float64, RAS+ mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import product
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Doubles
+from ...errors import SettingsError
+from ...progress import Steps
+from ..fields.depth import Depth
+from ..fields.shapes import HalfSpace, Shape
+from ..request import SolidRequest
+from .pegs import PlacedPegs, heights_of, placed_pegs_steps
+
+
+@dataclass(frozen=True)
+class Joined:
+    """A solid whose parts are joined by pegs.
+
+    Parameters
+    ----------
+    depth : Depth
+        Below its surface.
+    extent : (n, 3)
+        Points such as a mesh's vertices; the solid keeps within their hull, grown by `beyond` mm.
+    beyond : float
+    """
+
+    depth: Depth
+    extent: NDArray[Any]
+    beyond: float = 0.0
+
+
+@dataclass(frozen=True)
+class CutPegs:
+    """Pegs of one cut.
+
+    Parameters
+    ----------
+    placed : tuple of (int, PlacedPegs)
+        Those of every joint, with the number of the solid.
+    some_refused : bool
+        Whether some joints have no peg.
+    """
+
+    placed: tuple[tuple[int, PlacedPegs], ...]
+    some_refused: bool
+
+
+def cut_pegs_steps(
+    solid: SolidRequest, number: int, solids: Sequence[Joined], avoid: Sequence[Shape]
+) -> Steps[CutPegs]:
+    """Place the pegs of a cut.
+
+    Parameters
+    ----------
+    solid : SolidRequest
+        With cuts and pegs.
+    number : int
+        Of the cut.
+    solids : sequence of Joined
+    avoid : sequence of Shape
+        Holes that are there.
+
+    Raises
+    ------
+    SettingsError
+        If no peg fits on any joint.
+    """
+    assert solid.pegs is not None, "the request has pegs"
+    cut, planes = solid.cuts[number], [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
+    others = planes[:number] + planes[number + 1 :]
+    placed: list[tuple[int, PlacedPegs]] = []
+    refused: list[SettingsError] = []
+    for at, joined in enumerate(solids):
+        low, high = heights_of(cut, joined.extent, joined.beyond)
+        if not low < 0 < high:
+            continue
+        beyond = max(0.0, joined.beyond)
+        for signs in product((1.0, -1.0), repeat=len(others)):
+            depth = _within(joined.depth, list(zip(others, signs, strict=True)))
+            placing = placed_pegs_steps(cut, solid.pegs, depth, others, joined.extent, beyond, avoid=avoid)
+            try:
+                placed.append((at, (yield from placing)))
+            except SettingsError as error:
+                refused.append(error)
+    if refused and not placed:
+        raise refused[0]
+    return CutPegs(tuple(placed), bool(refused))
+
+
+def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
+    """Return the depth within some sides of planes."""
+
+    def depth_steps(points: Doubles) -> Steps[Doubles]:
+        room = yield from depth(points)
+        for plane, sign in sides:
+            room = np.minimum(room, sign * plane.at(points))
+        return room
+
+    return depth_steps if sides else depth
