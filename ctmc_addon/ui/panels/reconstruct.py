@@ -13,8 +13,8 @@ import bpy
 from ...core import SettingsError
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
-from ..operators.surface.solid import makes_solid, runs_of, solid_of
-from ..state import session, surfaces, volumes
+from ..operators.surface.solid import makes_solid
+from ..state import session, solids, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
@@ -118,7 +118,7 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     job = jobs.running()
     draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
-        runs_of(context.scene, solid_of(context.scene))
+        solids.runs_of(context.scene, solids.solid_of(context.scene))
     except SettingsError as error:
         draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:

@@ -9,7 +9,8 @@ import bpy
 
 from ...core import SettingsError
 from ..operators.surface.solid import place_text, solid_text
-from ..translations import translate
+from ..translations import translate, translate_sentence
+from ..viewport import solid_places
 from .layout import block, draw_name, draw_pair, draw_text
 
 BUTTON = 24.0  # Width of the button beside a text, pixels.
@@ -22,6 +23,7 @@ def draw_solid(room: Any, context: bpy.types.Context) -> None:
         layout.prop(solid, name)
     _draw_drains(layout, context, solid)
     _draw_cuts(layout, solid)
+    _draw_places(layout, context)
     _draw_combinations(layout, solid)
     for name in ("base", "least_wall"):
         layout.prop(solid, name)
@@ -72,6 +74,19 @@ def _draw_cuts(layout: Any, solid: Any) -> None:
         pegs = layout.column(align=True)
         for name in ("peg_diameter", "peg_length", "clearance"):
             pegs.prop(solid, name)
+
+
+def _draw_places(layout: Any, context: bpy.types.Context) -> None:
+    """Say what of the pegs and drains in the viewport does not fit, or that they are looked for."""
+    found = solid_places.places_of(context.scene)
+    if solid_places.is_looking(context.scene):
+        draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
+    if found is None:
+        return
+    for note in found.notes:
+        draw_text(layout, context, translate_sentence(note), "ERROR")
+    if found.coarse and (found.drains.bars or (found.pegs and found.pegs.bars)):
+        draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")
 
 
 def _draw_combinations(layout: Any, solid: Any) -> None:
