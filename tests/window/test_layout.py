@@ -80,7 +80,6 @@ def test_a_ratio_is_typed_as_decimate_has_it(desk):
     desk.ask("s = bpy.context.scene.ctmc; s.use_reduction = False")
 
 
-@pytest.mark.once
 def test_the_window_may_answer_between_the_parts_of_adding_a_surface(desk):
     desk.ask(WATCH)
     desk.press(MAKE, "reconstruct")
