@@ -205,15 +205,6 @@ def test_a_base_is_a_flat_foot():
     assert mesh.volume - PLAIN.volume == pytest.approx(grown, rel=0.15)  # its edges are cut by up to a voxel
 
 
-def test_a_base_of_a_part_begins_at_its_cut():
-    """The foot's lower side coincides with the cut."""
-    parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, 1))])
-    assert parts["ball a"].vertices[:, 2].min() == pytest.approx(11.5, abs=0.02)
-    assert parts["ball b"].vertices[:, 2].max() == pytest.approx(11.5, abs=0.02)
-    grown = np.pi * 11.3**2 * 2 - (ball_volume(9.3) / 2 - cap_volume(9.3, 2))
-    assert parts["ball a"].volume - PLAIN.volume / 2 == pytest.approx(grown, rel=0.18)
-
-
 def test_a_ball_at_the_border_is_closed_there_and_thickened_beyond_it():
     volume = gray(9.3 - distance_mm((SIZE,) * 3, (11.5, 11.5, 2)))
     parts = solid_parts(volume, GRAY, SolidRequest(thicken=2.0))

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cubes that are parted again and again, and what is found with them: the deepest and the lowest place of a solid.
+"""Cubes that are parted again and again, and what is found with them, such as the deepest place of a solid.
 
 The depth changes by no more than the way between two points, so cubes that cannot hold what is looked for are dropped
 early. Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
@@ -74,24 +74,4 @@ def deepest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[tuple[Doub
         if not len(near):
             return best, deepest
         order = np.argsort(-here[near], kind="stable")[:MOST_PARTED]
-        cubes = cubes.kept(np.sort(near[order])).parted()
-
-
-def lowest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[float]:
-    """Return the least z inside, mm, in a box (3,) to (3,), inf if nothing is inside.
-
-    It is right to `CLOSE_MM` where the solid is flat or round there; of a fine tip some more may be missed.
-    """
-    cubes = Cubes.over(low, high)
-    lowest = math.inf
-    while True:
-        points = cubes.points()
-        here = yield from depth(points)
-        # The ball around a point that reaches to the surface is inside.
-        lowest = min(lowest, float((points[2] - here)[here > 0].min(initial=math.inf)))
-        near = np.flatnonzero(here > -HALF_DIAGONAL * cubes.side)
-        near = near[points[2, near] - cubes.side / 2 < lowest - CLOSE_MM]
-        if not len(near) or cubes.side < CLOSE_MM:
-            return lowest
-        order = np.lexsort((-here[near], points[2, near]))[:MOST_PARTED]
         cubes = cubes.kept(np.sort(near[order])).parted()
