@@ -13,7 +13,6 @@ from itertools import product
 
 import numpy as np
 
-from ..arrays import Doubles
 from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
@@ -21,12 +20,12 @@ from ..progress import Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from .body import Body, OnEdges, edges_of
 from .cells.extract import Recipe, extract_parts_steps
-from .fields.depth import Depth, depth_below
+from .fields.depth import depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
+from .placing.pegs import bosses_steps, heights_of, placed_pegs_steps
 from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
@@ -170,19 +169,16 @@ class PartsMaking:
             bars: list[Shape] = []
             holes: list[Shape] = []
             refused: list[SettingsError] = []
-            others = self.planes[:number] + self.planes[number + 1 :]
+            others = [(plane, plane.turned) for plane in self.planes[:number] + self.planes[number + 1 :]]
             for surface, body, structure in zip(surfaces, self.bodies, self.structures, strict=True):
                 depth = depth_below(surface, self.thicken, threads=self.budget.threads)
-                if self.hollow:
-                    depth = beside_wall(depth, pegs)
                 low, high = heights_of(cut, body.mesh.vertices, self.thicken)
                 if not low < 0 < high:
                     continue
-                for signs in product((1.0, -1.0), repeat=len(others)):
-                    sides = list(zip(others, signs, strict=True))
+                for sides in product(*others):
                     try:
-                        own, around = _within(depth, sides), body.mesh.vertices
-                        placing = placed_pegs_steps(cut, pegs, own, others, around, max(0.0, self.thicken), avoid=avoid)
+                        around, beyond = body.mesh.vertices, max(0.0, self.thicken)
+                        placing = placed_pegs_steps(cut, pegs, depth, sides, around, beyond, avoid, self.hollow > 0)
                         placed = yield from placing
                     except SettingsError as error:
                         refused.append(error)
@@ -249,15 +245,3 @@ class PartsMaking:
             notes = (*owner.result.notes, *owner.notes, *self.standing.get(part, ()))
             described[part] = replace(owner.result, label_name=names[part], notes=notes)
         return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
-
-
-def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
-    """Return the depth within some sides of planes."""
-
-    def depth_steps(points: Doubles) -> Steps[Doubles]:
-        room = yield from depth(points)
-        for plane, sign in sides:
-            room = np.minimum(room, sign * plane.at(points))
-        return room
-
-    return depth_steps if sides else depth
