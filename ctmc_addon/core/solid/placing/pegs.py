@@ -267,8 +267,9 @@ def _range_along(points: NDArray[Any], origin: Point, unit: Doubles) -> tuple[fl
 
 
 def _places_steps(plane: _Plane, room: _Room, size: _Size, enough: float = ENOUGH) -> Steps[tuple[Doubles, Doubles]]:
-    """Return the places where a peg fits, (2, n), and the room along its axis, (n,)."""
+    """Return the places where a peg fits, (2, n), and the room along its axis, (n,); with `enough` of 1 any will do."""
     at, side = plane.first_squares()
+    found = np.empty((2, 0)), np.empty(0)
     while True:
         bound = size.room - HALF_DIAGONAL * side
         space = np.full(at.shape[1], np.inf)
@@ -278,11 +279,13 @@ def _places_steps(plane: _Plane, room: _Room, size: _Size, enough: float = ENOUG
                 space = np.minimum(space, here)
                 near = space >= bound
                 at, space = at[:, near], space[near]
-        fits = space >= size.room
-        done = fits.sum() >= enough and (side <= SIDE * size.room or 4 * len(space) > MOST_SQUARES)
-        if done or not 0 < len(space) <= MOST_SQUARES or side / 2 < LEAST_SIDE * size.room:
-            order = np.lexsort(at[:, fits])
-            return at[:, fits][:, order], space[fits][order]
+        fits = np.flatnonzero(space >= size.room)
+        if len(fits):
+            order = fits[np.lexsort(at[:, fits])]
+            found = at[:, order], space[order]
+        is_fine = enough == 1 or side <= SIDE * size.room or 4 * len(space) > MOST_SQUARES
+        if (len(fits) >= enough and is_fine) or not 0 < len(space) <= MOST_SQUARES or side / 2 < LEAST_SIDE * size.room:
+            return found
         at, side = _parted(at, side)
 
 
@@ -357,7 +360,7 @@ def _refusal_steps(cut: Cut, pegs: Pegs, plane: _Plane, room: _Room) -> Steps[st
     """Return why no peg fits, and what does."""
     where = f"the cut at {_numbers(cut.point)}"
     nothing = _Size(0.0, 0.0, LEAST_OFFERED * pegs.diameter / 10)
-    met = yield from _places_steps(plane, _Room(room.depth, room.sides), nothing)
+    met = yield from _places_steps(plane, _Room(room.depth, room.sides), nothing, 1)
     if not len(met[1]):
         return f"{where} runs between the pieces of the structure and meets none of them; move its point"
     around = f"with {MARGIN * pegs.diameter:g} mm around it"
@@ -382,7 +385,7 @@ def _largest_steps(pegs: Pegs, is_shorter: bool, plane: _Plane, room: _Room) -> 
         diameter = float(f"{tried * step:.6g}")
         length = rounded_down(pegs.length * diameter / pegs.diameter) if is_shorter else pegs.length
         thinner = replace(pegs, diameter=diameter, length=max(length, diameter / 2))
-        _, space = yield from _places_steps(plane, room, _Size.of(thinner))
+        _, space = yield from _places_steps(plane, room, _Size.of(thinner), 1)
         if len(space):
             fits, found = tried, thinner
         elif fits:

@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 DIGITS = 3
 
@@ -44,19 +44,19 @@ def step_of(value: float, digits: int = DIGITS) -> float:
     return float(f"1e{int(f'{value:e}'.partition('e')[2]) - digits + 1}")
 
 
-def placed(values: Sequence[float], near: float) -> tuple[float, ...]:
+def placed(values: Iterable[float], near: float) -> list[float]:
     """Return a place rounded by no more than a tenth of `near`, as a message gives it, without negative zeros.
 
     Examples
     --------
     >>> placed((12.3456, -0.0123, 7.0), 2.0), placed((0.123456, 0.02, 0.0), 0.02)
-    ((12.3, 0.0, 7.0), (0.123, 0.02, 0.0))
+    ([12.3, 0.0, 7.0], [0.123, 0.02, 0.0])
     """
     decimals = -int(f"{near:e}".partition("e")[2]) + 1
-    return tuple(round(value, decimals) + 0.0 for value in values)
+    return [round(value, decimals) + 0.0 for value in values]
 
 
-def place_text(values: Sequence[float], near: float) -> str:
+def place_text(values: Iterable[float], near: float) -> str:
     """Return the text of `placed`.
 
     Examples
