@@ -24,6 +24,7 @@ from .fields.depth import depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
+from .placing.drains import notes_at_cuts
 from .placing.least_wall import thin_walls_steps
 from .placing.pegs import bosses_steps, heights_of, placed_pegs_steps
 from .placing.standing import Feet, feet_steps, stood_steps
@@ -70,6 +71,8 @@ class PartsMaking:
         if not self.structures[0].is_shaped:
             for structure, body in zip(self.structures, self.bodies, strict=True):
                 yield from drain_steps(structure, body, self.hollow, self.thicken)
+        for structure in self.structures:
+            structure.notes += notes_at_cuts(structure.holes, self.planes)
         if solid.least_wall:
             yield from self._walls_steps()
         if solid.pegs is not None:
@@ -211,7 +214,7 @@ class PartsMaking:
             return [(plane, -1.0 if (part - 1) >> bit & 1 else 1.0) for bit, plane in enumerate(self.planes)]
 
         def holes(part: int) -> list[Bar]:
-            return [hole for hole in self._owner(part).holes if isinstance(hole, Bar)]
+            return self._owner(part).holes
 
         alone = len(self.structures) == 1
         self.feet = yield from feet_steps(mesh, self.solid.base, self.lattice, sides, holes, alone)

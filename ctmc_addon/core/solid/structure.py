@@ -22,7 +22,7 @@ from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around
 from .fields.lattice_fields import Field
-from .fields.shapes import Shape
+from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
 from .placing.pegs import heights_of, require_met
@@ -48,7 +48,7 @@ class Structure:
         On its parts.
     drains : tuple of Drain
         Those that open it.
-    holes : list of Shape
+    holes : list of Bar
         Drains that are placed.
     is_shaped : bool
         Whether its surface is thickened and hollow already.
@@ -59,7 +59,7 @@ class Structure:
     volume: Volume
     notes: list[str] = field(default_factory=list)
     drains: tuple[Drain, ...] = ()
-    holes: list[Shape] = field(default_factory=list)
+    holes: list[Bar] = field(default_factory=list)
     is_shaped: bool = False
 
     @property

@@ -315,3 +315,37 @@ def test_pegs_in_a_thin_hollow_stand_on_the_wall():
         assert mesh.components == 1, name
         assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
         assert mesh.volume > whole[name].volume + 2 * math.pi * 2.3 * 2.3  # Material is around every peg and hole.
+
+
+def two_balls(apart=0.0):
+    """Balls of 5 and 4 mm, one above the other, which touch if they are not apart."""
+    at = points()
+    low = 5.2 - np.linalg.norm(at - [[11.5], [11.5], [6.5]], axis=0)
+    high = 4.2 - np.linalg.norm(at - [[11.5], [11.5], [15.4 + apart]], axis=0)
+    return gray(np.maximum(low, high).reshape((SIZE,) * 3))
+
+
+@pytest.mark.parametrize("apart", [0.0, 2.0], ids=["one solid", "two solids"])
+def test_of_several_hollows_the_facts_and_a_note_say_which_have_no_drain(apart):
+    """In voxels of 1 mm the neck has a radius of 2.5 mm, less than the wall, so each has a cavity of its own."""
+    (part,) = solid_parts(two_balls(apart), GRAY, SolidRequest(hollow=2.8, drains=(Drain(2.0),)))
+    assert part.printing.closed_cavities == 1
+    assert any("opens the largest cavity; 1 other cavity has no drain" in note for note in part.notes)
+    assert part.mesh.euler == (0 if apart == 0.0 else 2) + 2  # The lower ball with two drains has genus 1.
+    assert part.mesh.closed
+    upper = Drain(2.0, (11.5, 11.5, 15.4 + apart))
+    (part,) = solid_parts(two_balls(apart), GRAY, SolidRequest(hollow=2.8, drains=(Drain(2.0), upper)))
+    assert part.printing.closed_cavities == 0
+
+
+def test_a_drain_at_a_cut_is_told_with_the_distance_that_helps():
+    drain = Drain(3.0, (17.0, 11.5, 12.5))
+    (note,) = {
+        note
+        for part in solid_parts(BALL, GRAY, SolidRequest(hollow=2.0, drains=(drain,), cuts=(Cut(MIDDLE, (0, 0, 1)),)))
+        for note in part.notes
+    }
+    assert "meets the cut at 11.5 11.5 11.5; move one of them by" in note
+    move = float(note.rsplit(" ", 2)[1])
+    far = Cut((11.5, 11.5, 11.5 - move), (0, 0, 1))
+    assert not solid_parts(BALL, GRAY, SolidRequest(hollow=2.0, drains=(drain,), cuts=(far,)))[0].notes

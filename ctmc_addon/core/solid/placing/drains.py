@@ -23,12 +23,12 @@ from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import Steps
 from ..fields.depth import Depth
-from ..fields.shapes import Bar, Shape, Union
+from ..fields.shapes import Bar, HalfSpace, Shape, Union
 from ..request import Drain, Point
 from .cubes import deepest_steps
 from .hollows import Cavities, cavities_steps
 from .outer import OuterSurfaces
-from .rounding import placed, rounded_down
+from .rounding import place_text, placed, rounded_down, rounded_up
 
 AUTO_DIAMETER_MM = 4.0
 WALL_PER_DIAMETER = 2.0  # A hole this much deeper than wide is hard to clean.
@@ -74,6 +74,28 @@ def auto_diameter(wall: float) -> float:
     (4.0, 6.0)
     """
     return max(AUTO_DIAMETER_MM, wall / WALL_PER_DIAMETER)
+
+
+def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]:
+    """Return what to say about drains that meet a cut: there they are notches in the rims of both parts.
+
+    Examples
+    --------
+    >>> cut, drain = HalfSpace((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), Bar((5.0, 0.0, 3.0), (9.0, 0.0, 3.0), 2.5)
+    >>> notes_at_cuts([drain], [cut])
+    ['The drain at 5 0 3 meets the cut at 0 0 1; move one of them by 0.5 mm.']
+    """
+    notes = []
+    for bar in bars:
+        ends = np.array([bar.start, bar.end]).T
+        for plane in planes:
+            first, last = plane.at(ends).tolist()
+            nearest = 0.0 if first * last < 0 else min(abs(first), abs(last))
+            if nearest < bar.radius:
+                where = place_text(bar.start, bar.radius)
+                cut, move = _numbers(plane.point), rounded_up(bar.radius - nearest, 2)
+                notes.append(f"The drain at {where} meets the cut at {cut}; move one of them by {move:g} mm.")
+    return notes
 
 
 def drains_steps(
