@@ -23,10 +23,11 @@ from .fields.depth import depth_below
 from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, flats_of, part_names
-from .placing.foot import foot_steps
+from .placing.drains import notes_at_cuts
 from .placing.joints import Joined, cut_pegs_steps
 from .placing.least_wall import thin_walls_steps
-from .placing.pegs import beside_wall, bosses_steps
+from .placing.pegs import bosses_steps
+from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around
@@ -47,7 +48,8 @@ class PartsMaking:
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
         self.bars: list[Bar] = []
-        self.feet: dict[int, Shape] = {}
+        self.feet: Feet | None = None
+        self.standing: dict[int, list[str]] = {}
 
     def parts_steps(self) -> Steps[list[Reconstruction]]:
         """Return the parts, one structure after the other."""
@@ -70,6 +72,8 @@ class PartsMaking:
         if not self.structures[0].is_shaped:
             for structure, body in zip(self.structures, self.bodies, strict=True):
                 yield from drain_steps(structure, body, self.hollow, self.thicken)
+        for structure in self.structures:
+            structure.notes += notes_at_cuts(structure.holes, self.planes)
         if solid.least_wall:
             yield from self._walls_steps()
         if solid.pegs is not None:
@@ -77,7 +81,8 @@ class PartsMaking:
         yield from self._refine_steps()
         if solid.base:
             yield from self._feet_steps()
-        return (yield from self._extracted_steps(drains=True, cuts=True))
+        mesh = yield from self._extracted_steps(drains=True, cuts=True)
+        return mesh if self.feet is None else (yield from self._stood_steps(mesh, self.feet))
 
     def _thicken_steps(self) -> Steps[None]:
         """Thicken the structures, so that distances are measured from their new surfaces."""
@@ -118,7 +123,8 @@ class PartsMaking:
                 rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
             if self.bosses:
                 rule.bosses = added(Union(self.bosses))
-            rule.feet = {part: added(shape) for part, shape in sorted(self.feet.items())}
+            if self.feet is not None:
+                rule.feet = {part: added(shape) for part, shape in sorted(self.feet.shapes.items())}
         recipe = Recipe(self.lattice, fields, rule, edges)
         mesh, self.crossings, made = yield from extract_parts_steps(recipe, self.budget)
         self.flats = flats_of(made, [*rule.cuts, *rule.feet.values()])
@@ -166,7 +172,7 @@ class PartsMaking:
             surface = yield from body.signed_steps()
             depth = depth_below(surface, self.thicken, threads=self.budget.threads)
             surfaces.append(surface)
-            solids.append(Joined(beside_wall(depth, pegs) if self.hollow else depth, body.mesh.vertices, self.thicken))
+            solids.append(Joined(depth, body.mesh.vertices, self.thicken, self.hollow > 0))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
             found = yield from cut_pegs_steps(self.solid, number, solids, avoid)
@@ -197,28 +203,47 @@ class PartsMaking:
                 self.bodies[number] = yield from body.on_steps(lattice)
 
     def _feet_steps(self) -> Steps[None]:
-        """Make a foot for every part, as it stands without pegs."""
+        """Make the feet of parts, as they stand without pegs."""
         pegs, self.pegs = self.pegs, []
         mesh = yield from self._extracted_steps(drains=True, cuts=True)
-        for part in mesh.labels:
-            own = Body(mesh.of_label(part), self.lattice, self.budget)
-            signed = yield from own.signed_steps()
-            vertices = own.mesh.vertices.astype(np.float64)
-            depth = depth_below(signed, threads=self.budget.threads)
-            foot = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
-            self.feet[part] = foot
         self.pegs = pegs
+
+        def sides(part: int) -> list[tuple[HalfSpace, float]]:
+            return [(plane, -1.0 if (part - 1) >> bit & 1 else 1.0) for bit, plane in enumerate(self.planes)]
+
+        def holes(part: int) -> list[Bar]:
+            return self._owner(part).holes
+
+        alone = len(self.structures) == 1
+        self.feet = yield from feet_steps(mesh, self.solid.base, self.lattice, sides, holes, alone)
+
+    def _stood_steps(self, mesh: ComplexMesh, feet: Feet) -> Steps[ComplexMesh]:
+        """Return the parts without what others cut off from their feet; say how they stand."""
+        stood, kept, self.standing = yield from stood_steps(mesh, feet, self._names(mesh))
+        left = np.isin(self.crossings, kept).all(axis=1)
+        self.crossings = np.searchsorted(kept, self.crossings[left])
+        return stood
+
+    def _owner(self, part: int) -> Structure:
+        """Return the structure of a part."""
+        return self.structures[(part - 1) // (1 << len(self.planes))]
+
+    def _names(self, mesh: ComplexMesh) -> dict[int, str]:
+        """Return the names of all parts."""
+        names: dict[int, str] = {}
+        for structure in self.structures:
+            names |= part_names(structure.name, [part for part in mesh.labels if self._owner(part) is structure])
+        return names
 
     def _finished_steps(self, mesh: ComplexMesh) -> Steps[list[Reconstruction]]:
         """Simplify all parts together, and describe them."""
-        each = 1 << len(self.planes)
-        owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
         described: dict[int, Reconstruction] = {}
         for structure in self.structures:
-            own = [part for part, owner in owners.items() if owner is structure]
+            own = [part for part in mesh.labels if self._owner(part) is structure]
             if not own:
                 raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
             notes = (*structure.result.notes, *structure.notes)
             for number, (part, name) in enumerate(part_names(structure.name, own).items()):
-                described[part] = replace(structure.result, label_name=name, part_number=number, notes=notes)
+                about = (*notes, *self.standing.get(part, ()))
+                described[part] = replace(structure.result, label_name=name, part_number=number, notes=about)
         return (yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget))

@@ -19,7 +19,6 @@ from .fields.depth import Depth, depth_below
 from .fields.shapes import Bar, Shape
 from .placing.drains import drains_steps
 from .placing.joints import Joined, cut_pegs_steps
-from .placing.pegs import beside_wall
 from .request import Combination, Combining, SolidRequest
 from .structure import shared_drains_steps
 
@@ -98,9 +97,7 @@ def _joined(surfaces: Mapping[str, SignedSurface], solid: SolidRequest, threads:
     for name, surface in surfaces.items():
         # Hollows that are combined have no material around pegs but their walls.
         depth = depth_below(surface, solid.thicken, solid.hollow if shaped else 0.0, threads)
-        if solid.hollow and not shaped:
-            depth = beside_wall(depth, solid.pegs)
-        joined[name] = Joined(depth, surface.mesh.vertices, solid.thicken)
+        joined[name] = Joined(depth, surface.mesh.vertices, solid.thicken, solid.hollow > 0 and not shaped)
     for combination in solid.combinations:
         members = [joined.pop(name) for name in combination.of if name in joined]
         if members:

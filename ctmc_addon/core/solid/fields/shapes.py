@@ -49,6 +49,12 @@ class HalfSpace:
         return normal / np.sqrt(dot(normal, normal))
 
     @property
+    def turned(self) -> HalfSpace:
+        """What lies on the other side of the plane."""
+        x, y, z = self.normal
+        return HalfSpace(self.point, (-x, -y, -z))
+
+    @property
     def box(self) -> None:
         """None: it has no end."""
 

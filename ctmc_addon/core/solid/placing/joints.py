@@ -11,10 +11,8 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any
 
-import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Doubles
 from ...errors import SettingsError
 from ...progress import Steps
 from ..fields.depth import Depth
@@ -34,11 +32,14 @@ class Joined:
     extent : (n, 3)
         Points such as a mesh's vertices; the solid keeps within their hull, grown by `beyond` mm.
     beyond : float
+    is_hollow : bool
+        Whether pegs keep near the surface.
     """
 
     depth: Depth
     extent: NDArray[Any]
     beyond: float = 0.0
+    is_hollow: bool = False
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ def cut_pegs_steps(
     """
     assert solid.pegs is not None, "the request has pegs"
     cut, planes = solid.cuts[number], [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
-    others = planes[:number] + planes[number + 1 :]
+    others = [(plane, plane.turned) for plane in planes[:number] + planes[number + 1 :]]
     placed: list[tuple[int, PlacedPegs]] = []
     refused: list[SettingsError] = []
     for at, joined in enumerate(solids):
@@ -87,9 +88,10 @@ def cut_pegs_steps(
         if not low < 0 < high:
             continue
         beyond = max(0.0, joined.beyond)
-        for signs in product((1.0, -1.0), repeat=len(others)):
-            depth = _within(joined.depth, list(zip(others, signs, strict=True)))
-            placing = placed_pegs_steps(cut, solid.pegs, depth, others, joined.extent, beyond, avoid=avoid)
+        for sides in product(*others):
+            placing = placed_pegs_steps(
+                cut, solid.pegs, joined.depth, sides, joined.extent, beyond, avoid, joined.is_hollow
+            )
             try:
                 placed.append((at, (yield from placing)))
             except SettingsError as error:
@@ -97,15 +99,3 @@ def cut_pegs_steps(
     if refused and not placed:
         raise refused[0]
     return CutPegs(tuple(placed), bool(refused))
-
-
-def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
-    """Return the depth within some sides of planes."""
-
-    def depth_steps(points: Doubles) -> Steps[Doubles]:
-        room = yield from depth(points)
-        for plane, sign in sides:
-            room = np.minimum(room, sign * plane.at(points))
-        return room
-
-    return depth_steps if sides else depth

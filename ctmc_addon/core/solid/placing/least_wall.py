@@ -32,6 +32,7 @@ from ..fields.shapes import Box, Plane
 from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
 from ..request import Point
 from .near_cells import NearCells, near_cells_steps
+from .rounding import place_text
 
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
 SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
@@ -141,8 +142,8 @@ def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: 
     thinnest = float(diameters[at])
     share = areas[1] / areas[0] if areas[0] else 0.0
     note = (
-        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.2f} mm at "
-        f"{x:.1f} {y:.1f} {z:.1f}; they are thickened, by up to {least - thinnest:.2f} mm."
+        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
+        f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
     )
     return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 
