@@ -73,5 +73,5 @@ def test_a_foot_stays_flat():
     """Its lower side has no fewer square millimeters; a bevel of Marching Cubes around it becomes narrower."""
     [full], [part] = (made(reduction, base=2) for reduction in (None, 0.9))
     before, after = (mesh.vertices[:, 2] - mesh.vertices[:, 2].min() for mesh in (full, part))
-    assert 1 < flat_area(part, after) / flat_area(full, before) < 1.06
+    assert 1 < flat_area(part, after) / flat_area(full, before) < 1.15
     assert part.volume == pytest.approx(full.volume, rel=0.01)
