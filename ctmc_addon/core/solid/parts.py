@@ -7,7 +7,7 @@ extraction from all fields at once; thin walls and feet are found on extractions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -17,8 +17,8 @@ from ..arrays import Doubles
 from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
-from ..progress import Stages, Steps
-from ..reconstruction import Reconstruction, Stage
+from ..progress import PAUSE, Stages, Steps
+from ..reconstruction import Stage
 from .body import Body, OnEdges, edges_of
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
@@ -30,7 +30,7 @@ from .placing.least_wall import thin_walls_steps
 from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
+from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, tried_steps
 
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
@@ -39,37 +39,57 @@ MAKING = "Making the solid"
 class PartsMaking:
     """Make the parts of structures that share walls, or of one."""
 
-    def __init__(self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> None:
-        self.structures, self.solid, self.budget = list(structures), solid, budget
+    def __init__(
+        self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget, all_needed: bool = True
+    ) -> None:
+        self.structures, self.solid, self.budget, self.all_needed = list(structures), solid, budget, all_needed
         shaped = self.structures[0].is_shaped
         self.thicken, self.hollow = (0.0, 0.0) if shaped else (solid.thicken, solid.hollow)
         self.planes = [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
-        self.walls: dict[int, Shape] = {}
+        self.bodies: list[Body] = []
+        self.walls: dict[Structure, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
         self.feet: dict[int, Shape] = {}
 
-    def parts_steps(self) -> Steps[list[Reconstruction]]:
-        """Return the parts, one structure after the other."""
+    def parts_steps(self) -> Steps[None]:
+        """Make the parts of every structure; those that cannot be made get an error, unless all are needed."""
+        yield from tried_steps(self.structures, self._made_steps(), self.all_needed)
+
+    def _made_steps(self) -> Steps[None]:
         stages = Stages({MAKING: 3, "": 1})
         mesh = yield from stages.run(MAKING, self._mesh_steps())
         stage = Stage(MAKING, stages.seconds[MAKING])
         for structure in self.structures:
             structure.result = replace(structure.result, stages=(*structure.result.stages, stage))
-        return (yield from stages.run("", self._finished_steps(mesh)))
+        yield from stages.run("", self._finished_steps(mesh))
+
+    def _each_steps(self, work_steps: Callable[[Structure, Body], Steps[None]]) -> Steps[None]:
+        """Work on every structure, and go on without those that cannot be made."""
+        for structure, body in zip(self.structures, self.bodies, strict=True):
+            yield from tried_steps([structure], work_steps(structure, body), self.all_needed)
+        self._leave_out()
+
+    def _leave_out(self) -> None:
+        """Go on without structures that cannot be made; raise the error of one of them if no other is left."""
+        pairs = zip(self.structures, self.bodies, strict=True)
+        kept = [(structure, body) for structure, body in pairs if structure.error is None]
+        if not kept:
+            error = self.structures[0].error
+            assert error is not None, "all were left out"
+            raise error
+        self.structures, self.bodies = (list(each) for each in zip(*kept, strict=True))
 
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
         solid = self.solid
         self.lattice = lattice_of(self.structures, solid)
-        self.bodies: list[Body] = []
         for structure in self.structures:
             self.bodies.append((yield from body_steps(structure.mesh, self.lattice, self.budget)))
         if self.thicken and self.hollow:
             yield from self._thicken_steps()
         if not self.structures[0].is_shaped:
-            for structure, body in zip(self.structures, self.bodies, strict=True):
-                yield from drain_steps(structure, body, self.hollow, self.thicken)
+            yield from self._each_steps(self._open_steps)
         if solid.least_wall:
             yield from self._walls_steps()
         if solid.pegs is not None:
@@ -78,17 +98,27 @@ class PartsMaking:
             yield from self._feet_steps()
         return (yield from self._extracted_steps(drains=True, cuts=True))
 
+    def _open_steps(self, structure: Structure, body: Body) -> Steps[None]:
+        """Place the drains of a structure, and make sure that it has a hollow."""
+        yield from drain_steps(structure, body, self.hollow, self.thicken)
+        if self.hollow:
+            yield from hollow_steps(structure, body, self.hollow, self.thicken)
+
     def _thicken_steps(self) -> Steps[None]:
         """Thicken the structures, so that distances are measured from their new surfaces."""
         hollow, self.hollow = self.hollow, 0.0
         mesh = yield from self._extracted_steps()
-        bodies = []
-        for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number)
+        meshes = {structure: mesh.of_label(1 + number) for number, structure in enumerate(self.structures)}
+        thickened: list[Body] = []
+
+        def remade_steps(structure: Structure, _: Body) -> Steps[None]:
+            own = meshes.pop(structure)
             if not len(own.faces):
                 raise MeshError(f"nothing is left of {structure.name} after --thicken; give a smaller distance")
-            bodies.append((yield from body_steps(own, self.lattice, self.budget)))
-        self.bodies, self.thicken, self.hollow = bodies, 0.0, hollow
+            thickened.append((yield from body_steps(own, self.lattice, self.budget)))
+
+        yield from self._each_steps(remade_steps)
+        self.bodies, self.thicken, self.hollow = thickened, 0.0, hollow
 
     def _extracted_steps(self, drains: bool = False, cuts: bool = False) -> Steps[ComplexMesh]:
         """Extract all parts, numbered from 1 on: structure by structure, by which cuts they are below as bits."""
@@ -103,7 +133,9 @@ class PartsMaking:
             for body, structure in zip(self.bodies, self.structures, strict=True):
                 rule.hollows.append(len(fields))
                 fields.append((yield from hollow_steps(structure, body, self.hollow, self.thicken)))
-        rule.added = {number: added(shape) for number, shape in sorted(self.walls.items())}
+        for number, structure in enumerate(self.structures):
+            if structure in self.walls:
+                rule.added[number] = added(self.walls[structure])
         holes = [hole for structure in self.structures for hole in structure.holes]
         if drains and holes:
             rule.drains = added(Union(holes))
@@ -155,18 +187,31 @@ class PartsMaking:
             found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
             structure.notes += found.notes
             if found.shape is not None:
-                self.walls[number] = found.shape
+                self.walls[structure] = found.shape
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
-        """Place the pegs of every cut, between each two sides of the others."""
+        """Place the pegs of every cut, again without structures in which none fit."""
+        is_settled = False
+        while not is_settled:
+            before = self.structures
+            self.pegs, self.bosses = [], []
+            notes = yield from self._placed_steps(pegs)
+            self._leave_out()
+            is_settled = len(self.structures) == len(before)
+        for structure, sentences in notes:
+            structure.notes += sentences
+
+    def _placed_steps(self, pegs: Pegs) -> Steps[list[tuple[Structure, Sequence[str]]]]:
+        """Place the pegs of every cut, between each two sides of the others; return notes on structures."""
         surfaces = []
+        notes: list[tuple[Structure, Sequence[str]]] = []
         for body in self.bodies:
             surfaces.append((yield from body.signed_steps()))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
             bars: list[Shape] = []
             holes: list[Shape] = []
-            refused: list[SettingsError] = []
+            refused: list[tuple[Structure, SettingsError]] = []
             others = self.planes[:number] + self.planes[number + 1 :]
             for surface, body, structure in zip(surfaces, self.bodies, self.structures, strict=True):
                 depth = depth_below(surface, self.thicken, threads=self.budget.threads)
@@ -182,18 +227,19 @@ class PartsMaking:
                         placing = placed_pegs_steps(cut, pegs, own, others, around, max(0.0, self.thicken), avoid=avoid)
                         placed = yield from placing
                     except SettingsError as error:
-                        refused.append(error)
+                        refused.append((structure, error))
                         continue
-                    structure.notes += placed.notes
+                    notes.append((structure, placed.notes))
                     if self.hollow:
                         self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surface)))
                     bars.append(placed.pegs)
                     holes.append(placed.holes)
             if refused and not bars:
-                raise refused[0]
-            if refused:
+                for structure, why in refused:
+                    yield from tried_steps([structure], _raising_steps(why), self.all_needed)
+            elif refused:
                 where = " ".join(f"{at:g}" for at in cut.point)
-                self.structures[0].notes.append(f"Some joints at the cut at {where} have no peg.")
+                notes.append((self.structures[0], [f"Some joints at the cut at {where} have no peg."]))
             avoid += holes
             if not bars:
                 self.pegs.append(None)
@@ -201,34 +247,59 @@ class PartsMaking:
             union = Union(bars)
             # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
+        return notes
 
     def _feet_steps(self) -> Steps[None]:
-        """Make a foot for every part, as it stands without pegs."""
+        """Make a foot for every part, as it stands without pegs, again without structures that can have none."""
         pegs, self.pegs = self.pegs, []
-        mesh = yield from self._extracted_steps(drains=True, cuts=True)
-        for part in mesh.labels:
-            own = Body(mesh.of_label(part), self.lattice, self.budget)
-            signed = yield from own.signed_steps()
-            vertices = own.mesh.vertices.astype(np.float64)
-            depth = depth_below(signed, threads=self.budget.threads)
-            foot = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
-            self.feet[part] = foot
-        self.pegs = pegs
+        is_settled = False
+        while not is_settled:
+            before = self.structures
+            self.feet = {}
+            mesh = yield from self._extracted_steps(drains=True, cuts=True)
+            feet: dict[int, Shape] = {}
+            for part in mesh.labels:
+                yield from tried_steps([self._owner(part)], self._foot_steps(mesh, part, feet), self.all_needed)
+            self._leave_out()
+            is_settled = len(self.structures) == len(before)
+        self.pegs, self.feet = pegs, feet
 
-    def _finished_steps(self, mesh: ComplexMesh) -> Steps[list[Reconstruction]]:
+    def _foot_steps(self, mesh: ComplexMesh, part: int, feet: dict[int, Shape]) -> Steps[None]:
+        own = Body(mesh.of_label(part), self.lattice, self.budget)
+        signed = yield from own.signed_steps()
+        vertices = own.mesh.vertices.astype(np.float64)
+        depth = depth_below(signed, threads=self.budget.threads)
+        feet[part] = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
+
+    def _owner(self, part: int) -> Structure:
+        """Return the structure that a part is of, by its number."""
+        return self.structures[(part - 1) >> len(self.planes)]
+
+    def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
         """Simplify all parts together, and describe them."""
-        each = 1 << len(self.planes)
-        owners = {part: self.structures[(part - 1) // each] for part in mesh.labels}
         names: dict[int, str] = {}
         for structure in self.structures:
-            names |= part_names(structure.name, [part for part, owner in owners.items() if owner is structure])
-            if structure not in owners.values():
-                raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
-        described = {
-            part: replace(owner.result, label_name=names[part], notes=(*owner.result.notes, *owner.notes))
-            for part, owner in owners.items()
-        }
-        return (yield from finished_parts_steps(described, mesh, self.crossings, self.budget))
+            own = [part for part in mesh.labels if self._owner(part) is structure]
+            names |= part_names(structure.name, own) if own else {}
+            if not own:
+                error = MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
+                yield from tried_steps([structure], _raising_steps(error), self.all_needed)
+        described = {}
+        for part in mesh.labels:
+            owner = self._owner(part)
+            notes = (*owner.result.notes, *owner.notes)
+            described[part] = replace(owner.result, label_name=names[part], notes=notes)
+        if not described:
+            return
+        finished = yield from finished_parts_steps(described, mesh, self.crossings, self.budget)
+        for part, result in finished.items():
+            self._owner(part).parts.append(result)
+
+
+def _raising_steps(error: Exception) -> Steps[None]:
+    """Raise an error, as steps."""
+    yield PAUSE
+    raise error
 
 
 def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:

@@ -24,7 +24,7 @@ from ....core import (
     Volume,
     length_text,
 )
-from ....core.solid import MOST_CUTS, SolidRequest, solid_parts_steps
+from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
@@ -62,7 +62,7 @@ class SolidParts:
 
     def parts_steps(
         self, volume: Volume, requests: Sequence[ObjectRequest], budget: Budget, labels: Volume | None
-    ) -> Steps[list[Reconstruction]]:
+    ) -> Steps[MadeParts]:
         """Make the parts of the requested surfaces."""
         surface_requests = [SurfaceRequest(request.settings) for request in requests]
         return (yield from solid_parts_steps(volume, surface_requests, self.solid, budget, labels=labels))
