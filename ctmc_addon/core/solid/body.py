@@ -34,19 +34,23 @@ class Body:
     mesh : TriangleMesh
         RAS+ mm.
     lattice : Lattice
+        Of its fields.
     budget : Budget
+    around : Lattice, optional
+        The lattice of a group, of which `lattice` is a part; by default the same.
 
     Attributes
     ----------
     inside : (z, y, x) bool or None
         Samples inside; None if the surface was not extracted on this lattice.
     on_edges : (keys, positions) or None
-        Vertices on edges of the lattice, as `Recipe` takes them.
+        Vertices on edges of the lattice `around`, as `Recipe` takes them.
     """
 
     mesh: TriangleMesh
     lattice: Lattice
     budget: Budget
+    around: Lattice | None = None
     inside: Flags | None = None
     on_edges: OnEdges | None = None
     _tree: TriangleTree | None = None
@@ -60,7 +64,7 @@ class Body:
             self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
         except MeshError:
             return
-        keys, vertices = yield from edge_vertices_steps(self.mesh, self.lattice, self.budget)
+        keys, vertices = yield from edge_vertices_steps(self.mesh, self.around or self.lattice, self.budget)
         self.on_edges = keys, self.mesh.vertices[vertices]
 
     def signed_steps(self) -> Steps[SignedSurface]:
@@ -89,6 +93,10 @@ class Body:
             measuring = distances_steps(surface, self.lattice, [level], self.inside, self.budget)
             self._distances[level] = yield from measuring
         return self._distances[level]
+
+    def forget_distances(self, level: float) -> None:
+        """Free the distances of a level; they are measured again where they are asked for."""
+        self._distances.pop(level, None)
 
     def _tree_steps(self) -> Steps[TriangleTree]:
         if self._tree is None:

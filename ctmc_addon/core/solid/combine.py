@@ -114,7 +114,7 @@ def _shaped_steps(
     if solid.hollow:
         outer = yield from body.field_steps(0.0)
         hollow = yield from hollow_steps(structure, body, solid.hollow, 0.0)
-        rule = PartRule(1, hollows=[1])
+        rule = PartRule(1, hollow=1)
         body = yield from extracted_steps([outer, hollow], rule, body.on_edges, body, structure.name, "--hollow")
     bodies.append((structure, body))
 

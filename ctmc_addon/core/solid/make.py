@@ -28,8 +28,6 @@ from .request import SolidRequest, require_different_cuts
 from .structure import Structure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
-MOST_TOGETHER = 4
-"""Structures with common walls that are made together, at most."""
 
 
 class MadeParts(NamedTuple):
@@ -195,10 +193,7 @@ def _structures_steps(
 
 
 def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list[Structure]]:
-    """Return groups of structures that share walls or may grow into each other.
-
-    Where too many do, each is made by itself, with a note.
-    """
+    """Return groups of structures that share walls or may grow into each other."""
     grown = max(solid.thicken, 0.0) + solid.base + solid.least_wall / 2
     boxes = {
         each.name: (each.mesh.vertices.min(axis=0) - grown, each.mesh.vertices.max(axis=0) + grown)
@@ -218,15 +213,4 @@ def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list
         groups.append([each for group in met for each in group] + [structure])
     order = {structure.name: at for at, structure in enumerate(structures)}
     groups = [sorted(group, key=lambda each: order[each.name]) for group in groups]
-    out: list[list[Structure]] = []
-    for group in sorted(groups, key=lambda each: order[each[0].name]):
-        if len(group) <= MOST_TOGETHER:
-            out.append(group)
-            continue
-        overlap = f", and may overlap by up to {2 * grown:g} mm" if grown else ""
-        for each in group:
-            each.notes.append(
-                f"{len(group)} structures touch, more than {MOST_TOGETHER}: their parts share no walls{overlap}."
-            )
-            out.append([each])
-    return out
+    return sorted(groups, key=lambda group: order[group[0].name])

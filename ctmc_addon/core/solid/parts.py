@@ -7,7 +7,7 @@ extraction from all fields at once; thin walls and feet are found on extractions
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from itertools import product
 
@@ -17,12 +17,13 @@ from ..arrays import Doubles
 from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
+from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Stage
-from .body import Body, OnEdges, edges_of
+from .body import Body
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import Depth, depth_below
-from .fields.lattice_fields import Field, HeldField, ShapeField
+from .fields.lattice_fields import ShapeField
 from .fields.shapes import HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.foot import foot_steps
@@ -31,6 +32,7 @@ from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_ste
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, tried_steps
+from .together import Together
 
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
@@ -78,14 +80,25 @@ class PartsMaking:
             error = self.structures[0].error
             assert error is not None, "all were left out"
             raise error
-        self.structures, self.bodies = (list(each) for each in zip(*kept, strict=True))
+        if len(kept) < len(self.structures):
+            self._keep([structure for structure, _ in kept], [body for _, body in kept])
+
+    def _keep(self, structures: Sequence[Structure], bodies: Sequence[Body]) -> None:
+        """Go on with some structures, and with these bodies of them."""
+        self.structures, self.bodies = list(structures), list(bodies)
+        growth = max(self.thicken, 0.0) + self.solid.base + self.solid.least_wall
+        self.together = Together(self.bodies, self.lattice, growth, self.budget)
+        self.together.require_fields(len(self.planes) + bool(self.hollow))
+        self.together.require_memory()
 
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
         solid = self.solid
         self.lattice = lattice_of(self.structures, solid)
+        bodies = []
         for structure in self.structures:
-            self.bodies.append((yield from body_steps(structure.mesh, self.lattice, self.budget)))
+            bodies.append((yield from self._body_steps(structure.mesh)))
+        self._keep(self.structures, bodies)
         if self.thicken and self.hollow:
             yield from self._thicken_steps()
         if not self.structures[0].is_shaped:
@@ -97,6 +110,13 @@ class PartsMaking:
         if solid.base:
             yield from self._feet_steps()
         return (yield from self._extracted_steps(drains=True, cuts=True))
+
+    def _body_steps(self, mesh: TriangleMesh) -> Steps[Body]:
+        """Return a mesh on the lattice; one of several on the part around it, which saves time and memory."""
+        if len(self.structures) == 1:
+            return (yield from body_steps(mesh, self.lattice, self.budget))
+        part = self.lattice.around(mesh.vertices, max(self.thicken, 0.0))
+        return (yield from body_steps(mesh, part, self.budget, self.lattice))
 
     def _open_steps(self, structure: Structure, body: Body) -> Steps[None]:
         """Place the drains of a structure, and make sure that it has a hollow."""
@@ -115,32 +135,41 @@ class PartsMaking:
             own = meshes.pop(structure)
             if not len(own.faces):
                 raise MeshError(f"nothing is left of {structure.name} after --thicken; give a smaller distance")
-            thickened.append((yield from body_steps(own, self.lattice, self.budget)))
+            thickened.append((yield from self._body_steps(own)))
 
         yield from self._each_steps(remade_steps)
-        self.bodies, self.thicken, self.hollow = thickened, 0.0, hollow
+        self.thicken, self.hollow = 0.0, hollow
+        self._keep(self.structures, thickened)
 
     def _extracted_steps(self, drains: bool = False, cuts: bool = False) -> Steps[ComplexMesh]:
         """Extract all parts, numbered from 1 on: structure by structure, by which cuts they are below as bits."""
-        fields, edges = yield from self._structures_steps()
-        rule = PartRule(len(self.bodies))
+        together = self.together
+        fields, edges = yield from together.fields_steps(self.thicken)
+        rule = PartRule(together.count)
 
         def added(shape: Shape) -> int:
             fields.append(ShapeField(shape, self.lattice))
             return len(fields) - 1
 
+        def added_by_slot(shapes: Mapping[tuple[int, int], Shape]) -> dict[tuple[int, int], int]:
+            """Add shapes of structures, by their numbers and another one, as one shape for each slot."""
+            of_slots: dict[tuple[int, int], list[Shape]] = {}
+            for (number, other), shape in sorted(shapes.items(), key=lambda each: each[0]):
+                of_slots.setdefault((together.slots[number], other), []).append(shape)
+            return {key: added(own[0] if len(own) == 1 else Union(own)) for key, own in sorted(of_slots.items())}
+
         if self.hollow:
-            for body, structure in zip(self.bodies, self.structures, strict=True):
-                rule.hollows.append(len(fields))
-                fields.append((yield from hollow_steps(structure, body, self.hollow, self.thicken)))
-        for number, structure in enumerate(self.structures):
-            if structure in self.walls:
-                rule.added[number] = added(self.walls[structure])
+            rule.hollow = len(fields)
+            fields.append((yield from together.hollow_steps(self.hollow - self.thicken)))
+        walls = {(self.structures.index(structure), 0): shape for structure, shape in self.walls.items()}
+        rule.added = {slot: number for (slot, _), number in added_by_slot(walls).items()}
         holes = [hole for structure in self.structures for hole in structure.holes]
         if drains and holes:
             rule.drains = added(Union(holes))
+        sides = 1
         if cuts:
             rule.cuts = [added(plane) for plane in self.planes]
+            sides = rule.parts
             for both in self.pegs:
                 if both is None:
                     rule.pegs.append(None)
@@ -149,34 +178,12 @@ class PartsMaking:
                 rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
             if self.bosses:
                 rule.bosses = added(Union(self.bosses))
-            rule.feet = {part: added(shape) for part, shape in sorted(self.feet.items())}
+            feet = {divmod(part - 1, sides): shape for part, shape in self.feet.items()}
+            rule.feet = {1 + slot * sides + side: number for (slot, side), number in added_by_slot(feet).items()}
+        together.require_fields(len(fields) - together.count)
         recipe = Recipe(self.lattice, fields, rule, edges)
         mesh, self.crossings = yield from extract_parts_steps(recipe, self.budget)
-        return mesh
-
-    def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
-        """Return the fields that tell the structures from what is around and from each other."""
-        known = None if self.thicken else edges_of(self.bodies)
-        on_edges = {} if known is None else dict.fromkeys(range(len(self.bodies)), known)
-        if len(self.bodies) == 1:
-            only = yield from self.bodies[0].field_steps(-self.thicken)
-            return [only], on_edges
-        samples = self.lattice.shape[0] * self.lattice.shape[1] * self.lattice.shape[2]
-        needed = 4 * samples * (3 * len(self.bodies) + 1)
-        self.budget.require(needed, f"the fields of {len(self.bodies)} structures", "make fewer at once, or a region")
-        distances = []
-        for body in self.bodies:
-            distances.append((yield from body.distances_steps(-self.thicken)))
-        whole = distances[0].copy()
-        for each in distances[1:]:
-            np.maximum(whole, each, out=whole)
-        fields: list[Field] = [HeldField(self.lattice, whole + np.float32(self.thicken))]
-        for number, own in enumerate(distances[:-1]):
-            others = distances[number + 1].copy()
-            for each in distances[number + 2 :]:
-                np.maximum(others, each, out=others)
-            fields.append(HeldField(self.lattice, own - others))
-        return fields, on_edges
+        return together.with_owners(mesh, sides)
 
     def _walls_steps(self) -> Steps[None]:
         """Find what thickens thin walls; the notes say where and by how much."""

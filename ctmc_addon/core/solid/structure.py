@@ -158,9 +158,9 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
     return lattice_around(volume, settings.stride, steps, scope.region, points, margin, longest)
 
 
-def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Body]:
+def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lattice | None = None) -> Steps[Body]:
     """Return a mesh on a lattice, ready."""
-    body = Body(mesh, lattice, budget)
+    body = Body(mesh, lattice, budget, around)
     yield from body.prepare_steps()
     return body
 
