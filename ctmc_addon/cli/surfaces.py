@@ -175,7 +175,8 @@ def surfaces_steps(
             )
         chosen = [replace(settings, label=label) for label in labels] if choices else [settings]
         requests = [SurfaceRequest(each, written_bytes=written_bytes) for each in chosen]
-        return (yield from stages.run(making, _solid_steps(volume, requests, solid, budget, mapping, several)))
+        shaping = _solid_steps(volume, requests, solid, budget, mapping, several, all_needed=ALL not in choices)
+        return (yield from stages.run(making, shaping))
     if not several:
         sink = HOLD if writer is None else writer.sink_of(settings.label)
         request = SurfaceRequest(settings, sink, written_bytes=written_bytes)
@@ -212,13 +213,15 @@ def _solid_steps(
     budget: Budget,
     maps: MapRequest | None,
     several: bool,
+    all_needed: bool,
 ) -> Steps[Surfaces]:
     """Make the parts of a solid; `several` labels have names of their own, even if one part comes of them."""
     from ..core.solid import solid_parts_steps
 
-    parts = yield from solid_parts_steps(volume, requests, solid, budget, maps=maps)
-    are_named = len(parts) > 1 or (several and not solid.combinations)
-    return Surfaces(volume.name, tuple(parts), structure_names(parts) if are_named else ())
+    making = solid_parts_steps(volume, requests, solid, budget, maps=maps, all_needed=all_needed)
+    parts, left_out = yield from making
+    are_named = len(parts) > 1 or (several and not solid.combinations) or bool(left_out)
+    return Surfaces(volume.name, tuple(parts), structure_names(parts) if are_named else (), tuple(left_out))
 
 
 def surface_of(volume: Volume, surface: MadeSurface, writer: SurfaceWriter | None) -> Surfaces:

@@ -16,7 +16,7 @@ from ctmc_addon.cli.arguments import Parser
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.cases import collect
 from ctmc_addon.core import CtmcError, solid as solids
-from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest
+from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.core.surfaces.make import make_surfaces_steps
 from ctmc_addon.readers import ReadingOptions
 
@@ -24,7 +24,7 @@ UP = Cut((0, 0, 11), (0, 0, 1))
 CUT = ("--cut", "0", "0", "11", "0", "0", "1")
 
 
-def stub_steps(volume, requests, solid, budget=None, *, labels=None, maps=None):
+def stub_steps(volume, requests, solid, budget=None, *, labels=None, maps=None, all_needed=False):
     """Make the surfaces of the requests, with the names that parts of a solid have; a merge keeps the first."""
     made = yield from make_surfaces_steps(volume, requests, budget, labels=labels, all_needed=True, maps=maps)
     results = [each.result for each in made]
@@ -36,7 +36,7 @@ def stub_steps(volume, requests, solid, budget=None, *, labels=None, maps=None):
         name = result.label_name or (volume.name if label is None else f"label {label}")
         letters = (" a", " b") if solid.cuts else ("",)
         parts += [replace(result, label_name=f"{name}{letter}", solid=solid) for letter in letters]
-    return parts
+    return MadeParts(parts, [])
 
 
 STUB = f"""

@@ -202,3 +202,18 @@ def test_what_makes_no_solid_is_refused_and_nothing_is_written(refused, folder, 
     output = f"{tmp_path}/out/"
     assert sentence in refused("reconstruct", folder / "ball.nii", *THRESHOLD, *words, "-o", output)
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_structure_that_cannot_be_made_is_left_out_of_all(ctmc, refused, made, folder, tmp_path):
+    done = ctmc("reconstruct", folder / "boxes.nii", "--label", "all", "--hollow", "3.5", "-o", f"{tmp_path}/out/")
+    assert done.code == 0
+    assert "label 2 is left out: a wall of 3.5 mm leaves no hollow in label 2, which is " in " ".join(done.out.split())
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["label 1.stl"]
+    several = ("--label", "1", "--label", "2", "--hollow", "3.5", "-o", f"{tmp_path}/both/")
+    assert "leaves no hollow in label 2" in refused("reconstruct", folder / "boxes.nii", *several)
+    assert not (tmp_path / "both").exists()
+    out = tmp_path / "batch"
+    words = ("--label", "all", "--hollow", "3.5", "--no-thumbnails", "--quiet")
+    assert ctmc("batch", folder / "boxes.nii", "-o", out, *words).code == 0
+    assert [path.name for path in (out / "boxes").iterdir()] == ["label 1.stl"]
+    assert "label 2 is left out: " in " ".join(json.loads((out / "boxes.json").read_text("utf-8"))["notes"])

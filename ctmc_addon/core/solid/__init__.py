@@ -8,7 +8,7 @@ from ..later import lazy_names
 if TYPE_CHECKING:
     from .fields.lattice import Lattice as Lattice
     from .fields.shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
-    from .make import solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
+    from .make import MadeParts as MadeParts, solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
     from .placed import (
         PlacedBars as PlacedBars,
         placed_cuts_pegs_steps as placed_cuts_pegs_steps,

@@ -35,19 +35,23 @@ class Body:
     mesh : TriangleMesh
         RAS+ mm.
     lattice : Lattice
+        Of its fields.
     budget : Budget
+    around : Lattice, optional
+        The lattice of a group, of which `lattice` is a part; by default the same.
 
     Attributes
     ----------
     inside : (z, y, x) bool or None
         Samples inside; None if the surface was not extracted on this very lattice.
     on_edges : (keys, positions) or None
-        Vertices on edges of the lattice, as `Recipe` takes them; None if most lie elsewhere.
+        Vertices on edges of the lattice `around`, as `Recipe` takes them; None if most lie elsewhere.
     """
 
     mesh: TriangleMesh
     lattice: Lattice
     budget: Budget
+    around: Lattice | None = None
     inside: Flags | None = None
     on_edges: OnEdges | None = None
     _tree: TriangleTree | None = None
@@ -57,16 +61,16 @@ class Body:
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
         self.budget.require(distances_bytes(self.lattice), "a solid", REMEDY)
-        keys, vertices = yield from edge_vertices_steps(self.mesh, self.lattice, self.budget)
+        keys, vertices = yield from edge_vertices_steps(self.mesh, self.around or self.lattice, self.budget)
         if 2 * len(keys) < len(self.mesh.vertices):
             return
         self.on_edges = keys, self.mesh.vertices[vertices]
         with suppress(MeshError):  # The lattice is finer than the one that it was extracted on.
             self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
 
-    def on_steps(self, lattice: Lattice) -> Steps[Body]:
+    def on_steps(self, lattice: Lattice, around: Lattice | None = None) -> Steps[Body]:
         """Return the same surface on another lattice, ready."""
-        body = replace(self, lattice=lattice, inside=None, on_edges=None, _distances={})
+        body = replace(self, lattice=lattice, around=around, inside=None, on_edges=None, _distances={})
         yield from body.prepare_steps()
         return body
 
@@ -96,6 +100,10 @@ class Body:
             measuring = distances_steps(surface, self.lattice, [level], self.inside, self.budget)
             self._distances[level] = yield from measuring
         return self._distances[level]
+
+    def forget_distances(self, level: float) -> None:
+        """Free the distances of a level; they are measured again where they are asked for."""
+        self._distances.pop(level, None)
 
     def _tree_steps(self) -> Steps[TriangleTree]:
         if self._tree is None:

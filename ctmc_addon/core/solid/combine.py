@@ -3,8 +3,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -12,53 +13,110 @@ from ..arrays import Floats
 from ..errors import MeshError, SettingsError
 from ..machine.budget import Budget
 from ..progress import Steps
+from ..surfaces.each_label import without
 from .body import Body, edges_of
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.lattice import Lattice
 from .fields.lattice_fields import HeldField
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, extracted_steps, hollow_steps, lattice_of
+from .structure import Structure, body_steps, drain_steps, extracted_steps, hollow_steps, lattice_of, tried_steps
 
 
-def named_by(structures: Sequence[Structure], solid: SolidRequest) -> list[Structure]:
-    """Return the structures that combinations name; raise a `SettingsError` for a name that none has."""
-    known = {each.name for each in structures} | {str(each.result.settings.label) for each in structures}
-    for combination in solid.combinations:
+class Combined(NamedTuple):
+    """Structures after all combinations.
+
+    Parameters
+    ----------
+    structures : list of Structure
+        Those that are left, new ones last, and those that could not be made, with their errors.
+    left_out : list of str
+        A sentence for each combination that could not be made.
+    """
+
+    structures: list[Structure]
+    left_out: list[str]
+
+
+def named_by(structures: Sequence[Structure], solid: SolidRequest, absent: Container[str] = ()) -> list[Structure]:
+    """Return the structures that combinations name.
+
+    Raises
+    ------
+    SettingsError
+        For a name that no structure has when its combination is made, nor one of those that are `absent`.
+    """
+    numbers = {str(each.result.settings.label): each.name for each in structures}
+    there = dict.fromkeys(each.name for each in structures)
+    taken: dict[str, str] = {}
+    named = set()
+    for number, combination in enumerate(solid.combinations):
+        asked = f"--{combination.how.value} {combination.name}"
+        later = {each.name: f"--{each.how.value} {each.name}" for each in solid.combinations[number:]}
         for name in combination.of:
-            if name not in known:
-                there = ", ".join(each.name for each in structures)
-                asked = f"--{combination.how.value} {combination.name}"
-                raise SettingsError(f"{asked} needs {name}; the structures are {there}")
-        known.add(combination.name)
-    names = {name for combination in solid.combinations for name in combination.of}
-    return [each for each in structures if each.name in names or str(each.result.settings.label) in names]
+            own = name if name in there or name in taken else numbers.get(name, name)
+            if own in taken:
+                raise SettingsError(f"{asked} needs {name}, which {taken[own]} has taken; combine {', '.join(there)}")
+            if own not in there and name in later:
+                raise SettingsError(f"{asked} needs {name}, which {later[name]} makes later; give {later[name]} first")
+            if own not in there and name not in absent:
+                raise SettingsError(f"{asked} needs {name}; the structures are {', '.join(there)}")
+            named.add(own)
+        for name in named & there.keys():
+            taken[name] = asked
+            del there[name]
+        there[combination.name] = None
+        taken.pop(combination.name, None)
+    return [each for each in structures if each.name in named]
 
 
-def combined_steps(structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> Steps[list[Structure]]:
-    """Return what is left of structures after all combinations: new ones stand behind."""
-    lattice = lattice_of(structures, solid)
+def combined_steps(
+    structures: Sequence[Structure], solid: SolidRequest, budget: Budget, all_needed: bool = False
+) -> Steps[Combined]:
+    """Return what is left of structures after all combinations; an error is raised if all are needed."""
     bodies: list[tuple[Structure, Body]] = []
+    lattice = lattice_of(structures, solid) if structures else None
     for structure in structures:
-        body = yield from body_steps(structure.mesh, lattice, budget)
-        if solid.thicken:
-            fields = [(yield from body.field_steps(-solid.thicken))]
-            body = yield from extracted_steps(fields, PartRule(1), None, body, structure.name, "--thicken")
-        yield from drain_steps(structure, body, solid.hollow, 0.0)
-        if solid.hollow:
-            outer = yield from body.field_steps(0.0)
-            hollow = yield from hollow_steps(structure, body, solid.hollow, 0.0)
-            rule = PartRule(1, hollows=[1])
-            body = yield from extracted_steps([outer, hollow], rule, body.on_edges, body, structure.name, "--hollow")
-        bodies.append((structure, body))
+        assert lattice is not None, "there are structures"
+        shaping = _shaped_steps(structure, solid, lattice, budget, bodies)
+        yield from tried_steps([structure], shaping, all_needed)
+    left_out = []
     for combination in solid.combinations:
-        members = [_named(name, bodies, combination) for name in combination.of]
-        joined = yield from _joined_steps(combination, members, lattice, budget)
-        bodies = [each for each in bodies if each not in members] + [joined]
+        members = [_named(name, bodies) for name in combination.of]
+        own = [each for each in members if each is not None]
+        bodies = [each for each in bodies if each not in own]
+        try:
+            if len(own) < len(members):
+                missing = combination.of[members.index(None)]
+                raise MeshError(f"it needs {missing}, which is left out")
+            assert lattice is not None, "there are structures"
+            bodies.append((yield from _joined_steps(combination, own, lattice, budget)))
+        except MeshError as error:
+            if all_needed:
+                raise
+            left_out.append(without(combination.name, error))
     for structure, body in bodies:
         structure.result = replace(structure.result, mesh=body.mesh)
         structure.is_shaped = True
-    return [structure for structure, _ in bodies]
+    failed = [structure for structure in structures if structure.error is not None]
+    return Combined([*failed, *(structure for structure, _ in bodies)], left_out)
+
+
+def _shaped_steps(
+    structure: Structure, solid: SolidRequest, lattice: Lattice, budget: Budget, bodies: list[tuple[Structure, Body]]
+) -> Steps[None]:
+    """Thicken and hollow a structure by itself, and add it to `bodies`."""
+    body = yield from body_steps(structure.mesh, lattice, budget)
+    if solid.thicken:
+        fields = [(yield from body.field_steps(-solid.thicken))]
+        body = yield from extracted_steps(fields, PartRule(1), None, body, structure.name, "--thicken")
+    yield from drain_steps(structure, body, solid.hollow, 0.0)
+    if solid.hollow:
+        outer = yield from body.field_steps(0.0)
+        hollow = yield from hollow_steps(structure, body, solid.hollow, 0.0)
+        rule = PartRule(1, hollow=1)
+        body = yield from extracted_steps([outer, hollow], rule, body.on_edges, body, structure.name, "--hollow")
+    bodies.append((structure, body))
 
 
 def _joined_steps(
@@ -94,14 +152,15 @@ def _joined_steps(
         first.volume,
         list(dict.fromkeys(notes)),
         holes=[hole for structure, _ in members for hole in structure.holes],
+        is_combined=True,
     )
     return joined, (yield from body_steps(mesh, lattice, budget))
 
 
-def _named(name: str, bodies: Sequence[tuple[Structure, Body]], combination: Combination) -> tuple[Structure, Body]:
-    """Return a structure by its name, or by its label."""
+def _named(name: str, bodies: Sequence[tuple[Structure, Body]]) -> tuple[Structure, Body] | None:
+    """Return a structure by its name, or by its label; None if it could not be made."""
     for each in bodies:
-        if name == each[0].name or name == str(each[0].result.settings.label):
+        structure = each[0]
+        if name == structure.name or (not structure.is_combined and name == str(structure.result.settings.label)):
             return each
-    there = ", ".join(structure.name for structure, _ in bodies)
-    raise SettingsError(f"--{combination.how.value} {combination.name} needs {name}; the structures are {there}")
+    return None

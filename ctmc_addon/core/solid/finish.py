@@ -33,8 +33,8 @@ def finished_parts_steps(
     crossings: NDArray[np.int64],
     flats: Sequence[Flat],
     budget: Budget,
-) -> Steps[list[Reconstruction]]:
-    """Return the parts, simplified together where their settings ask for that.
+) -> Steps[dict[int, Reconstruction]]:
+    """Return the parts by their numbers, simplified together where their settings ask for that.
 
     Parameters
     ----------
@@ -60,7 +60,7 @@ def finished_parts_steps(
     pairs = crossings if simplified is None else crossings[:0]
     if simplified is not None and simplified.self_intersections != 0:
         pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
-    parts = []
+    parts: dict[int, Reconstruction] = {}
     for number, border in borders_of(final.faces, final.sides).items():
         mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
         own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
@@ -80,8 +80,8 @@ def finished_parts_steps(
             collapsed = simplified.collapsed_of.get(number, CollapsedComponents())
             simple = Simplification(own, collapsed, simplified.handles_cut, own_crossings)
             part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
-        parts.append(part)
-    return [replace(part, stages=_summed((*part.stages, *finishing.ran))) for part in parts]
+        parts[number] = part
+    return {number: replace(part, stages=_summed((*part.stages, *finishing.ran))) for number, part in parts.items()}
 
 
 def flats_of(recipe: Recipe, numbers: Sequence[int]) -> list[Flat]:

@@ -3,9 +3,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
+from typing import NamedTuple
 
+from ..errors import LabelError, MeshError, ThresholdError
 from ..machine.budget import Budget
 from ..maps.make import MAPPING, mapped_steps
 from ..maps.quantity import Quantity
@@ -15,18 +17,32 @@ from ..progress import Stages, Steps, equal_part, finish
 from ..reconstruction import Reconstruction
 from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..structures import structure_names
+from ..surfaces.each_label import left_out, no_surface, without
 from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
-from .combine import combined_steps, named_by
+from .combine import Combined, combined_steps, named_by
 from .parts import MAKING, PartsMaking
 from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest, require_different_cuts
 from .structure import Structure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
-MOST_TOGETHER = 4
-"""Structures with common walls that are made together, at most."""
+
+
+class MadeParts(NamedTuple):
+    """Parts of a solid, and why other structures have none.
+
+    Parameters
+    ----------
+    parts : list of Reconstruction
+        Structure by structure; `label_name` is the name of the part, such as "hip a".
+    left_out : list of str
+        A sentence for each structure that could not be made; empty if all are needed.
+    """
+
+    parts: list[Reconstruction]
+    left_out: list[str]
 
 
 def solid_parts(
@@ -60,11 +76,12 @@ def solid_parts(
     Raises
     ------
     CtmcError
-        With one sentence for the user.
+        With one sentence for the user, on the first structure that cannot be made.
     """
     chosen = [replace(settings, threshold=None, label=label) for label in labels] or [settings]
     requests = [SurfaceRequest(each) for each in chosen]
-    return finish(solid_parts_steps(volume, requests, solid, budget, maps=MapRequest.of(maps)))
+    making = solid_parts_steps(volume, requests, solid, budget, maps=MapRequest.of(maps), all_needed=True)
+    return finish(making).parts
 
 
 def solid_parts_steps(
@@ -75,29 +92,51 @@ def solid_parts_steps(
     *,
     labels: Volume | None = None,
     maps: MapRequest | None = None,
-) -> Steps[list[Reconstruction]]:
-    """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held."""
+    all_needed: bool = False,
+) -> Steps[MadeParts]:
+    """`solid_parts` as steps; closing the generator cancels. Sinks of the requests are ignored: all parts are held.
+
+    Of several structures those that cannot be made are left out, unless `all_needed`.
+    """
     require_different_cuts(solid.cuts)
     budget = budget or Budget()
     stages = Stages({SURFACES: 2, MAKING: 3, PRINTING: 1} | ({MAPPING: 1} if maps else {}))
     plain = [
         SurfaceRequest(replace(request.settings.without(SIMPLIFICATION), close_border=True)) for request in requests
     ]
-    making = make_surfaces_steps(volume, plain, budget, labels=labels, all_needed=True)
-    made = yield from stages.run(SURFACES, making)
-    results = [each.result for each in made if isinstance(each, MadeSurface)]
+    all_needed = all_needed or len(requests) == 1
+    making = make_surfaces_steps(volume, plain, budget, labels=labels, all_needed=all_needed)
+    outcomes = yield from stages.run(SURFACES, making)
+    made, errors = [], {}
+    for request, outcome in zip(requests, outcomes, strict=True):
+        if isinstance(outcome, MadeSurface):
+            made.append((request.settings, outcome.result))
+        elif isinstance(outcome, (LabelError, MeshError, ThresholdError)) and request.settings.label is not None:
+            errors[request.settings.label] = outcome
+        else:
+            raise outcome
+    if not made:
+        raise no_surface(labels or volume, errors)
     structures = [
         Structure(
             name,
-            replace(result, label_name=name, settings=request.settings, solid=solid),
-            volume if request.settings.label is None else labels or volume,
+            replace(result, label_name=name, settings=settings, solid=solid),
+            volume if settings.label is None else labels or volume,
         )
-        for name, result, request in zip(_names(volume, results), results, requests, strict=True)
+        for name, (settings, result) in zip(_names(volume, [result for _, result in made]), made, strict=True)
     ]
-    parts = yield from stages.run(MAKING, _parts_steps(structures, solid, budget))
+    sentences = [left_out(labels or volume, label, error) for label, error in errors.items()]
+    absent = {name for label in errors for name in (str(label), (labels or volume).label_names.get(label, ""))}
+    shaping = _structures_steps(structures, solid, budget, all_needed, absent)
+    structures, of_combinations = yield from stages.run(MAKING, shaping)
+    parts = [part for structure in structures for part in structure.parts]
+    sentences += [_left_out(structure) for structure in structures if structure.error is not None]
+    sentences += of_combinations
+    if not parts:
+        raise MeshError(f"no structure of {(labels or volume).name} can be made; {sentences[0]}")
     parts = yield from stages.run(PRINTING, printed_steps(parts, solid, budget))
     if not maps:
-        return parts
+        return MadeParts(parts, sentences)
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         source = volume if settings.label is None else labels or volume
@@ -105,7 +144,17 @@ def solid_parts_steps(
         assert isinstance(other, MadeSurface), "an error is raised"
         return other.result.mesh
 
-    return (yield from stages.run(MAPPING, mapped_steps(volume, parts, maps, budget, surface_steps)))
+    mapped = yield from stages.run(MAPPING, mapped_steps(volume, parts, maps, budget, surface_steps))
+    return MadeParts(mapped, sentences)
+
+
+def _left_out(structure: Structure) -> str:
+    """Return the note on a structure that could not be made."""
+    label = structure.result.settings.label
+    assert structure.error is not None
+    if label is None or structure.is_combined:
+        return without(structure.name, structure.error)
+    return left_out(structure.volume, label, structure.error)
 
 
 def _names(volume: Volume, results: Sequence[Reconstruction]) -> list[str]:
@@ -115,33 +164,36 @@ def _names(volume: Volume, results: Sequence[Reconstruction]) -> list[str]:
     return list(structure_names(results))
 
 
-def _parts_steps(structures: list[Structure], solid: SolidRequest, budget: Budget) -> Steps[list[Reconstruction]]:
-    """Return the parts of all structures: by themselves, or together where they share walls or may overlap."""
+def _structures_steps(
+    structures: list[Structure], solid: SolidRequest, budget: Budget, all_needed: bool, absent: Container[str]
+) -> Steps[Combined]:
+    """Make the parts of all structures: by themselves, or together where they share walls or may overlap.
+
+    `absent` are names and numbers of labels without a surface.
+    """
+    left_out: list[str] = []
     for structure in structures:
         structure.note_cap()
     yield from share_drains_steps(structures, solid)
     if solid.combinations:
-        named = named_by(structures, solid)
-        combined = yield from combined_steps(named, solid, budget)
+        named = named_by(structures, solid, absent)
+        combined, left_out = yield from combined_steps(named, solid, budget, all_needed)
         structures = [each for each in structures if each not in named] + combined
-    check_cuts(structures, solid)
-    plain = [each for each in structures if not each.is_shaped]
+    left = [each for each in structures if each.error is None]
+    check_cuts(left, solid)
+    plain = [each for each in left if not each.is_shaped]
     groups = [[structure] for structure in plain]
     if share_walls([structure.result.settings for structure in plain]):
         groups = _touching(plain, solid)
-    groups += [[each] for each in structures if each.is_shaped]
-    parts: list[Reconstruction] = []
+    groups += [[each] for each in left if each.is_shaped]
     for number, group in enumerate(groups):
-        making = PartsMaking(group, solid, budget).parts_steps()
-        parts += yield from equal_part(making, number, len(groups))
-    return parts
+        making = PartsMaking(group, solid, budget, all_needed).parts_steps()
+        yield from equal_part(making, number, len(groups))
+    return Combined(structures, left_out)
 
 
 def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list[Structure]]:
-    """Return groups of structures that share walls or may grow into each other.
-
-    Where too many do, each is made by itself, with a note.
-    """
+    """Return groups of structures that share walls or may grow into each other."""
     grown = max(solid.thicken, 0.0) + solid.base + solid.least_wall / 2
     boxes = {
         each.name: (each.mesh.vertices.min(axis=0) - grown, each.mesh.vertices.max(axis=0) + grown)
@@ -161,15 +213,4 @@ def _touching(structures: Sequence[Structure], solid: SolidRequest) -> list[list
         groups.append([each for group in met for each in group] + [structure])
     order = {structure.name: at for at, structure in enumerate(structures)}
     groups = [sorted(group, key=lambda each: order[each.name]) for group in groups]
-    out: list[list[Structure]] = []
-    for group in sorted(groups, key=lambda each: order[each[0].name]):
-        if len(group) <= MOST_TOGETHER:
-            out.append(group)
-            continue
-        overlap = f", and may overlap by up to {2 * grown:g} mm" if grown else ""
-        for each in group:
-            each.notes.append(
-                f"{len(group)} structures touch, more than {MOST_TOGETHER}: their parts share no walls{overlap}."
-            )
-            out.append([each])
-    return out
+    return sorted(groups, key=lambda group: order[group[0].name])

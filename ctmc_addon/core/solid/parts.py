@@ -7,7 +7,7 @@ extraction from all fields at once; thin walls and feet are found on extractions
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -15,22 +15,26 @@ import numpy as np
 from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
-from ..progress import Stages, Steps
+from ..mesh.triangle_mesh import TriangleMesh
+from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Reconstruction, Stage
-from .body import Body, OnEdges, edges_of
+from .body import Body
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
-from .fields.lattice_fields import Field, HeldField, ShapeField
+from .fields.lattice import Lattice
+from .fields.lattice_fields import ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, flats_of, part_names
 from .placing.drains import notes_at_cuts
+from .placing.foot import STEPS_UNDER_CENTER
 from .placing.joints import Joined, cut_pegs_steps
 from .placing.least_wall import thin_walls_steps
 from .placing.pegs import bosses_steps
 from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around
+from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around, tried_steps
+from .together import Together
 
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
@@ -39,39 +43,71 @@ MAKING = "Making the solid"
 class PartsMaking:
     """Make the parts of structures that share walls, or of one."""
 
-    def __init__(self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget) -> None:
-        self.structures, self.solid, self.budget = list(structures), solid, budget
+    def __init__(
+        self, structures: Sequence[Structure], solid: SolidRequest, budget: Budget, all_needed: bool = True
+    ) -> None:
+        self.structures, self.solid, self.budget, self.all_needed = list(structures), solid, budget, all_needed
         shaped = self.structures[0].is_shaped
         self.thicken, self.hollow = (0.0, 0.0) if shaped else (solid.thicken, solid.hollow)
         self.planes = [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
-        self.walls: dict[int, Shape] = {}
+        self.bodies: list[Body] = []
+        self.walls: dict[Structure, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
         self.bars: list[Bar] = []
         self.feet: Feet | None = None
         self.standing: dict[int, list[str]] = {}
 
-    def parts_steps(self) -> Steps[list[Reconstruction]]:
-        """Return the parts, one structure after the other."""
+    def parts_steps(self) -> Steps[None]:
+        """Make the parts of every structure; those that cannot be made get an error, unless all are needed."""
+        yield from tried_steps(self.structures, self._made_steps(), self.all_needed)
+
+    def _made_steps(self) -> Steps[None]:
         stages = Stages({MAKING: 3, "": 1})
         mesh = yield from stages.run(MAKING, self._mesh_steps())
         stage = Stage(MAKING, stages.seconds[MAKING])
         for structure in self.structures:
             structure.result = replace(structure.result, stages=(*structure.result.stages, stage))
-        return (yield from stages.run("", self._finished_steps(mesh)))
+        yield from stages.run("", self._finished_steps(mesh))
+
+    def _each_steps(self, work_steps: Callable[[Structure, Body], Steps[None]]) -> Steps[None]:
+        """Work on every structure, and go on without those that cannot be made."""
+        for structure, body in zip(self.structures, self.bodies, strict=True):
+            yield from tried_steps([structure], work_steps(structure, body), self.all_needed)
+        self._leave_out()
+
+    def _leave_out(self) -> None:
+        """Go on without structures that cannot be made; raise the error of one of them if no other is left."""
+        pairs = zip(self.structures, self.bodies, strict=True)
+        kept = [(structure, body) for structure, body in pairs if structure.error is None]
+        if not kept:
+            error = self.structures[0].error
+            assert error is not None, "all were left out"
+            raise error
+        if len(kept) < len(self.structures):
+            self._keep([structure for structure, _ in kept], [body for _, body in kept])
+
+    def _keep(self, structures: Sequence[Structure], bodies: Sequence[Body]) -> None:
+        """Go on with some structures, and with these bodies of them."""
+        self.structures, self.bodies = list(structures), list(bodies)
+        base = self.solid.base and self.solid.base + STEPS_UNDER_CENTER * max(self.lattice.sides_mm)
+        growth = max(self.thicken, 0.0) + base + self.solid.least_wall
+        self.together = Together(self.bodies, self.lattice, growth, self.budget, has_feet=base > 0)
+        self.together.require_fields(len(self.planes) + bool(self.hollow))
+        self.together.require_memory()
 
     def _mesh_steps(self) -> Steps[ComplexMesh]:
         """Return the surfaces of all parts."""
         solid = self.solid
         self.lattice = lattice_of(self.structures, solid)
-        self.bodies: list[Body] = []
+        bodies = []
         for structure in self.structures:
-            self.bodies.append((yield from body_steps(structure.mesh, self.lattice, self.budget)))
+            bodies.append((yield from self._body_steps(structure.mesh)))
+        self._keep(self.structures, bodies)
         if self.thicken and self.hollow:
             yield from self._thicken_steps()
         if not self.structures[0].is_shaped:
-            for structure, body in zip(self.structures, self.bodies, strict=True):
-                yield from drain_steps(structure, body, self.hollow, self.thicken)
+            yield from self._each_steps(self._open_steps)
         for structure in self.structures:
             structure.notes += notes_at_cuts(structure.holes, self.planes)
         if solid.least_wall:
@@ -84,37 +120,83 @@ class PartsMaking:
         mesh = yield from self._extracted_steps(drains=True, cuts=True)
         return mesh if self.feet is None else (yield from self._stood_steps(mesh, self.feet))
 
+    def _body_steps(self, mesh: TriangleMesh) -> Steps[Body]:
+        """Return a mesh on the lattice; one of several on the part around it, which saves time and memory."""
+        if len(self.structures) == 1:
+            return (yield from body_steps(mesh, self.lattice, self.budget))
+        return (yield from body_steps(mesh, self._lattice_around(mesh), self.budget, self.lattice))
+
+    def _lattice_around(self, mesh: TriangleMesh) -> Lattice:
+        """Return the part of the lattice that one of several structures needs."""
+        return self.lattice.around(mesh.vertices, max(self.thicken, 0.0))
+
+    def _refine_steps(self) -> Steps[None]:
+        """Make the lattice finer around drains and pegs."""
+        bars = [bar for structure in self.structures for bar in structure.holes] + self.bars
+        lattice = refined_around(self.lattice, bars)
+        if lattice is self.lattice:
+            return
+        self.lattice = lattice
+        bodies = []
+        for body in self.bodies:
+            if len(self.bodies) == 1:
+                bodies.append((yield from body.on_steps(lattice)))
+            else:
+                bodies.append((yield from body.on_steps(self._lattice_around(body.mesh), lattice)))
+        self._keep(self.structures, bodies)
+
+    def _open_steps(self, structure: Structure, body: Body) -> Steps[None]:
+        """Place the drains of a structure, and make sure that it has a hollow."""
+        yield from drain_steps(structure, body, self.hollow, self.thicken)
+        if self.hollow:
+            yield from hollow_steps(structure, body, self.hollow, self.thicken)
+
     def _thicken_steps(self) -> Steps[None]:
         """Thicken the structures, so that distances are measured from their new surfaces."""
         hollow, self.hollow = self.hollow, 0.0
         mesh = yield from self._extracted_steps()
-        bodies = []
-        for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number)
+        meshes = {structure: mesh.of_label(1 + number) for number, structure in enumerate(self.structures)}
+        thickened: list[Body] = []
+
+        def remade_steps(structure: Structure, _: Body) -> Steps[None]:
+            own = meshes.pop(structure)
             if not len(own.faces):
                 raise MeshError(f"nothing is left of {structure.name} after --thicken; give a smaller distance")
-            bodies.append((yield from body_steps(own, self.lattice, self.budget)))
-        self.bodies, self.thicken, self.hollow = bodies, 0.0, hollow
+            thickened.append((yield from self._body_steps(own)))
+
+        yield from self._each_steps(remade_steps)
+        self.thicken, self.hollow = 0.0, hollow
+        self._keep(self.structures, thickened)
 
     def _extracted_steps(self, drains: bool = False, cuts: bool = False) -> Steps[ComplexMesh]:
         """Extract all parts, numbered from 1 on: structure by structure, by which cuts they are below as bits."""
-        fields, edges = yield from self._structures_steps()
-        rule = PartRule(len(self.bodies))
+        together = self.together
+        fields, edges = yield from together.fields_steps(self.thicken)
+        rule = PartRule(together.count)
 
         def added(shape: Shape) -> int:
             fields.append(ShapeField(shape, self.lattice))
             return len(fields) - 1
 
+        def added_by_slot(shapes: Mapping[tuple[int, int], Shape]) -> dict[tuple[int, int], int]:
+            """Add shapes of structures, by their numbers and another one, as one shape for each slot."""
+            of_slots: dict[tuple[int, int], list[Shape]] = {}
+            for (number, other), shape in sorted(shapes.items(), key=lambda each: each[0]):
+                of_slots.setdefault((together.slots[number], other), []).append(shape)
+            return {key: added(own[0] if len(own) == 1 else Union(own)) for key, own in sorted(of_slots.items())}
+
         if self.hollow:
-            for body, structure in zip(self.bodies, self.structures, strict=True):
-                rule.hollows.append(len(fields))
-                fields.append((yield from hollow_steps(structure, body, self.hollow, self.thicken)))
-        rule.added = {number: added(shape) for number, shape in sorted(self.walls.items())}
+            rule.hollow = len(fields)
+            fields.append((yield from together.hollow_steps(self.hollow - self.thicken)))
+        walls = {(self.structures.index(structure), 0): shape for structure, shape in self.walls.items()}
+        rule.added = {slot: number for (slot, _), number in added_by_slot(walls).items()}
         holes = [hole for structure in self.structures for hole in structure.holes]
         if drains and holes:
             rule.drains = added(Union(holes))
+        sides = 1
         if cuts:
             rule.cuts = [added(plane) for plane in self.planes]
+            sides = rule.parts
             for both in self.pegs:
                 if both is None:
                     rule.pegs.append(None)
@@ -124,35 +206,13 @@ class PartsMaking:
             if self.bosses:
                 rule.bosses = added(Union(self.bosses))
             if self.feet is not None:
-                rule.feet = {part: added(shape) for part, shape in sorted(self.feet.shapes.items())}
+                feet = {divmod(part - 1, sides): shape for part, shape in self.feet.shapes.items()}
+                rule.feet = {1 + slot * sides + side: number for (slot, side), number in added_by_slot(feet).items()}
+        together.require_fields(len(fields) - together.count)
         recipe = Recipe(self.lattice, fields, rule, edges)
         mesh, self.crossings, made = yield from extract_parts_steps(recipe, self.budget)
         self.flats = flats_of(made, [*rule.cuts, *rule.feet.values()])
-        return mesh
-
-    def _structures_steps(self) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
-        """Return the fields that tell the structures from what is around and from each other."""
-        known = None if self.thicken else edges_of(self.bodies)
-        on_edges = {} if known is None else dict.fromkeys(range(len(self.bodies)), known)
-        if len(self.bodies) == 1:
-            only = yield from self.bodies[0].field_steps(-self.thicken)
-            return [only], on_edges
-        samples = self.lattice.shape[0] * self.lattice.shape[1] * self.lattice.shape[2]
-        needed = 4 * samples * (3 * len(self.bodies) + 1)
-        self.budget.require(needed, f"the fields of {len(self.bodies)} structures", "make fewer at once, or a region")
-        distances = []
-        for body in self.bodies:
-            distances.append((yield from body.distances_steps(-self.thicken)))
-        whole = distances[0].copy()
-        for each in distances[1:]:
-            np.maximum(whole, each, out=whole)
-        fields: list[Field] = [HeldField(self.lattice, whole + np.float32(self.thicken))]
-        for number, own in enumerate(distances[:-1]):
-            others = distances[number + 1].copy()
-            for each in distances[number + 2 :]:
-                np.maximum(others, each, out=others)
-            fields.append(HeldField(self.lattice, own - others))
-        return fields, on_edges
+        return together.with_owners(mesh, sides)
 
     def _walls_steps(self) -> Steps[None]:
         """Find what thickens thin walls; the notes say where and by how much."""
@@ -163,11 +223,24 @@ class PartsMaking:
             found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
             structure.notes += found.notes
             if found.shape is not None:
-                self.walls[number] = found.shape
+                self.walls[structure] = found.shape
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
-        """Place the pegs of every cut."""
+        """Place the pegs of every cut, again without structures in which none fit."""
+        is_settled = False
+        while not is_settled:
+            before = self.structures
+            self.pegs, self.bosses, self.bars = [], [], []
+            notes = yield from self._placed_steps(pegs)
+            self._leave_out()
+            is_settled = len(self.structures) == len(before)
+        for structure, sentences in notes:
+            structure.notes += sentences
+
+    def _placed_steps(self, pegs: Pegs) -> Steps[list[tuple[Structure, Sequence[str]]]]:
+        """Place the pegs of every cut; return notes on structures."""
         surfaces, solids = [], []
+        notes: list[tuple[Structure, Sequence[str]]] = []
         for body in self.bodies:
             surface = yield from body.signed_steps()
             depth = depth_below(surface, self.thicken, threads=self.budget.threads)
@@ -177,13 +250,16 @@ class PartsMaking:
         for number, cut in enumerate(self.solid.cuts):
             found = yield from cut_pegs_steps(self.solid, number, solids, avoid)
             for at, placed in found.placed:
-                self.structures[at].notes += placed.notes
+                notes.append((self.structures[at], placed.notes))
                 if self.hollow:
                     self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surfaces[at])))
                 self.bars += placed.bars
-            if found.some_refused:
+            if found.refused and not found.placed:
+                for at, why in found.refused:
+                    yield from tried_steps([self.structures[at]], _raising_steps(why), self.all_needed)
+            elif found.refused:
                 where = " ".join(f"{at:g}" for at in cut.point)
-                self.structures[0].notes.append(f"Some joints at the cut at {where} have no peg.")
+                notes.append((self.structures[0], [f"Some joints at the cut at {where} have no peg."]))
             holes: list[Shape] = [placed.holes for _, placed in found.placed]
             avoid += holes
             if not holes:
@@ -192,15 +268,7 @@ class PartsMaking:
             union = Union([placed.pegs for _, placed in found.placed])
             # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
-
-    def _refine_steps(self) -> Steps[None]:
-        """Make the lattice finer around drains and pegs."""
-        bars = [bar for structure in self.structures for bar in structure.holes] + self.bars
-        lattice = refined_around(self.lattice, bars)
-        if lattice is not self.lattice:
-            self.lattice = lattice
-            for number, body in enumerate(self.bodies):
-                self.bodies[number] = yield from body.on_steps(lattice)
+        return notes
 
     def _feet_steps(self) -> Steps[None]:
         """Make the feet of parts, as they stand without pegs."""
@@ -225,8 +293,8 @@ class PartsMaking:
         return stood
 
     def _owner(self, part: int) -> Structure:
-        """Return the structure of a part."""
-        return self.structures[(part - 1) // (1 << len(self.planes))]
+        """Return the structure that a part is of, by its number."""
+        return self.structures[(part - 1) >> len(self.planes)]
 
     def _names(self, mesh: ComplexMesh) -> dict[int, str]:
         """Return the names of all parts."""
@@ -235,15 +303,27 @@ class PartsMaking:
             names |= part_names(structure.name, [part for part in mesh.labels if self._owner(part) is structure])
         return names
 
-    def _finished_steps(self, mesh: ComplexMesh) -> Steps[list[Reconstruction]]:
+    def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
         """Simplify all parts together, and describe them."""
         described: dict[int, Reconstruction] = {}
         for structure in self.structures:
             own = [part for part in mesh.labels if self._owner(part) is structure]
             if not own:
-                raise MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
+                error = MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
+                yield from tried_steps([structure], _raising_steps(error), self.all_needed)
+                continue
             notes = (*structure.result.notes, *structure.notes)
             for number, (part, name) in enumerate(part_names(structure.name, own).items()):
                 about = (*notes, *self.standing.get(part, ()))
                 described[part] = replace(structure.result, label_name=name, part_number=number, notes=about)
-        return (yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget))
+        if not described:
+            return
+        finished = yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget)
+        for part, result in finished.items():
+            self._owner(part).parts.append(result)
+
+
+def _raising_steps(error: Exception) -> Steps[None]:
+    """Raise an error, as steps."""
+    yield PAUSE
+    raise error

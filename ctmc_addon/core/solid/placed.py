@@ -77,11 +77,9 @@ def placed_cuts_pegs_steps(
     notes: list[str] = []
     solids, avoid = _joined(surfaces, solid, threads), list[Shape](drains)
     for number in range(len(solid.cuts)):
-        try:
-            found = yield from cut_pegs_steps(solid, number, solids, avoid)
-        except SettingsError as error:
-            notes.append(str(error))
-            continue
+        found = yield from cut_pegs_steps(solid, number, solids, avoid)
+        if found.refused and not found.placed:
+            notes.append(str(found.refused[0][1]))
         for _, one in found.placed:
             bars += one.bars
             avoid.append(one.holes)

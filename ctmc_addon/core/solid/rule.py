@@ -17,12 +17,13 @@ class PartRule:
     """What parts are, by numbers of fields.
 
     The first field is above 0 in all structures. Of several, further fields tell a structure from those behind it.
+    Structures that are far from each other may count as one.
 
     Parameters
     ----------
     structures : int
-    hollows : list of int
-        Above 0 in the hollow of every structure; empty if none is hollow.
+    hollow : int or None
+        Above 0 in the hollows of all structures.
     added : dict of int to int
         Above 0 in what belongs to a structure too, by its number from 0 on.
     drains : int or None
@@ -37,7 +38,7 @@ class PartRule:
     """
 
     structures: int
-    hollows: list[int] = field(default_factory=list)
+    hollow: int | None = None
     added: dict[int, int] = field(default_factory=dict)
     drains: int | None = None
     cuts: list[int] = field(default_factory=list)
@@ -54,16 +55,14 @@ class PartRule:
         """Return the part of every point from 1 on, structure by structure; 0 for none."""
         owner = np.zeros(above[0].shape, np.int64)  # structure from 1 on
         is_hollow = np.zeros(above[0].shape, bool)
-        rest = above[0].copy()
+        if self.hollow is not None:
+            is_hollow = above[0] & above[self.hollow]
+            if self.bosses is not None:
+                is_hollow &= ~above[self.bosses]
+        rest = above[0] & ~is_hollow
         for number in range(self.structures):
             own = rest & above[1 + number] if number + 1 < self.structures else rest
             rest = rest & ~own
-            if self.hollows:
-                hollow = own & above[self.hollows[number]]
-                if self.bosses is not None:
-                    hollow &= ~above[self.bosses]
-                is_hollow |= hollow
-                own = own & ~hollow
             owner[own] = number + 1
         for number, shape in self.added.items():
             owner[(owner == 0) & above[shape]] = number + 1

@@ -9,12 +9,13 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from ..errors import MeshError, SettingsError
+from ..errors import CtmcError, MeshError, SettingsError
 from ..machine.budget import Budget
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
 from ..reconstruction import Reconstruction
+from ..surfaces.each_label import without_traceback
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
@@ -53,6 +54,12 @@ class Structure:
         Drains that are placed.
     is_shaped : bool
         Whether its surface is thickened and hollow already.
+    is_combined : bool
+        Whether it was made of several.
+    parts : list of Reconstruction
+        Its finished parts.
+    error : CtmcError or None
+        Why it has none.
     """
 
     name: str
@@ -62,6 +69,9 @@ class Structure:
     drains: tuple[Drain, ...] = ()
     holes: list[Bar] = field(default_factory=list)
     is_shaped: bool = False
+    is_combined: bool = False
+    parts: list[Reconstruction] = field(default_factory=list)
+    error: CtmcError | None = None
 
     @property
     def mesh(self) -> TriangleMesh:
@@ -83,6 +93,17 @@ class Structure:
                     return
 
 
+def tried_steps(structures: Sequence[Structure], working: Steps[None], all_needed: bool = False) -> Steps[None]:
+    """The steps of `working`; an error of lengths or shapes is kept by the structures that it concerns, or raised."""
+    try:
+        yield from working
+    except (MeshError, SettingsError) as error:
+        if all_needed:
+            raise
+        for structure in structures:
+            structure.error = structure.error or without_traceback(error)
+
+
 def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
     """Raise the error of a cut that meets no structure; note it on those that it misses."""
     for cut in solid.cuts:
@@ -92,7 +113,7 @@ def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
             low, high = heights_of(cut, structure.mesh.vertices, beyond)
             if not low < 0 < high:
                 missed.append(structure)
-        if len(missed) == len(structures):
+        if structures and len(missed) == len(structures):
             require_met(cut, structures[0].mesh.vertices, beyond)
         for structure in missed:
             structure.notes.append(f"The cut at {' '.join(f'{at:g}' for at in cut.point)} misses {structure.name}.")
@@ -151,9 +172,9 @@ def refined_around(lattice: Lattice, bars: Sequence[Bar]) -> Lattice:
     return lattice
 
 
-def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Body]:
+def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lattice | None = None) -> Steps[Body]:
     """Return a mesh on a lattice, ready."""
-    body = Body(mesh, lattice, budget)
+    body = Body(mesh, lattice, budget, around)
     yield from body.prepare_steps()
     return body
 

@@ -34,7 +34,13 @@ def label_title(volume: Volume, label: int) -> str:
 
 def left_out(volume: Volume, label: int, error: CtmcError) -> str:
     """Return the note on a label without a surface, if all labels were asked for."""
-    return f"{label_title(volume, label)} is left out: {error}."
+    return without(label_title(volume, label), error)
+
+
+def without(title: str, error: CtmcError) -> str:
+    """Return the note on a structure that was left out."""
+    sentence = f"{title} is left out: {error}"
+    return f"{sentence}."
 
 
 class NoSurfaceError(LabelError):

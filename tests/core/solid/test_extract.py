@@ -115,7 +115,7 @@ def test_a_wall_thinner_than_a_cell_is_whole_and_cut(affine):
     middle, radius = middle_of(on)
     inner = Ball(middle, radius - 0.35 * on.shortest_mm)
     plane = HalfSpace(middle, (1, 2, 3))
-    mesh = extracted([Ball(middle, radius), inner, plane], PartRule(1, hollows=[1], cuts=[2]), on)
+    mesh = extracted([Ball(middle, radius), inner, plane], PartRule(1, hollow=1, cuts=[2]), on)
     assert_sound(mesh)
     expected = (ball_volume(radius) - ball_volume(inner.radius)) / 2
     assert volumes(mesh) == pytest.approx([expected, expected], rel=0.04)
@@ -164,11 +164,11 @@ def test_a_peg_and_its_hole_a_tenth_of_a_step_apart(normal):
 
 def test_a_drain_opens_a_hollow_and_two_are_a_handle():
     inner = Ball(MIDDLE, 8.1)
-    closed = extracted([BALL, inner], PartRule(1, hollows=[1]))
+    closed = extracted([BALL, inner], PartRule(1, hollow=1))
     assert [closed.of_label(1).components, closed.of_label(1).euler] == [2, 4]
     for ends, euler in (((8.0,), 2), ((8.0, -8.0), 0)):
         bars = [Bar((11.8, 12.1, 12.3 + end / 2), (11.8, 12.1, 12.3 + 1.6 * end), 2.0) for end in ends]
-        mesh = extracted([BALL, inner, Union(bars)], PartRule(1, hollows=[1], drains=2))
+        mesh = extracted([BALL, inner, Union(bars)], PartRule(1, hollow=1, drains=2))
         assert_sound(mesh)
         own = mesh.of_label(1)
         assert (own.components, own.euler) == (1, euler)
@@ -184,7 +184,7 @@ def random_recipe(seed):
     shapes = [ball]
     rule = PartRule(1)
     if draw.random() < 0.6:
-        rule.hollows = [len(shapes)]
+        rule.hollow = len(shapes)
         shapes.append(Ball(ball.center, ball.radius - draw.uniform(0.2, 2)))
     if draw.random() < 0.4:
         rule.drains = len(shapes)
@@ -201,7 +201,7 @@ def test_parts_of_random_recipes_are_closed_and_add_up(seed):
     shapes, rule = random_recipe(seed)
     mesh = extracted(shapes, rule)
     assert_sound(mesh)
-    uncut = PartRule(1, rule.hollows, {}, rule.drains)
+    uncut = PartRule(1, rule.hollow, {}, rule.drains)
     kept = shapes[: rule.cuts[0]]
     whole = extracted(kept, uncut)
     assert sum(volumes(mesh)) == pytest.approx(sum(volumes(whole)), rel=0.01)
@@ -223,7 +223,7 @@ def test_surfaces_that_coincide_however_shapes_are_moved_are_an_error():
     on = lattice()
     ball, plane = ShapeField(BALL, on), ShapeField(HalfSpace(MIDDLE, (0, 0, 1)), on)
     held = Fixed(ball)
-    rule = PartRule(1, hollows=[1], cuts=[2])
+    rule = PartRule(1, hollow=1, cuts=[2])
     with pytest.raises(MeshError, match=r"surfaces of a solid coincide.* change its lengths or places by 0\.1 mm"):
         finish(extract_parts_steps(Recipe(on, [held, held, plane], rule, {}), Budget()))
 

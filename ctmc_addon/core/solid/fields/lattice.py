@@ -50,12 +50,45 @@ class Lattice:
         return x, y, z
 
     @property
-    def shortest_mm(self) -> float:
-        """Shortest step along any axis, mm."""
+    def samples(self) -> int:
+        """Number of samples."""
+        return len(self.z) * len(self.y) * len(self.x)
+
+    @property
+    def shortest_sides_mm(self) -> tuple[float, float, float]:
+        """Shortest steps along x, y and z, mm."""
         scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
-        return min(
+        x, y, z = (
             float(np.diff(along).min() * each) for along, each in zip((self.x, self.y, self.z), scale, strict=True)
         )
+        return x, y, z
+
+    @property
+    def shortest_mm(self) -> float:
+        """Shortest step along any axis, mm."""
+        return min(self.shortest_sides_mm)
+
+    def around(self, points: NDArray[np.float32], margin_mm: float) -> Lattice:
+        """Return the part of the lattice that holds points (n, 3), and more around them."""
+        low, high = _range_of(points, self.affine)
+        margins = margin_mm / np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
+        along = []
+        for axis, positions in enumerate((self.x, self.y, self.z)):
+            start = int(np.searchsorted(positions, low[axis] - margins[axis])) - AROUND
+            stop = int(np.searchsorted(positions, high[axis] + margins[axis])) + AROUND
+            along.append(positions[max(0, start) : stop])
+        return Lattice(along[0], along[1], along[2], self.affine)
+
+    def window_of(self, part: Lattice) -> tuple[slice, slice, slice]:
+        """Return where the samples of a part of the lattice are in arrays of all, along z, y and x."""
+        z, y, x = (
+            slice(start, start + len(own))
+            for own, start in (
+                (own, int(np.searchsorted(all_, own[0])))
+                for own, all_ in ((part.z, self.z), (part.y, self.y), (part.x, self.x))
+            )
+        )
+        return z, y, x
 
     def refined(self, box: Box, longest_mm: float) -> Lattice:
         """Return the lattice with steps along all axes divided where they reach into a box, RAS+ mm.
@@ -104,10 +137,7 @@ def lattice_around(
     longest_mm : float
         Longer steps are divided.
     """
-    low, high = np.full(3, np.inf), np.full(3, -np.inf)
-    for start in range(0, len(points), 1 << 18):
-        index = to_index(volume.affine, points[start : start + (1 << 18)].astype(np.float64))
-        low, high = np.minimum(low, index.min(axis=0)), np.maximum(high, index.max(axis=0))
+    low, high = _range_of(points, np.asarray(volume.affine))
     along = []
     for axis, ((start, stop), side, spacing) in enumerate(zip(region, stride, volume.spacing, strict=True)):
         steps = slice_steps if axis == 2 else 1
@@ -119,6 +149,15 @@ def lattice_around(
         along.append(_parted(positions, np.full(len(positions) - 1, parts)) / steps)
     x, y, z = along
     return Lattice(x, y, z, np.array(volume.affine, np.float64))
+
+
+def _range_of(points: NDArray[np.float32], affine: Doubles) -> tuple[Doubles, Doubles]:
+    """Return the lowest and the highest place of points (n, 3) along every axis of index space."""
+    low, high = np.full(3, np.inf), np.full(3, -np.inf)
+    for start in range(0, len(points), 1 << 18):
+        index = to_index(affine, points[start : start + (1 << 18)].astype(np.float64))
+        low, high = np.minimum(low, index.min(axis=0)), np.maximum(high, index.max(axis=0))
+    return low, high
 
 
 def _positions(first: int, last: int, side: int, low: float, high: float) -> Doubles:

@@ -50,12 +50,12 @@ class CutPegs:
     ----------
     placed : tuple of (int, PlacedPegs)
         Those of every joint, with the number of the solid.
-    some_refused : bool
-        Whether some joints have no peg.
+    refused : tuple of (int, SettingsError)
+        Why a joint has no peg, with the number of the solid.
     """
 
     placed: tuple[tuple[int, PlacedPegs], ...]
-    some_refused: bool
+    refused: tuple[tuple[int, SettingsError], ...]
 
 
 def cut_pegs_steps(
@@ -72,17 +72,12 @@ def cut_pegs_steps(
     solids : sequence of Joined
     avoid : sequence of Shape
         Holes that are there.
-
-    Raises
-    ------
-    SettingsError
-        If no peg fits on any joint.
     """
     assert solid.pegs is not None, "the request has pegs"
     cut, planes = solid.cuts[number], [HalfSpace(cut.point, cut.normal) for cut in solid.cuts]
     others = [(plane, plane.turned) for plane in planes[:number] + planes[number + 1 :]]
     placed: list[tuple[int, PlacedPegs]] = []
-    refused: list[SettingsError] = []
+    refused: list[tuple[int, SettingsError]] = []
     for at, joined in enumerate(solids):
         low, high = heights_of(cut, joined.extent, joined.beyond)
         if not low < 0 < high:
@@ -95,7 +90,5 @@ def cut_pegs_steps(
             try:
                 placed.append((at, (yield from placing)))
             except SettingsError as error:
-                refused.append(error)
-    if refused and not placed:
-        raise refused[0]
-    return CutPegs(tuple(placed), bool(refused))
+                refused.append((at, error))
+    return CutPegs(tuple(placed), tuple(refused))

@@ -33,7 +33,7 @@ from ...properties.preferences import machine
 from ...properties.structures import called, chosen_opacity
 from ...state import cost_estimates, drawings, session, solids, structures, surfaces, volumes
 from ...state.measurements import Measurement, measurement_steps
-from ...translations import translate_sentence
+from ...translations import translate, translate_sentence
 from ...viewport import preview
 from . import placing
 from .placing import MeasuredSurface, NewMesh, ObjectRequest
@@ -137,9 +137,10 @@ def surfaces_steps(
     reconstructing, measuring, adding = JOB_STAGES
     budget = machine().budget
     outcomes: Sequence[MadeSurface | CtmcError]
+    left_out: Sequence[str] = ()
     if solid is not None:
         assert volume is not None, "a solid is made from a CT"
-        parts = yield from stages.run(reconstructing, solid.parts_steps(volume, requests, budget, labels))
+        parts, left_out = yield from stages.run(reconstructing, solid.parts_steps(volume, requests, budget, labels))
         requests, outcomes = solid.requests_of(parts, requests), [MadeSurface(part) for part in parts]
     else:
         surface_requests = [SurfaceRequest(request.settings, needs_full=True, full=full) for request in requests]
@@ -150,7 +151,7 @@ def surfaces_steps(
 
     def conclude() -> str:
         start = time.perf_counter()
-        message = _add_to_scene(scene_uid, finished, meshes)
+        message = _add_to_scene(scene_uid, finished, meshes, left_out)
         end = time.perf_counter()
         if full is None and solid is None:  # Only then were these surfaces extracted, and nothing else done.
             cost_estimates.learn(
@@ -195,20 +196,29 @@ def _with_topology_steps(
     return (yield from measurement_steps(mesh, full, crossings, topology, result.printing)), topology
 
 
-def _add_to_scene(scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh]) -> str:
-    """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success."""
+def _add_to_scene(
+    scene_uid: int, finished: Sequence[MeasuredSurface], meshes: Sequence[NewMesh], left_out: Sequence[str]
+) -> str:
+    """Add objects for all surfaces and keep their full surfaces for the panel; return the message of success.
+
+    The panel keeps the sentences on what was left out.
+    """
     objects = placing.place(scene_uid, finished, meshes)
     scene = session.scene_of(scene_uid)
     assert scene is not None, "place has put something into it"
     scene_session = session.of(scene)
-    scene_session.message = ""
+    sentences = [translate_sentence(sentence.removesuffix(".")) for sentence in left_out[: placing.MOST_NAMED]]
+    if len(left_out) > len(sentences):
+        sentences.append(translate("{count} more are left out").format(count=len(left_out) - len(sentences)))
+    scene_session.message = ". ".join(sentences)
     scene_session.full = {
         surfaces.origin(surface.request.fingerprint, surface.request.settings, surface.request.part): surface.full
         for surface in finished
         if surface.request.fingerprint and surface.full is not None
     }
     preview.hide()
-    return placing.summary(objects, finished)
+    summary = placing.summary(objects, finished)
+    return f"{summary}. {scene_session.message}" if sentences else summary
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_reconstruct,))

@@ -15,7 +15,7 @@ from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
 from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text
-from ....core.solid import MOST_CUTS, SolidRequest, solid_parts_steps
+from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
@@ -52,7 +52,7 @@ class SolidParts:
 
     def parts_steps(
         self, volume: Volume, requests: Sequence[ObjectRequest], budget: Budget, labels: Volume | None
-    ) -> Steps[list[Reconstruction]]:
+    ) -> Steps[MadeParts]:
         """Make the parts of the requested surfaces."""
         surface_requests = [SurfaceRequest(request.settings) for request in requests]
         return (yield from solid_parts_steps(volume, surface_requests, self.solid, budget, labels=labels))

@@ -15,12 +15,12 @@ bpy = pytest.importorskip("bpy")
 from ctmc_addon.blender.colors import part_color
 from ctmc_addon.blender.surface import own_mesh, read_provenance
 from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, finish, make_surfaces_steps
-from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, Pegs, SolidRequest
+from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
 from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
-from ctmc_addon.ui.state import solids
+from ctmc_addon.ui.state import session, solids
 from ctmc_addon.ui.viewport import solid_places
 from ctmc_addon.ui.viewport.solid import outline_of
 
@@ -31,7 +31,7 @@ def active():
     return bpy.context.view_layer.objects.active
 
 
-def parts_steps(volume, requests, solid, budget=None, *, labels=None, maps=None):
+def parts_steps(volume, requests, solid, budget=None, *, labels=None, maps=None, all_needed=False):
     """Parts of each surface, 5 mm apart per cut, as many as the cuts make."""
     made = yield from make_surfaces_steps(volume, requests, budget, labels=labels, all_needed=True)
     letters = "abcdefghi"[: len(solid.cuts) + 1] if solid.cuts else [""]
@@ -44,7 +44,7 @@ def parts_steps(volume, requests, solid, budget=None, *, labels=None, maps=None)
             moved = TriangleMesh(mesh.vertices - np.float32(5 * number) * np.array(UP, np.float32), mesh.faces)
             title = f"{name} {letter}".strip()
             parts.append(replace(result, mesh=moved, surface=None, label_name=title, part_number=number))
-    return parts
+    return MadeParts(parts, [])
 
 
 @pytest.fixture
@@ -331,6 +331,22 @@ def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
     assert colors == [pytest.approx((0.5, 0.1, 0.1)), pytest.approx(part_color((0.5, 0.1, 0.1), 1))], "both follow"
     labels.ctmc.labels[0].name = "hip"
     assert meshes_in(labels)[0].name == "left hip a", "a part keeps the name that it is found by"
+
+
+def test_structures_that_cannot_be_made_are_reported_beside_those_that_are(labels, monkeypatch):
+    def some_steps(volume, requests, solid, budget=None, *, labels=None, maps=None, all_needed=False):
+        assert not all_needed
+        parts, _ = yield from parts_steps(volume, requests[:1], solid, budget, labels=labels)
+        return MadeParts(parts, [f"label {number} is left out: {number} mm are too thin." for number in range(2, 7)])
+
+    monkeypatch.setattr(operators, "solid_parts_steps", some_steps)
+    labels.ctmc.labels[1].chosen = True
+    labels.ctmc_solid.hollow = 2.0
+    assert bpy.ops.ctmc.reconstruct() == {"FINISHED"}
+    assert [obj.name for obj in meshes_in(labels)] == ["left hip"]
+    message = session.of(labels).message
+    assert message.startswith("label 2 is left out: 2 mm are too thin. label 3 is left out: ")
+    assert message.endswith("4 mm are too thin. 2 more are left out")
 
 
 def test_the_outline_covers_the_structures_box(labels):

@@ -1,0 +1,93 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Many structures that touch: they share walls after a cut, and need few fields. Boxes in voxels of 1 mm."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from solids import assert_parts
+
+from ctmc_addon.core import Budget, MemoryLimitError, ReconstructionSettings, SettingsError, Volume, reconstruct_labels
+from ctmc_addon.core.solid import Cut, SolidRequest, solid_parts
+from ctmc_addon.core.solid.body import Body
+from ctmc_addon.core.solid.structure import Structure, lattice_of
+from ctmc_addon.core.solid.together import Together
+
+SETTINGS = ReconstructionSettings(label=1)
+COUNT = 9
+SIDE = 8
+LENGTHWISE = Cut((8, 8.3, 8), (0, 1, 0.2))
+
+
+def row(count=COUNT):
+    """Boxes of 8 mm in a row along x, each touching the next."""
+    values = np.zeros((16, 16, count * SIDE + 8), np.uint8)
+    for number in range(count):
+        values[4:12, 4:12, 4 + SIDE * number : 4 + SIDE * (number + 1)] = number + 1
+    return Volume(values, np.eye(4), name="row", kind="label")
+
+
+def vertices_of(mesh):
+    return set(map(tuple, mesh.vertices))
+
+
+def together(budget=None, count=COUNT):
+    """The boxes on one lattice."""
+    volume = row(count)
+    made = reconstruct_labels(volume, SETTINGS, range(1, count + 1)).surfaces
+    lattice = lattice_of([Structure("", result, volume) for result in made], SolidRequest())
+    budget = budget or Budget()
+    bodies = [Body(result.mesh, lattice.around(result.mesh.vertices, 0.0), budget, lattice) for result in made]
+    return Together(bodies, lattice, 0.0, budget)
+
+
+@pytest.mark.parametrize("solid", [{}, {"hollow": 2.0}, {"base": 1.0}], ids=["cut", "hollow", "base"])
+def test_all_structures_that_touch_share_walls_after_a_cut(solid):
+    parts = solid_parts(row(), SETTINGS, SolidRequest(cuts=(LENGTHWISE,), **solid), range(1, COUNT + 1))
+    assert [part.label_name for part in parts] == [f"label {n} {side}" for n in range(1, COUNT + 1) for side in "ab"]
+    assert [part.settings.label for part in parts] == [n for n in range(1, COUNT + 1) for _ in "ab"]
+    assert_parts([part.mesh for part in parts], crossings="base" not in solid)
+    for one, other in pairwise(parts[::2]):
+        assert len(vertices_of(one.mesh) & vertices_of(other.mesh)) > 20
+    for number, part in enumerate(parts):
+        middle = part.mesh.vertices[:, 0].mean()
+        assert abs(middle - (3.5 + SIDE * (number // 2 + 0.5))) < 1, "parts are of their own structure"
+        assert not part.notes or "structures touch" not in part.notes[0]
+    if not solid:
+        plain = reconstruct_labels(row(), SETTINGS, range(1, COUNT + 1)).surfaces
+        both = [a.mesh.volume + b.mesh.volume for a, b in zip(parts[::2], parts[1::2], strict=True)]
+        assert both == pytest.approx([result.mesh.volume for result in plain], rel=1e-3)
+
+
+def test_structures_that_are_far_from_each_other_share_a_slot():
+    group = together()
+    assert group.count <= 3
+    for slot in range(group.count):
+        own = [at for at, other in enumerate(group.slots) if other == slot]
+        assert all(second - first > 1 for first, second in pairwise(own)), "neighbors have different ones"
+
+
+def test_more_fields_than_one_extraction_has_are_refused_with_the_number_that_fits():
+    group = together(count=3)
+    group.require_fields(20 - group.count)
+    with pytest.raises(SettingsError) as caught:
+        group.require_fields(21 - group.count)
+    assert str(caught.value) == (
+        "3 structures touch and need 21 fields, more than 20; "
+        f"choose at most {group.count - 1} of them at once, or set interfaces to separate"
+    )
+
+
+def test_fields_that_do_not_fit_are_refused_with_the_number_that_fits():
+    group = together(Budget(bytes=1 << 20), count=3)
+    with pytest.raises(MemoryLimitError, match=r"the fields of 3 structures that touch .*; choose a region"):
+        group.require_memory()
+    largest = group.lattice.samples * 4
+    there = 1
+    while there < 1 << 40:  # The least power of 2 that lets two slots in names two.
+        try:
+            together(Budget(bytes=there), count=3).require_memory()
+            break
+        except MemoryLimitError:
+            there *= 2
+    together(Budget(bytes=there + largest), count=3).require_memory()
