@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from window.scenes import IDLE, begin, load
 
-pytestmark = [pytest.mark.window, pytest.mark.once]
+pytestmark = pytest.mark.window
 
 RADII = (6, 5, 4, 3)  # voxels of balls in a row along x
 APART = 16
