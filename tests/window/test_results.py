@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from window.scenes import IDLE, LOADED, begin, choose_file, load
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 BALLS = {(20, 20, 20): 12.0, (6, 6, 6): 4.0, (34, 6, 6): 0.5, (34, 34, 6): 0.5, (6, 34, 6): 0.5}  # radii, mm
 MAKE, LOAD = "bpy.ops.ctmc.reconstruct()", "bpy.ops.ctmc.load()"
@@ -69,10 +69,7 @@ def balls(desk):
 
 @pytest.mark.parametrize(
     ("name", "at", "left", "kept"),
-    [
-        ("remove_small", 0.75, "2 components", [0, 6]),
-        pytest.param("keep_largest", 0.25, "1 component", [1, 0], marks=pytest.mark.once),
-    ],
+    [("remove_small", 0.75, "2 components", [0, 6]), ("keep_largest", 0.25, "1 component", [1, 0])],
 )
 def test_a_button_beside_the_components_removes_some_in_one_step(desk, balls, name, at, left, kept):
     facts, text = balls
@@ -105,7 +102,6 @@ def test_no_number_stands_beside_all(desk, balls):
     assert desk.ask(f"answer = {KEPT}")[0] == 0
 
 
-@pytest.mark.once
 def test_a_saved_file_says_the_same_when_it_is_opened_and_the_estimate_when_its_ct_is(desk, balls):
     desk.wait(AGREES)  # counted again after what was undone
     estimate = desk.ask(f"answer = [{ESTIMATE}.voxels, {ESTIMATE}.faces]")
@@ -127,9 +123,7 @@ def test_a_saved_file_says_the_same_when_it_is_opened_and_the_estimate_when_its_
     assert results(desk) == balls
 
 
-@pytest.mark.parametrize(
-    ("language", "words"), [pytest.param("en_US", "broken.nii", marks=pytest.mark.once), ("de_DE", "broken.nii")]
-)
+@pytest.mark.parametrize(("language", "words"), [("en_US", "broken.nii"), ("de_DE", "broken.nii")])
 def test_what_was_wrong_with_a_load_stands_below_its_button(desk, balls, language, words):
     desk.ask(f"bpy.context.preferences.view.language = '{language}'")
     (desk.folder / "broken.nii").write_bytes(b"neither header nor values" * 40)

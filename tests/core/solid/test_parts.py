@@ -300,6 +300,7 @@ def test_the_result_does_not_hang_on_order_of_making():
         assert bytes_of(mesh.faces) == bytes_of(second[name].faces)
 
 
+@pytest.mark.once
 def test_what_cannot_be_made_is_refused_with_a_remedy_that_works():
     text = refused(hollow=12.0)
     assert "a wall of 12 mm leaves no hollow in ball, which is 9.26 mm deep at most" in text
