@@ -52,13 +52,17 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted."""
+    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted.
+
+    Parts of a solid cost more than the surfaces that they are made of, and have triangles of their own.
+    """
     cost = session.of(context.scene).cost
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
     triangles = seconds = "..." if waits else "-"
     if cost is not None and not cost.error:
-        triangles = count(cost.faces)
-        seconds = f"{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
+        adds = makes_solid(context.scene)
+        triangles = "-" if adds else count(cost.faces)
+        seconds = f"{'> ' if adds else ''}{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
     names = (translate("Triangles"), translate("Estimated Time"))
     draw_table(layout, list(zip(names, (triangles, seconds), strict=True)), COST_NAMES)
 
