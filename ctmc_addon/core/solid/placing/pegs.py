@@ -35,7 +35,7 @@ from .rounding import place_text, rounded_down, step_of
 MARGIN = 0.2  # Material around a hole, in diameters of the peg.
 FIRST_SQUARES = 16  # Along the longer side of the section's box.
 SIDE = 0.25  # In rooms that a peg needs: part larger squares.
-LEAST_SIDE = SIDE / 10
+LEAST_SIDE, LEAST_TRIED = 0.025, 0.05  # Do not part squares of that side, nor larger ones for pegs that are offered.
 ENOUGH = 256  # Do not part squares of that side once as many places are found.
 MOST_SQUARES = 40000  # Do not part more.
 POINTS_AT_ONCE = 1 << 18
