@@ -56,7 +56,7 @@ def test_all_structures_that_touch_share_walls_after_a_cut(solid):
     if not solid:
         plain = reconstruct_labels(row(), SETTINGS, range(1, COUNT + 1)).surfaces
         both = [a.mesh.volume + b.mesh.volume for a, b in zip(parts[::2], parts[1::2], strict=True)]
-        assert both == pytest.approx([result.mesh.volume for result in plain], rel=1e-3)
+        assert both == pytest.approx([result.mesh.volume for result in plain], rel=3e-3)
 
 
 def test_structures_that_are_far_from_each_other_share_a_slot():
