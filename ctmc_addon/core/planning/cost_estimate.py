@@ -76,6 +76,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     if not plan.counts.faces:
         yield from field.check_extracted_steps()
     field.check_closed()
+    x, y, z = (spacing * side for spacing, side in zip(cache.volume.spacing, settings.stride, strict=True))
     estimate = CostEstimate(
         settings=settings,
         voxels=plan.counts.voxels,
@@ -86,6 +87,7 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
         preparing_seconds=cache.seconds,
         counting_seconds=stages.seconds["Counting"],
         available=cache.budget.available,
+        sides_mm=(x, y, z / field.slice_steps),
     )
     if estimate.fits or estimate.available is None:
         return estimate

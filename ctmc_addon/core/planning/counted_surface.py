@@ -29,6 +29,8 @@ class CostEstimate:
         Bytes of memory that can be had.
     remedy : str
         Change that would fit, if this does not.
+    sides_mm : (x, y, z) float
+        Steps of the samples that it is extracted from.
     """
 
     settings: ReconstructionSettings
@@ -41,6 +43,7 @@ class CostEstimate:
     counting_seconds: float = 0.0
     available: int | None = None
     remedy: str = ""
+    sides_mm: tuple[float, float, float] = (1.0, 1.0, 1.0)
 
     @property
     def fits(self) -> bool:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from ..later import lazy_names
 
 if TYPE_CHECKING:
+    from .cost import SolidCost as SolidCost, solid_cost as solid_cost
     from .fields.lattice import Lattice as Lattice
     from .fields.shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
     from .make import MadeParts as MadeParts, solid_parts as solid_parts, solid_parts_steps as solid_parts_steps

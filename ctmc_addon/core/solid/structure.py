@@ -155,14 +155,23 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
     settings, volume = first.result.settings, first.volume
     scope = scope_of(volume, replace(settings, close_border=True))
     steps = max(structure.result.slice_steps for structure in structures)
-    margin = max(solid.thicken, 0.0) + solid.base + solid.least_wall
     sides = [
         spacing * stride / (steps if axis == 2 else 1)
         for axis, (spacing, stride) in enumerate(zip(volume.spacing, settings.stride, strict=True))
     ]
-    longest = min(FLATTEST * min(sides), solid.hollow or math.inf)
     points = np.concatenate([structure.mesh.vertices for structure in structures])
-    return lattice_around(volume, settings.stride, steps, scope.region, points, margin, longest)
+    longest = longest_step(sides, solid)
+    return lattice_around(volume, settings.stride, steps, scope.region, points, margin_of(solid), longest)
+
+
+def margin_of(solid: SolidRequest) -> float:
+    """Return the space around structures in which their parts may lie, mm."""
+    return max(solid.thicken, 0.0) + solid.base + solid.least_wall
+
+
+def longest_step(sides_mm: Sequence[float], solid: SolidRequest) -> float:
+    """Return the longest step that a solid allows where voxels have these sides, mm."""
+    return min(FLATTEST * min(sides_mm), solid.hollow or math.inf)
 
 
 def refined_around(lattice: Lattice, bars: Sequence[Bar]) -> Lattice:

@@ -75,22 +75,27 @@ class Together:
         """Whether there is one body, and its fields are those of the whole lattice."""
         return len(self.bodies) == 1 and self.bodies[0].lattice is self.lattice
 
+    @property
+    def needed_bytes(self) -> int:
+        """Bytes that the fields and the distances that they are made of take."""
+        return self._bytes_besides + 4 * self.lattice.samples * (self.count + 2)
+
+    @property
+    def _bytes_besides(self) -> int:
+        """Bytes that do not depend on the number of slots."""
+        largest = max(distances_bytes(body.lattice) for body in self.bodies)
+        return largest + sum(5 * body.lattice.samples for body in self.bodies)
+
     def require_memory(self) -> None:
         """Raise a `MemoryLimitError` that says how many structures would fit if their fields do not."""
         if self.is_alone:
             return
-        samples = self.lattice.samples
-        held = sum(5 * body.lattice.samples for body in self.bodies)
-        largest = max(distances_bytes(body.lattice) for body in self.bodies)
 
         def remedy(available: int) -> str:
-            fitting = (available - held - largest) // (4 * samples) - 2
-            return (
-                f"choose at most {fitting} at once, or a region" if fitting > 1 else "choose a region, or one at a time"
-            )
+            fitting = (available - self._bytes_besides) // (4 * self.lattice.samples) - 2
+            return f"choose at most {fitting} at once, or a region" if fitting > 1 else "choose a region"
 
-        needed = held + largest + 4 * samples * (self.count + 2)
-        self.budget.require(needed, f"the fields of {len(self.bodies)} structures that touch", remedy)
+        self.budget.require(self.needed_bytes, f"the fields of {len(self.bodies)} structures that touch", remedy)
 
     def require_fields(self, others: int) -> None:
         """Raise a `SettingsError` that says how many structures would fit if one extraction cannot have all fields.
@@ -116,22 +121,28 @@ class Together:
         return fields, {} if known is None else dict.fromkeys(range(len(fields)), known)
 
     def _slots_steps(self, thicken: float) -> Steps[list[Field]]:
-        depths = [np.full(self.lattice.shape, OUTSIDE) for _ in range(self.count)]
+        """Return the fields of several slots.
+
+        Depths are exact near a surface alone. Where two structures are far, the later one counts as the farther, so
+        that no sign changes there.
+        """
+        lattice = self.lattice
+        far, later = 2 * sum(lattice.sides_mm), lattice.shortest_mm / 8
+        depths = [np.full(lattice.shape, np.float32(-far - slot * later)) for slot in range(self.count)]
         for body, slot in zip(self.bodies, self.slots, strict=True):
             own = yield from body.distances_steps(-thicken)
-            here = depths[slot][self.lattice.window_of(body.lattice)]
-            np.maximum(here, own, out=here)
+            here = depths[slot][lattice.window_of(body.lattice)]
+            np.maximum(here, own + np.float32(thicken), out=here)
             body.forget_distances(-thicken)
-        behind, fields = depths.pop(), []
+        behind, fields = depths.pop(), list[Field]()
         while depths:
             front = depths.pop()
             either = np.maximum(front, behind)
             front -= behind
-            fields.append(HeldField(self.lattice, front))
+            fields.append(HeldField(lattice, front))
             behind = either
             yield PAUSE
-        behind += np.float32(thicken)
-        return [HeldField(self.lattice, behind), *reversed(fields)]
+        return [HeldField(lattice, behind), *reversed(fields)]
 
     def hollow_steps(self, level: float) -> Steps[Field]:
         """Return the field of what is deeper than a level in any of the bodies."""

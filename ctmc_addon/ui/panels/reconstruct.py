@@ -14,7 +14,7 @@ from ...core import SettingsError
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
 from ..operators.surface.solid import makes_solid
-from ..state import session, solids, surfaces, volumes
+from ..state import cost_estimates, session, solids, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
@@ -52,17 +52,13 @@ def alpha_matters(settings: Any) -> bool:
 
 
 def draw_cost(layout: Any, context: bpy.types.Context) -> None:
-    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted.
-
-    Parts of a solid cost more than the surfaces that they are made of, and have triangles of their own.
-    """
-    cost = session.of(context.scene).cost
+    """Draw the cost estimate of the settings, always in two lines, so that nothing jumps while it is counted."""
+    cost = cost_estimates.of_scene(context.scene)
     waits = cost is None and volumes.current(context.scene) is not None and not volumes.is_coarse(context.scene)
     triangles = seconds = "..." if waits else "-"
     if cost is not None and not cost.error:
-        adds = makes_solid(context.scene)
-        triangles = "-" if adds else count(cost.faces)
-        seconds = f"{'> ' if adds else ''}{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
+        triangles = count(cost.faces)
+        seconds = f"{duration(cost.seconds)}, {size_of_bytes(cost.memory)}"
     names = (translate("Triangles"), translate("Estimated Time"))
     draw_table(layout, list(zip(names, (triangles, seconds), strict=True)), COST_NAMES)
 
@@ -118,7 +114,6 @@ def draw_reconstruct(layout: Any, context: bpy.types.Context, settings: Any) -> 
 
 def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     """Draw errors, refusals and settings without effect, if any."""
-    scene_session = session.of(context.scene)
     job = jobs.running()
     draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
@@ -126,8 +121,9 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     except SettingsError as error:
         draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:
-        if scene_session.cost is not None and scene_session.cost.refusal:
-            draw_text(layout, context, translate_sentence(scene_session.cost.refusal), "ERROR")
+        cost = cost_estimates.of_scene(context.scene)
+        if cost is not None and cost.refusal:
+            draw_text(layout, context, translate_sentence(cost.refusal), "ERROR")
     if volumes.is_coarse(context.scene):
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):

@@ -3,8 +3,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Any
 
 from ...core import (
     CALIBRATION,
@@ -13,19 +15,25 @@ from ...core import (
     FieldCache,
     Reconstruction,
     ReconstructionSettings,
+    SettingsError,
     Steps,
     cost_estimate_steps,
 )
-from . import session
+from ...core.solid import SolidCost, solid_cost
+from . import session, volumes
 
 
 @dataclass(frozen=True)
 class CostEstimates:
-    """Costs of all surfaces, the settings they hold for, and the reason if they cannot be made."""
+    """Costs of all surfaces, the settings they hold for, and the reason if they cannot be made.
+
+    `solid` is what its parts cost besides, if there is one.
+    """
 
     settings: tuple[ReconstructionSettings, ...]
     estimates: tuple[CostEstimate, ...] = ()
     error: str = ""
+    solid: SolidCost | None = None
 
     @property
     def voxels(self) -> int:
@@ -34,23 +42,26 @@ class CostEstimates:
 
     @property
     def faces(self) -> int:
-        """Return the number of triangles of all surfaces, before simplification."""
-        return sum(estimate.faces for estimate in self.estimates)
+        """Return the number of triangles of all surfaces or parts, before simplification."""
+        return sum(estimate.faces for estimate in self.estimates) if self.solid is None else self.solid.faces
 
     @property
     def memory(self) -> int:
         """Return the memory of the most expensive surface, bytes."""
-        return max(estimate.memory for estimate in self.estimates)
+        needed = max(estimate.memory for estimate in self.estimates)
+        return needed if self.solid is None else max(needed, self.solid.memory)
 
     @property
     def seconds(self) -> float:
         """Return the predicted time of all surfaces together, seconds."""
-        return CALIBRATION.seconds(self.estimates)
+        surfaces = CALIBRATION.seconds(self.estimates)
+        return surfaces if self.solid is None else surfaces + self.solid.seconds
 
     @property
     def refusal(self) -> str:
         """Return why the surfaces cannot be made, such as too little memory; empty if they can."""
-        return self.error or next((estimate.sentence for estimate in self.estimates if not estimate.fits), "")
+        refusal = self.error or next((estimate.sentence for estimate in self.estimates if not estimate.fits), "")
+        return refusal if refusal or self.solid is None else self.solid.refusal(self.estimates[0].available)
 
 
 def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -> Steps[CostEstimates]:
@@ -63,6 +74,20 @@ def estimate_steps(works: Sequence[tuple[FieldCache, ReconstructionSettings]]) -
     except CtmcError as error:
         return CostEstimates(settings, error=str(error))
     return CostEstimates(settings, tuple(estimates))
+
+
+def of_scene(scene: Any) -> CostEstimates | None:
+    """Return the counted cost of a scene's settings, with that of the panel's solid; None before it is counted."""
+    cost: CostEstimates | None = session.of(scene).cost
+    try:
+        solid = scene.ctmc_solid.to_request()
+    except SettingsError:  # The panel says why.
+        return cost
+    loaded = volumes.loaded(scene)
+    if cost is None or not solid or not cost.estimates or loaded is None:
+        return cost
+    voxels = math.prod(loaded.volume.shape) // math.prod(cost.settings[0].stride)
+    return replace(cost, solid=solid_cost(cost.estimates, solid, voxels))
 
 
 def learn(scene_uid: int, results: Sequence[Reconstruction], **seconds: float) -> None:
@@ -80,3 +105,11 @@ def learn(scene_uid: int, results: Sequence[Reconstruction], **seconds: float) -
     cost = None if scene is None else session.of(scene).cost
     if cost is not None and cost.estimates and cost.settings == tuple(result.settings for result in results):
         CALIBRATION.learn(cost.estimates, results, **seconds)
+
+
+def learn_solid(scene_uid: int, parts: Sequence[Reconstruction]) -> None:
+    """Correct the next estimate by the seconds of these parts, if the cost of their solid was predicted."""
+    scene = session.scene_of(scene_uid)
+    cost = None if scene is None else of_scene(scene)
+    if cost is not None and cost.solid is not None:
+        cost.solid.learn(parts)

@@ -30,7 +30,7 @@ from ...mesh.labels.label_complex import ComplexMesh
 from ...progress import PAUSE, Stages, Steps
 from ...volume.affine import to_index, transform_faces, transform_points
 from ..fields.lattice import Lattice
-from ..fields.lattice_fields import Field, ShapeField
+from ..fields.lattice_fields import Field, HeldField, ShapeField
 from .rims import CutRims, cut_rims_steps
 from .stitch import stitched
 
@@ -75,13 +75,20 @@ class Recipe:
         parts = self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])
         return np.asarray(parts).astype(np.min_scalar_type(int(parts.max())))
 
+    @property
+    def movable(self) -> list[int]:
+        """Numbers of fields that may move a little: shapes, and what tells structures from each other."""
+        kinds = (ShapeField, HeldField)
+        return [at for at, field in enumerate(self.fields) if isinstance(field, kinds[: 2 if at else 1])]
+
     def moved(self, share: float) -> Recipe:
-        """Return the recipe with its shapes moved inward by up to a share of the lattice's shortest step, each more."""
+        """Return the recipe with movable fields moved inward by up to a share of the shortest step, each more."""
         step = share * self.lattice.shortest_mm / len(self.fields)
-        fields = [
-            replace(field, shift=step * (number + 1)) if isinstance(field, ShapeField) else field
-            for number, field in enumerate(self.fields)
-        ]
+        fields: list[Field] = list(self.fields)
+        for number in self.movable:
+            field = fields[number]
+            assert isinstance(field, (ShapeField, HeldField)), "these are movable"
+            fields[number] = replace(field, shift=step * (number + 1))
         return replace(self, fields=fields)
 
 
@@ -93,9 +100,9 @@ class Extracted(NamedTuple):
     mesh : ComplexMesh
         RAS+ mm; the sides of triangles are parts, 0 for none.
     crossings : (n, 2) int64
-        Pairs of triangles that cross; none but where moving shapes did not help.
+        Pairs of triangles that cross; none but where moving fields did not help.
     recipe : Recipe
-        What it is made of, with its shapes moved.
+        What it is made of, with its fields moved.
     """
 
     mesh: ComplexMesh
@@ -106,8 +113,9 @@ class Extracted(NamedTuple):
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     """Return the surfaces of all parts.
 
-    Where rounding makes triangles of rims cross, which is rare, shapes are moved a little and cut again; so are those
-    that coincide where a third surface meets them, since no order of their zeros is right there.
+    Where rounding makes triangles of rims cross, which is rare, shapes and the walls between structures are moved a
+    little and cut again; so are those that coincide where a third surface meets them, since no order of their zeros is
+    right there.
 
     Raises
     ------
@@ -117,7 +125,7 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     stages = Stages({"Extracting": 9, "Looking for parts that cross": 1})
     extracting, looking = stages.shares
     best: Extracted | None = None
-    moves = MOVES if any(isinstance(field, ShapeField) for field in recipe.fields) else MOVES[:1]
+    moves = MOVES if recipe.movable else MOVES[:1]
     for share in moves:
         moved = recipe.moved(share)
         extraction = _Extraction(moved, budget)

@@ -148,23 +148,25 @@ class StructureField:
 
 @dataclass(frozen=True, eq=False)
 class HeldField:
-    """A field whose values are held.
+    """A field whose values are held, moved inward by `shift` mm.
 
     Parameters
     ----------
     lattice : Lattice
     values : (z, y, x) float32
+    shift : float
     """
 
     lattice: Lattice
     values: Floats
+    shift: float = 0.0
 
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are above 0."""
-        return np.asarray(self.values[low:high] > 0)
+        return np.asarray(self.values[low:high] > np.float32(self.shift))
 
     def values_steps(self, flat: NDArray[np.intp], threads: int) -> Steps[Floats]:
         """Return the values at samples."""
         yield PAUSE
-        values = self.values.reshape(-1).take(flat)
+        values = self.values.reshape(-1).take(flat) - np.float32(self.shift)
         return signed(values, values > 0, self.lattice)

@@ -44,7 +44,7 @@ JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
 def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether the cost estimate found a surface that fits into memory, with the reason if not."""
-    cost = session.of(context.scene).cost
+    cost = cost_estimates.of_scene(context.scene)
     if cost is not None and cost.refusal and list(cost.settings) == _settings_or_none(context.scene):
         operator.poll_message_set(translate_sentence(cost.refusal))
         return False
@@ -151,6 +151,8 @@ def surfaces_steps(
 
     def conclude() -> str:
         start = time.perf_counter()
+        if solid is not None:
+            cost_estimates.learn_solid(scene_uid, [surface.result for surface in finished])
         message = _add_to_scene(scene_uid, finished, meshes, left_out)
         end = time.perf_counter()
         if full is None and solid is None:  # Only then were these surfaces extracted, and nothing else done.
