@@ -4,7 +4,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +14,10 @@ from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.distance.triangle_tree import TriangleTree
+from ..mesh.face_normals import sphere_normals_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
+from .cells.chords import depths_steps
 from .fields.distances import distances_bytes, distances_steps
 from .fields.lattice import Lattice
 from .fields.lattice_edges import edge_vertices_steps, inside_steps
@@ -62,6 +64,16 @@ class Body:
             return
         keys, vertices = yield from edge_vertices_steps(self.mesh, self.lattice, self.budget)
         self.on_edges = keys, self.mesh.vertices[vertices]
+
+    def level_steps(self) -> Steps[None]:
+        """Measure distances from where the surface would lie if triangles were not chords of what bulges.
+
+        What is offset from a ball of ten voxels is half a percent larger then, as it should be.
+        """
+        normals = yield from sphere_normals_steps(self.mesh.vertices, self.mesh.faces)
+        vertices, inward = (np.ascontiguousarray(each.T, np.float64) for each in (self.mesh.vertices, -normals))
+        depths = yield from depths_steps(vertices, inward, self.mesh.faces)
+        self.mesh = replace(self.mesh, vertices=(vertices - inward * depths).T.astype(np.float32))
 
     def signed_steps(self) -> Steps[SignedSurface]:
         """Return the surface, ready for signed distances."""

@@ -18,7 +18,7 @@ from .fields.lattice import Lattice
 from .fields.lattice_fields import HeldField
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, extracted_steps, hollow_steps, lattice_of
+from .structure import Structure, body_of_steps, body_steps, drain_steps, extracted_steps, hollow_steps, lattice_of
 
 
 def named_by(structures: Sequence[Structure], solid: SolidRequest) -> list[Structure]:
@@ -40,7 +40,7 @@ def combined_steps(structures: Sequence[Structure], solid: SolidRequest, budget:
     lattice = lattice_of(structures, solid)
     bodies: list[tuple[Structure, Body]] = []
     for structure in structures:
-        body = yield from body_steps(structure.mesh, lattice, budget)
+        body = yield from body_of_steps(structure, lattice, solid.thicken, budget)
         if solid.thicken:
             fields = [(yield from body.field_steps(-solid.thicken))]
             body = yield from extracted_steps(fields, PartRule(1), None, body, structure.name, "--thicken")

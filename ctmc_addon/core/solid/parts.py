@@ -30,7 +30,7 @@ from .placing.least_wall import thin_walls_steps
 from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
+from .structure import Structure, body_of_steps, body_steps, drain_steps, hollow_steps, lattice_of
 
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
@@ -64,7 +64,7 @@ class PartsMaking:
         self.lattice = lattice_of(self.structures, solid)
         self.bodies: list[Body] = []
         for structure in self.structures:
-            self.bodies.append((yield from body_steps(structure.mesh, self.lattice, self.budget)))
+            self.bodies.append((yield from body_of_steps(structure, self.lattice, self.thicken, self.budget)))
         if self.thicken and self.hollow:
             yield from self._thicken_steps()
         if not self.structures[0].is_shaped:
@@ -143,7 +143,7 @@ class PartsMaking:
             others = distances[number + 1].copy()
             for each in distances[number + 2 :]:
                 np.maximum(others, each, out=others)
-            fields.append(HeldField(self.lattice, own - others))
+            fields.append(HeldField(self.lattice, own - others, keeps_volume=False))
         return fields, on_edges
 
     def _walls_steps(self) -> Steps[None]:

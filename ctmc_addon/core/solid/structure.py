@@ -144,6 +144,17 @@ def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Bo
     return body
 
 
+def body_of_steps(structure: Structure, lattice: Lattice, thicken: float, budget: Budget) -> Steps[Body]:
+    """Return the body of a structure that is thickened later.
+
+    A label's surface encloses its samples' volume, chords and all; that of gray values lies below what it stands for.
+    """
+    body = yield from body_steps(structure.mesh, lattice, budget)
+    if thicken and structure.result.settings.label is None:
+        yield from body.level_steps()
+    return body
+
+
 def extracted_steps(
     fields: Sequence[Field], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
 ) -> Steps[Body]:
