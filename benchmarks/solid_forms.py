@@ -32,6 +32,8 @@ class Form:
         Volume of the body whose surface is moved outward by this, inward if negative.
     reach : float
         No point of it is farther from the middle.
+    inner : float
+        A point in the middle of its material is so far from the middle, along x.
     genus : int
     """
 
@@ -39,6 +41,7 @@ class Form:
     at: Callable[[Doubles], Doubles]
     volume: Callable[[float], float]
     reach: float
+    inner: float
     genus: int = 0
 
 
@@ -59,7 +62,7 @@ class Pose:
 
 def ball(radius: float) -> Form:
     """Return a ball."""
-    return Form("ball", lambda at: radius - length(at), lambda more: ball_volume(radius + more), radius)
+    return Form("ball", lambda at: radius - length(at), lambda more: ball_volume(radius + more), radius, radius / 2)
 
 
 def capsule(radius: float) -> Form:
@@ -72,7 +75,7 @@ def capsule(radius: float) -> Form:
     def volume(more: float) -> float:
         return float(ball_volume(radius + more) + np.pi * (radius + more) ** 2 * 2 * half)
 
-    return Form("capsule", distance, volume, radius + half)
+    return Form("capsule", distance, volume, radius + half, radius / 2)
 
 
 def torus(tube: float) -> Form:
@@ -82,7 +85,7 @@ def torus(tube: float) -> Form:
     def distance(at: Doubles) -> Doubles:
         return tube - np.hypot(np.hypot(at[0], at[1]) - ring, at[2])
 
-    return Form("torus", distance, lambda more: float(2 * np.pi**2 * ring * (tube + more) ** 2), ring + tube, 1)
+    return Form("torus", distance, lambda more: float(2 * np.pi**2 * ring * (tube + more) ** 2), ring + tube, ring, 1)
 
 
 def box(half: float) -> Form:
@@ -99,7 +102,7 @@ def box(half: float) -> Form:
         faces, edges = 2 * (a * b + b * c + a * c), a + b + c
         return float(a * b * c + faces * grown + np.pi * edges * grown**2 + ball_volume(grown))
 
-    return Form("box", distance, volume, float(np.sqrt((halves**2).sum())))
+    return Form("box", distance, volume, float(np.sqrt((halves**2).sum())), half / 2)
 
 
 FORMS = (ball, capsule, torus, box)
@@ -143,6 +146,10 @@ class Posed:
     def at(self, points: Doubles) -> Doubles:
         """Return the distance of points to its surface, positive inside."""
         return self.form.at(self.pose.turn @ (points - self.middle[:, None]))
+
+    def turned(self, ways: Doubles) -> Doubles:
+        """Return ways (3, n) of the body in the volume."""
+        return np.asarray(self.pose.turn.T @ ways)
 
     def volume(self, label: bool) -> Volume:
         """Return the body as gray values, or as a label."""

@@ -73,13 +73,12 @@ def gradients_steps(
             for before, axis in zip((1, 3), across, strict=True):
                 both = (at[before + 1] - at[before]) / _way(lattice, axis, low, -1, 1)  # (2, n)
                 slopes[axis], turns[axis] = both[0] + part * (both[1] - both[0]), both[1] - both[0]
-            gradient = _product(inverse.T, slopes)
-            way = _product(inverse, gradient)
-            steep = np.abs(way[along]) * STEEPEST < np.sqrt(dot(way, way))
-            bend = dot(turns, way) / np.where(steep, 1.0, way[along])
+            way = _product(inverse, _product(inverse.T, slopes))
             turn = _product(inverse.T, turns)
-            steep |= dot(turn, turn) > CREASE * CREASE
-            out[:, own], values[own] = gradient, np.where(steep, 0.0, part * (1 - part) / 2 * step * bend)
+            unclear = (np.abs(way[along]) * STEEPEST < np.sqrt(dot(way, way))) | (dot(turn, turn) > CREASE * CREASE)
+            bend = np.where(unclear, 0.0, -dot(turns, way) / np.where(unclear, 1.0, way[along]))
+            slopes[along] += (part - 0.5) * bend
+            out[:, own], values[own] = _product(inverse.T, slopes), part * (part - 1) / 2 * step * bend
     return out, values
 
 
