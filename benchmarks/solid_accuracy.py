@@ -23,7 +23,7 @@ from .solid_forms import FORMS, Posed, ball_volume, poses
 
 Doubles = NDArray[np.float64]
 NORMALS = ((0.0, 0.0, 1.0), (1.0, 1.0, 0.0), (1.0, 2.0, -3.0))
-WALL, MORE, PEG, CLEARANCE, DRAIN = 0.12, 0.09, 0.3, 0.015, 0.15  # Shares of the voxels across the body.
+WALL, MORE, PEG, CLEARANCE, DRAIN = 0.12, 0.09, 0.3, 0.015, 0.2  # Shares of the voxels across the body.
 LIMITS = {"volume": 0.005, "mean": 0.05, "95": 0.15, "thinnest": 0.25, "gap": 0.1, "rims": 0.1}
 TRIALS = ((20, False, 3), (32, False, 1), (20, True, 3))  # Voxels across, label, poses: the last ones are turned.
 VOLUMES = ("plain", "hollow", "thicken", "thicken and hollow", "halves", "pegged halves")

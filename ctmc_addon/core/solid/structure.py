@@ -147,11 +147,11 @@ def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget) -> Steps[Bo
 def body_of_steps(structure: Structure, lattice: Lattice, thicken: float, budget: Budget) -> Steps[Body]:
     """Return the body of a structure that is thickened later.
 
-    A label's surface encloses its samples' volume, chords and all; that of gray values lies below what it stands for.
+    A label's surface encloses the volume of its samples, chords and all. One of gray values does not.
     """
     body = yield from body_steps(structure.mesh, lattice, budget)
     if thicken and structure.result.settings.label is None:
-        yield from body.level_steps()
+        yield from body.bulge_steps()
     return body
 
 
