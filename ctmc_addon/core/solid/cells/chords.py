@@ -5,7 +5,7 @@ Where a surface bulges, triangles cut something off: a ball of ten steps is 0.6 
 vertices, placed where the field would be 0 if it were linear along the edge.
 
     between vertices   A field that is 0 at both ends of a way e, with gradients g and h there, is (g - h) e / 8 in its
-                       middle; its mean on a triangle is a third of the sum of its three sides.
+                       middle; its mean on a triangle is a third of what its three sides have together.
     along an edge      The gradient's change along the edge tells all but the second derivative along the edge itself.
                        That follows, since a distance has none along its own gradient.
 
