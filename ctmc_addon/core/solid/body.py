@@ -15,8 +15,10 @@ from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.distance.triangle_tree import TriangleTree
+from ..mesh.face_normals import sphere_normals_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
+from .cells.chords import depths_steps
 from .fields.distances import distances_bytes, distances_steps
 from .fields.lattice import Lattice
 from .fields.lattice_edges import edge_vertices_steps, inside_steps
@@ -73,6 +75,16 @@ class Body:
         body = replace(self, lattice=lattice, around=around, inside=None, on_edges=None, _distances={})
         yield from body.prepare_steps()
         return body
+
+    def bulge_steps(self) -> Steps[None]:
+        """Move the surface that distances are measured from outward by what its triangles cut off.
+
+        A ball of 10 voxels that is thickened by 1.8 is 0.14 % too small then, not 0.51 %.
+        """
+        normals = yield from sphere_normals_steps(self.mesh.vertices, self.mesh.faces)
+        vertices, inward = (np.ascontiguousarray(each.T, np.float64) for each in (self.mesh.vertices, -normals))
+        depths = yield from depths_steps(vertices, inward, self.mesh.faces)
+        self.mesh = replace(self.mesh, vertices=(vertices - inward * depths).T.astype(np.float32))
 
     def signed_steps(self) -> Steps[SignedSurface]:
         """Return the surface, ready for signed distances."""

@@ -33,7 +33,16 @@ from .placing.pegs import bosses_steps
 from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, refined_around, tried_steps
+from .structure import (
+    Structure,
+    body_steps,
+    bulged_steps,
+    drain_steps,
+    hollow_steps,
+    lattice_of,
+    refined_around,
+    tried_steps,
+)
 from .together import Together
 
 MAKING = "Making the solid"
@@ -102,7 +111,9 @@ class PartsMaking:
         self.lattice = lattice_of(self.structures, solid)
         bodies = []
         for structure in self.structures:
-            bodies.append((yield from self._body_steps(structure.mesh)))
+            body = yield from self._body_steps(structure.mesh)
+            yield from bulged_steps(structure, body, self.thicken)
+            bodies.append(body)
         self._keep(self.structures, bodies)
         if self.thicken and self.hollow:
             yield from self._thicken_steps()

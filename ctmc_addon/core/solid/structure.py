@@ -188,6 +188,15 @@ def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lat
     return body
 
 
+def bulged_steps(structure: Structure, body: Body, thicken: float) -> Steps[None]:
+    """Make the body of a structure ready to be thickened.
+
+    A label's surface encloses the volume of its samples, chords and all. One of gray values does not.
+    """
+    if thicken and structure.result.settings.label is None:
+        yield from body.bulge_steps()
+
+
 def extracted_steps(
     fields: Sequence[Field], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
 ) -> Steps[Body]:

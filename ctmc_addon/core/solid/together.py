@@ -142,7 +142,7 @@ class Together:
             fields.append(HeldField(lattice, front))
             behind = either
             yield PAUSE
-        return [HeldField(lattice, behind), *reversed(fields)]
+        return [HeldField(lattice, behind, keeps_volume=thicken != 0), *reversed(fields)]
 
     def hollow_steps(self, level: float) -> Steps[Field]:
         """Return the field of what is deeper than a level in any of the bodies."""
@@ -155,7 +155,7 @@ class Together:
                 here = depth[self.lattice.window_of(body.lattice)]
                 np.maximum(here, (own.astype(np.float64) - level).astype(np.float32), out=here)
                 body.forget_distances(level)
-            self._hollow = HeldField(self.lattice, depth)
+            self._hollow = HeldField(self.lattice, depth, keeps_volume=True)
         return self._hollow
 
     def with_owners(self, mesh: ComplexMesh, sides: int) -> ComplexMesh:
