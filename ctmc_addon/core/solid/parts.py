@@ -25,13 +25,14 @@ from .fields.lattice_fields import Field, HeldField, ShapeField
 from .fields.shapes import Bar, HalfSpace, Shape, Union
 from .finish import finished_parts_steps, part_names
 from .placing.drains import notes_at_cuts
-from .placing.least_wall import thin_walls_steps
+from .placing.least_wall import Thickening, thin_walls_steps
 from .placing.pegs import bosses_steps, heights_of, placed_pegs_steps
 from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
 
+WALL_TRIES = 4  # Thicken what is still too thin this often.
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
 
@@ -152,15 +153,23 @@ class PartsMaking:
         return fields, on_edges
 
     def _walls_steps(self) -> Steps[None]:
-        """Find what thickens thin walls; the notes say where and by how much."""
-        mesh = yield from self._extracted_steps()
-        for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number)
-            spacing = sum(self.lattice.sides_mm) / 3
-            found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
-            structure.notes += found.notes
-            if found.shape is not None:
-                self.walls[number] = found.shape
+        """Find what thickens thin walls, and again while some are thin; the notes say where and by how much."""
+        spacing, threads = sum(self.lattice.sides_mm) / 3, self.budget.threads
+        shapes: dict[int, list[Thickening]] = {number: [] for number in range(len(self.structures))}
+        for again in range(WALL_TRIES):
+            mesh = yield from self._extracted_steps()
+            for number, before in list(shapes.items()):
+                own = mesh.of_label(1 + number)
+                found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
+                if not again:
+                    self.structures[number].notes += found.notes
+                if found.shape is None or (again and not found.counts):
+                    del shapes[number]
+                else:
+                    before.append(found.shape)
+                    self.walls[number] = Union(tuple(before))
+            if not shapes:
+                return
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
         """Place the pegs of every cut, between each two sides of the others."""
