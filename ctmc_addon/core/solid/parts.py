@@ -28,7 +28,7 @@ from .finish import finished_parts_steps, flats_of, part_names
 from .placing.drains import notes_at_cuts
 from .placing.foot import STEPS_UNDER_CENTER
 from .placing.joints import Joined, cut_pegs_steps
-from .placing.least_wall import thin_walls_steps
+from .placing.least_wall import Thickening, thin_walls_steps
 from .placing.pegs import bosses_steps
 from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
@@ -45,6 +45,7 @@ from .structure import (
 )
 from .together import Together
 
+WALL_TRIES = 4  # Thicken what is still too thin this often.
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
 
@@ -226,15 +227,23 @@ class PartsMaking:
         return together.with_owners(mesh, sides)
 
     def _walls_steps(self) -> Steps[None]:
-        """Find what thickens thin walls; the notes say where and by how much."""
-        mesh = yield from self._extracted_steps()
-        for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number)
-            spacing = sum(self.lattice.sides_mm) / 3
-            found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
-            structure.notes += found.notes
-            if found.shape is not None:
-                self.walls[structure] = found.shape
+        """Find what thickens thin walls, and again while some are thin; the notes say where and by how much."""
+        spacing, threads = sum(self.lattice.sides_mm) / 3, self.budget.threads
+        shapes: dict[int, list[Thickening]] = {number: [] for number in range(len(self.structures))}
+        for again in range(WALL_TRIES):
+            mesh = yield from self._extracted_steps()
+            for number, before in list(shapes.items()):
+                own = mesh.of_label(1 + number)
+                found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
+                if not again:
+                    self.structures[number].notes += found.notes
+                if found.shape is None or (again and not found.counts):
+                    del shapes[number]
+                else:
+                    before.append(found.shape)
+                    self.walls[self.structures[number]] = Union(tuple(before))
+            if not shapes:
+                return
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
         """Place the pegs of every cut, again without structures in which none fit."""
