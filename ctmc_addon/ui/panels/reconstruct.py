@@ -18,6 +18,7 @@ from ..state import session, solids, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
+from .solid import draw_places
 
 COST_NAMES = 0.46  # Share of the width for names.
 BUTTONS = (("Reconstruct Surface", "Update Surface"), ("Reconstruct Solid", "Update Solid"))
@@ -128,6 +129,7 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     else:
         if scene_session.cost is not None and scene_session.cost.refusal:
             draw_text(layout, context, translate_sentence(scene_session.cost.refusal), "ERROR")
+    draw_places(layout, context)
     if volumes.is_coarse(context.scene):
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):
