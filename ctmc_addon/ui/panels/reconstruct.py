@@ -18,6 +18,7 @@ from ..state import cost_estimates, session, solids, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
+from .solid import draw_places
 
 COST_NAMES = 0.46  # Share of the width for names.
 BUTTONS = (("Reconstruct Surface", "Update Surface"), ("Reconstruct Solid", "Update Solid"))
@@ -124,6 +125,7 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
         cost = cost_estimates.of_scene(context.scene)
         if cost is not None and cost.refusal:
             draw_text(layout, context, translate_sentence(cost.refusal), "ERROR")
+    draw_places(layout, context)
     if volumes.is_coarse(context.scene):
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):

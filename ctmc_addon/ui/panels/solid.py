@@ -23,7 +23,6 @@ def draw_solid(room: Any, context: bpy.types.Context) -> None:
         layout.prop(solid, name)
     _draw_drains(layout, context, solid)
     _draw_cuts(layout, solid)
-    _draw_places(layout, context)
     _draw_combinations(layout, solid)
     for name in ("base", "least_wall"):
         layout.prop(solid, name)
@@ -76,19 +75,6 @@ def _draw_cuts(layout: Any, solid: Any) -> None:
             pegs.prop(solid, name)
 
 
-def _draw_places(layout: Any, context: bpy.types.Context) -> None:
-    """Say what of the pegs and drains in the viewport does not fit, or that they are looked for."""
-    found = solid_places.places_of(context.scene)
-    if solid_places.is_looking(context.scene):
-        draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
-    if found is None:
-        return
-    for note in found.notes:
-        draw_text(layout, context, translate_sentence(note), "ERROR")
-    if found.coarse and (found.drains.bars or (found.pegs and found.pegs.bars)):
-        draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")
-
-
 def _draw_combinations(layout: Any, solid: Any) -> None:
     """Draw the button that adds a combination, and the list."""
     column = layout.column(align=True)
@@ -127,3 +113,16 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
         row = layout.row(align=True)
         draw_text(row, context, text, "MOD_SOLIDIFY", beside=BUTTON)
         row.operator("ctmc.solid_reset", text="", icon="X", emboss=False)
+
+
+def draw_places(layout: Any, context: bpy.types.Context) -> None:
+    """Say what of the pegs and drains in the viewport does not fit, or that they are looked for."""
+    found = solid_places.places_of(context.scene)
+    if solid_places.is_looking(context.scene):
+        draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
+    if found is None:
+        return
+    for note in found.notes:
+        draw_text(layout, context, translate_sentence(note), "ERROR")
+    if found.coarse and (found.drains.bars or (found.pegs and found.pegs.bars)):
+        draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")

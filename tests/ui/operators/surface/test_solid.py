@@ -18,7 +18,7 @@ from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, finish, ma
 from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
+from ctmc_addon.ui.panels.solid import draw_places, draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
 from ctmc_addon.ui.state import session, solids
 from ctmc_addon.ui.viewport import solid_places
@@ -370,7 +370,7 @@ def test_pegs_and_drains_are_shown_where_they_are_made_once_they_are_found(solid
     assert (outline.pegs, outline.holes, outline.drains) == ([], [], [])
     assert [radius for _, radius in outline.places] == [2.0]
     assert solid_places.is_looking(loaded)
-    assert "Looking for places of pegs and drains" in drawn(draw_solid).texts
+    assert "Looking for places of pegs and drains" in drawn(draw_places).texts
     finish(solid_places.placing_steps(loaded.session_uid))
     assert not solid_places.is_looking(loaded)
     outline = outline_of(loaded)
@@ -413,7 +413,7 @@ def test_what_does_not_fit_is_said_in_the_panel(solid, loaded):
     solid.use_pegs, solid.peg_diameter, solid.peg_length = True, 11.0, 40.0
     finish(solid_places.placing_steps(loaded.session_uid))
     assert outline_of(loaded).pegs == []
-    assert any("No peg of 11 mm" in text for text in drawn(draw_solid).texts)
+    assert any("No peg of 11 mm" in text for text in drawn(CTMC_PT_surface).texts)
 
 
 def test_the_outline_leaves_out_what_makes_no_sense_yet(labels):
