@@ -175,7 +175,7 @@ def stood_steps(
         yield PAUSE
         resting = vertices[~loose[pieces.of_vertex]]
         beside = _beside_rest(resting, pieces.center, near)
-        notes[part] = [f"{name}: {each}" for each in _notes(pieces, beside, feet, part)]
+        notes[part] = list(_notes(name, pieces, beside, feet, part))
     kept = np.flatnonzero(sides[:, 0] != sides[:, 1])
     if len(kept) < len(sides):
         used, faces = compacted(mesh.faces[kept], len(mesh.vertices))
@@ -183,24 +183,27 @@ def stood_steps(
     return mesh, kept, notes
 
 
-def _notes(pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
+def _notes(name: str, pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
     """Yield what a user should know about how a part stands."""
     foot = feet.shapes.get(part)
     low = feet.level[part] if foot is None else foot.low
     rest = "level cut" if foot is None else "foot"
     below = low - float(pieces.low.min())
     if below > feet.lattice.shortest_mm / 2:
-        yield f"its pegs reach {below:.3g} mm below its {rest}; turn the normal of the cut round, so the other has them"
+        yield (
+            f"{name}: its pegs reach {below:.3g} mm below its {rest}; "
+            "turn the normal of the cut round, so the other has them"
+        )
     elif foot is None:
-        yield "it stands on its level cut and has no foot"
+        yield f"{name}: it stands on its level cut and has no foot"
     elif beside > 0:
         yield (
-            f"it does not stand, because its center of mass lies {beside:.3g} mm beside its foot, for which a cut or "
-            "another part leaves no more room; lay it on its cut, or make the cut level"
+            f"{name}: it does not stand, because its center of mass lies {beside:.3g} mm beside its foot, for which a "
+            "cut or another part leaves no more room; lay it on its cut, or make the cut level"
         )
     top = low + RESTING * feet.lattice.shortest_mm if foot is None else foot.high
     hanging = pieces.low[(pieces.volumes > 0) & (pieces.low > top)]
     if len(hanging):
         what = "1 piece hangs" if len(hanging) == 1 else f"{len(hanging)} pieces hang"
         reach = rounded_up(float(hanging.max()) - low + feet.lattice.shortest_mm / 4)
-        yield f"{what} above its {rest}; --base {reach:g} reaches all, --keep-parts 1 leaves out small ones"
+        yield f"{name}: {what} above its {rest}; --base {reach:g} reaches all, --keep-parts 1 leaves out small ones"
