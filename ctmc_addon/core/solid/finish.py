@@ -18,6 +18,7 @@ from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.flats import Flat
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents
+from ..simplification.policy import SOLIDS
 from ..simplification.whole import Simplification
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
@@ -54,7 +55,8 @@ def finished_parts_steps(
     full_borders = borders_of(mesh.faces, mesh.sides)
     simplified = None
     if settings.simplifies_here:
-        simplifying = simplify_complex_steps(mesh, budget=budget, flats=flats, **goal_of(settings))
+        goal = goal_of(settings)
+        simplifying = simplify_complex_steps(mesh, budget=budget, policy=SOLIDS, flats=flats, **goal)
         simplified = yield from stages.run(SIMPLIFYING, simplifying)
     final = mesh if simplified is None else simplified.mesh
     pairs = crossings if simplified is None else crossings[:0]

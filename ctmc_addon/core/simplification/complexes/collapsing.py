@@ -19,7 +19,7 @@ from ..engine.edge_collapse import CollapsingMesh
 from ..engine.handles import Cuts, handle_cuts_steps
 from ..engine.quadrics import EdgeQuadric
 from ..policy import POLICY, Policy
-from .flats import Flat, flattened, leaves_flat, makes_thin, on_flats
+from .flats import Flat, flattened, leaves_flat, on_flats
 from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares
 
@@ -133,13 +133,6 @@ class CollapsingComplex(CollapsingMesh):
             target[:, own] = flattened(self.flats, (bits[0][own], bits[1][own]), (start, end), target[:, own])
             step[:, own] = target[:, own] - (start + end) * np.float32(0.5)
         return quadric, step, target
-
-    def possible_steps(self, collapses: Collapses) -> Steps[Collapses]:
-        """As of `CollapsingMesh`, without those that make thin triangles in flats."""
-        collapses = yield from super().possible_steps(collapses)
-        if self.flats:
-            collapses = self.without(collapses, makes_thin(self.on_flats, collapses, self.positions, self.faces))
-        return collapses
 
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
         """Return which collapses would change how the complex is connected, (n,) bool."""

@@ -12,12 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...arrays import Bytes, Doubles, Flags, Floats, Ints
+from ...arrays import Bytes, Doubles, Flags, Floats
 from ...mesh.vectors import dot
-from ..engine.collapses import Collapses
 
 MOST_FLATS = 8
-THINNEST = np.float32(2.0**-13)  # Height of a triangle in a flat, as a share of its longest side.
 
 
 @dataclass(frozen=True)
@@ -92,32 +90,3 @@ def flattened(flats: Sequence[Flat], bits: tuple[Bytes, Bytes], ends: tuple[Floa
     none = both == 0
     out[:, none] = target[:, none]
     return out
-
-
-def makes_thin(bits: Bytes, collapses: Collapses, positions: Floats, faces: Ints) -> Flags:
-    """Return which collapses, with normals, make a triangle in a flat thinner than `THINNEST`, (n,) bool.
-
-    There no error tells such triangles from others, and on a line of two flats they would have no area.
-    """
-    assert collapses.normals is not None
-    left = collapses.faces[~collapses.vanishing]
-    bits = bits.copy()
-    bits[collapses.dropped] = bits[collapses.kept]
-    corners = np.take(faces, left, axis=1)
-    a, b, c = np.take(bits, corners)
-    own = np.flatnonzero(a & b & c)
-    corners = corners[:, own]
-    shares = [
-        _height_share(np.take(places, corners, axis=1), normals[:, own])
-        for places, normals in zip((positions, collapses.moved(positions)), collapses.normals, strict=True)
-    ]
-    refused = np.zeros(len(collapses.edges), bool)
-    refused[collapses.owner[~collapses.vanishing][own[(shares[1] < THINNEST) & (shares[1] <= shares[0])]]] = True
-    return refused
-
-
-def _height_share(corners: Floats, normals: Floats) -> Floats:
-    """Return the heights of triangles (3, 3, n) over their longest sides, (n,), from normals of twice their areas."""
-    a, b, c = corners.transpose(1, 0, 2)
-    longest = np.maximum(np.maximum(dot(b - a, b - a), dot(c - b, c - b)), dot(a - c, a - c))
-    return np.asarray(np.sqrt(dot(normals, normals)) / longest)
