@@ -32,7 +32,7 @@ from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of
 
-WALL_TRIES = 4  # Thicken what is still too thin this often.
+WALL_TRIES = 6  # Thicken what is still too thin this often.
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
 
@@ -163,7 +163,7 @@ class PartsMaking:
                 found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
                 if not again:
                     self.structures[number].notes += found.notes
-                if found.shape is None or (again and not found.counts):
+                if found.shape is None:
                     del shapes[number]
                 else:
                     before.append(found.shape)
