@@ -45,7 +45,7 @@ from .structure import (
 )
 from .together import Together
 
-WALL_TRIES = 4  # Thicken what is still too thin this often.
+WALL_TRIES = 6  # Thicken what is still too thin this often.
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
 
@@ -237,7 +237,7 @@ class PartsMaking:
                 found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
                 if not again:
                     self.structures[number].notes += found.notes
-                if found.shape is None or (again and not found.counts):
+                if found.shape is None:
                     del shapes[number]
                 else:
                     before.append(found.shape)

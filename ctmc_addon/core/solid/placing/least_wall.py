@@ -102,8 +102,6 @@ class ThinWalls:
         In the middle of that wall, RAS+ mm.
     notes : tuple of str
         Sentences for the user.
-    counts : bool
-        Whether they have such an area.
     """
 
     shape: Thickening | None = None
@@ -111,7 +109,6 @@ class ThinWalls:
     thinnest: float | None = None
     place: Point | None = None
     notes: tuple[str, ...] = ()
-    counts: bool = False
 
 
 def thin_walls_steps(
@@ -157,8 +154,7 @@ def _told(
     """Return thin walls with what is said about them."""
     whole, own = np.cumsum(np.stack([areas, np.where(thin, areas, 0.0)]), axis=1)[:, -1].tolist()
     thinnest_first = np.flatnonzero(thin)[np.argsort(diameters[thin], kind="stable")]
-    counted = min(LEAST_MM2, LEAST_SHARE * whole)
-    enough = int(np.searchsorted(np.cumsum(areas[thinnest_first]), counted))
+    enough = int(np.searchsorted(np.cumsum(areas[thinnest_first]), min(LEAST_MM2, LEAST_SHARE * whole)))
     at = int(thinnest_first[min(enough, len(thinnest_first) - 1)])
     x, y, z = centers[at].tolist()
     thinnest, share = float(diameters[at]), own / whole if whole else 0.0
@@ -166,7 +162,7 @@ def _told(
         f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
         f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
     )
-    return ThinWalls(shape, share, thinnest, (x, y, z), (note,), own > counted)
+    return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 
 
 def _shape_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles, radius: float, far: float) -> Steps[Thickening]:
