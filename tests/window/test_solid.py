@@ -69,6 +69,9 @@ def test_cuts_pegs_and_drains_are_seen_in_the_viewport(desk):
     desk.ask("s = bpy.context.scene.ctmc_solid; s.use_pegs = True; s.hollow = 6; s.peg_diameter = 2; s.peg_length = 3")
     desk.press("bpy.ops.ctmc.drain_add()", "drain_add", 0.3)
     assert desk.ask("answer = len(bpy.context.scene.ctmc_solid.drains)") == 1
+    desk.wait("not ours('ui.viewport.solid_places').is_looking(bpy.context.scene)")
+    outline = "outline = ours('ui.viewport.solid').outline_of(bpy.context.scene)"
+    assert desk.ask(f"{outline}; answer = [len(outline.pegs), len(outline.drains)]") == [2, 1]
     desk.look("solid-03-pegs-and-drain")
     desk.show("RESULTS")
     assert of_color(desk.look("solid-04-other-page"), CUT_COLOR) <= before
