@@ -22,6 +22,7 @@ from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Stage
 from .body import Body
 from .cells.extract import Recipe, extract_parts_steps
+from .cost import RATIOS, require_memory
 from .fields.depth import Depth, depth_below
 from .fields.lattice_fields import ShapeField
 from .fields.shapes import HalfSpace, Shape, Union
@@ -31,11 +32,8 @@ from .placing.least_wall import thin_walls_steps
 from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, hollow_steps, lattice_of, tried_steps
+from .structure import MAKING, Structure, body_steps, drain_steps, hollow_steps, lattice_of, sides_of, tried_steps
 from .together import Together
-
-MAKING = "Making the solid"
-"""The stage in which a solid is made of surfaces."""
 
 
 class PartsMaking:
@@ -95,6 +93,9 @@ class PartsMaking:
         """Return the surfaces of all parts."""
         solid = self.solid
         self.lattice = lattice_of(self.structures, solid)
+        faces = sum(len(structure.mesh.faces) for structure in self.structures)
+        slots = min(len(self.structures), RATIOS.slots)
+        require_memory(self.budget, solid, sides_of(self.structures), self.lattice.samples, slots, faces)
         bodies = []
         for structure in self.structures:
             bodies.append((yield from self._body_steps(structure.mesh)))
