@@ -262,9 +262,7 @@ def test_a_structure_that_combinations_make_may_be_chosen_as_a_label(asked_label
 
 def test_a_structure_that_a_later_combination_takes_is_no_label():
     solid = asked("--merge", "both=left,2", "--subtract", "rest=both,3")
-    with pytest.raises(
-        UsageError, match="--label both names a structure that --subtract rest takes; give --label rest"
-    ):
+    with pytest.raises(UsageError, match="--subtract rest takes; give --label rest"):
         solid_flags.labels_of(["both"], solid)
 
 

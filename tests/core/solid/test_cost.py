@@ -89,14 +89,14 @@ def test_labels_that_share_walls_are_on_one_lattice(estimate):
     apart = replace(label, settings=ReconstructionSettings(label=1, interfaces="separate"))
     together = solid_cost([shared] * 4, SolidRequest(thicken=1.0), label.voxels)
     alone = solid_cost([apart] * 4, SolidRequest(thicken=1.0), label.voxels)
-    assert together.faces == alone.faces
-    assert together.memory > 2 * alone.memory - RATIOS.started_bytes
+    assert alone.faces < together.faces < 3 * alone.faces
+    assert together.memory - RATIOS.started_bytes > 4 * (alone.memory - RATIOS.started_bytes)
 
 
 def test_parts_that_do_not_fit_are_refused_with_a_wider_stride(estimate):
     cost = solid_cost([estimate], SolidRequest(hollow=2.0), SIZE * SIZE * SIZE)
     assert cost.refusal(cost.memory) == ""
     assert cost.refusal(None) == ""
-    assert cost.refusal(cost.memory - 1).startswith("the parts of this solid would need 0.0 GiB of memory")
+    assert cost.refusal(cost.memory - 1).startswith("the parts of this solid would need 0.1 GiB of memory")
     with pytest.raises(MemoryLimitError, match="the parts of a solid need"):
         solid_parts(BALL, GRAY, SolidRequest(hollow=2.0), budget=Budget(bytes=RATIOS.started_bytes, work_bytes=1 << 20))
