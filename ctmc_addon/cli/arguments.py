@@ -179,14 +179,15 @@ def settings_from(args: argparse.Namespace) -> ReconstructionSettings:
 
 
 def settings_and_labels(
-    args: argparse.Namespace, named: Sequence[int | str] = ()
+    args: argparse.Namespace,
+    labels_of: Callable[[tuple[int | str, ...]], tuple[int | str, ...]] = lambda choices: choices,
 ) -> tuple[ReconstructionSettings, tuple[int | str, ...]]:
     """Return the settings of flags and file, and the labels they choose; the settings have one of these, or any.
 
-    Without labels those that are `named` elsewhere are taken.
+    `labels_of` chosen ones are taken, which may be others where something else names labels.
     """
     values = given_settings(args)
-    choices = choices_of(values) or tuple(named)
+    choices = labels_of(choices_of(values))
     with flags_checked():
         return ReconstructionSettings(**values | {"label": label_for_checks(choices)}), choices
 

@@ -159,7 +159,7 @@ def settings_labels_and_solid(
     if solid.combinations and given_settings(args).get("threshold") is not None:
         how = solid.combinations[0].how.value
         raise UsageError(f"--{how} combines labels, and a threshold has a single structure; leave out --threshold")
-    settings, choices = settings_and_labels(args, combined_labels(solid))
+    settings, choices = settings_and_labels(args, lambda chosen: labels_of(chosen, solid))
     require_built_in(solid, settings)
     return settings, choices, solid
 
@@ -186,7 +186,7 @@ def require_room_for_parts(solid: SolidRequest, output: str) -> None:
 
 
 def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
-    """Return the labels that combinations name, each once, without structures that an earlier one makes.
+    """Return the labels that combinations name, each once, without structures that other combinations make.
 
     Examples
     --------
@@ -194,12 +194,40 @@ def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
     >>> combined_labels(SolidRequest(combinations=(both, Combination(Combining.SUBTRACT, "rest", ("3", "both")))))
     ('left', 2, 3)
     """
-    made: set[str] = set()
     choices: list[int | str] = []
     for each in solid.combinations:
-        choices += [choice for name in each.of if _plain(name) not in made for choice in label_choices(name)]
-        made.add(_plain(each.name))
+        others = {_plain(other.name) for other in solid.combinations if other is not each}
+        choices += [choice for name in each.of if _plain(name) not in others for choice in label_choices(name)]
     return tuple(dict.fromkeys(choices))
+
+
+def labels_of(choices: Sequence[int | str], solid: SolidRequest) -> tuple[int | str, ...]:
+    """Return chosen labels; a structure that combinations make stands for the labels that they name, as no choice does.
+
+    Raises
+    ------
+    UsageError
+        For a structure that a later combination takes.
+
+    Examples
+    --------
+    >>> both = Combination(Combining.MERGE, "both", ("left", "2"))
+    >>> labels_of(["both", "liver"], SolidRequest(combinations=(both,)))
+    ('left', 2, 'liver')
+    """
+    named = combined_labels(solid)
+    out: list[int | str] = []
+    for choice in choices:
+        made = [at for at, each in enumerate(solid.combinations) if _plain(each.name) == _plain(str(choice))]
+        if not made:
+            out.append(choice)
+            continue
+        for later in solid.combinations[made[-1] + 1 :]:
+            if any(_plain(name) == _plain(str(choice)) for name in later.of):
+                flag = f"--{later.how.value} {later.name}"
+                raise UsageError(f"--label {choice} names a structure that {flag} takes; give --label {later.name}")
+        out += named
+    return tuple(dict.fromkeys(out or named))
 
 
 def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[int, str]) -> tuple[SolidRequest, int]:
@@ -240,9 +268,10 @@ def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[i
             known.setdefault(word, []).append(own)
     left = dict.fromkeys(called)
     combinations = []
-    for each in solid.combinations:
+    for number, each in enumerate(solid.combinations):
         flag = f"--{each.how.value} {each.name}"
-        of = [_structure_of(name, flag, known, left) for name in each.of]
+        later = {_plain(other.name): f"--{other.how.value} {other.name}" for other in solid.combinations[number + 1 :]}
+        of = [_structure_of(name, flag, known, left, later) for name in each.of]
         for name in of:
             left.pop(name, None)
         known[_plain(each.name)] = [each.name]
@@ -251,9 +280,13 @@ def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[i
     return replace(solid, combinations=tuple(combinations)), len(left)
 
 
-def _structure_of(name: str, flag: str, known: Mapping[str, Sequence[str]], left: Mapping[str, None]) -> str:
-    """Return what a structure that a combination names is called."""
+def _structure_of(
+    name: str, flag: str, known: Mapping[str, Sequence[str]], left: Mapping[str, None], later: Mapping[str, str]
+) -> str:
+    """Return what a structure that a combination names is called; `later` are the flags that make others after it."""
     found = known.get(_plain(name), ())
+    if not found and _plain(name) in later:
+        raise UsageError(f"{flag} names {name!r}, which {later[_plain(name)]} makes after it; give that one first")
     if not found:
         raise AbsentLabelError(
             f"{flag} names {name!r}, but the structures are {', '.join(left)}; add --label {name}, or leave out "

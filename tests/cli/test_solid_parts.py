@@ -217,3 +217,11 @@ def test_a_structure_that_cannot_be_made_is_left_out_of_all(ctmc, refused, made,
     assert ctmc("batch", folder / "boxes.nii", "-o", out, *words).code == 0
     assert [path.name for path in (out / "boxes").iterdir()] == ["label 1.stl"]
     assert "label 2 is left out: " in " ".join(json.loads((out / "boxes.json").read_text("utf-8"))["notes"])
+
+
+def test_a_merged_structure_is_a_label_and_combinations_in_the_wrong_order_say_so(made, misused, folder, tmp_path):
+    [by_name] = made("boxes.nii", "--merge", "both=1,2", "--label", "both")
+    [merged] = made("boxes.nii", "--merge", "both=1,2")
+    assert by_name["volume_mm3"] == merged["volume_mm3"]
+    wrong = ("--subtract", "rest=both,2", "--merge", "both=1,2", "-o", f"{tmp_path}/b.stl")
+    assert "makes after it; give that one first" in misused("reconstruct", folder / "boxes.nii", *wrong)

@@ -21,7 +21,7 @@ from ...core.solid import SolidRequest
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..arguments import UsageError, choices_of, label_for_checks, overridden
 from ..map_flags import NO_MAPS, AskedMaps
-from ..solid_flags import NOTHING, combined_labels, overridden_solid, require_built_in, solid_of
+from ..solid_flags import NOTHING, labels_of, overridden_solid, require_built_in, solid_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # Folders are searched for cases to this depth.
@@ -185,7 +185,7 @@ def _case_of(
     values = overridden(settings, source.settings)
     try:
         solid = solid_of(overridden_solid(solid_values, source.solid))
-        choices = choices_of(values) or combined_labels(solid)
+        choices = labels_of(choices_of(values), solid)
         numbers = [choice for choice in choices if isinstance(choice, int)]
         if len(numbers) < len(choices) or (solid and len(choices) > 1):
             several = ReconstructionSettings(**values | {"label": label_for_checks(choices)})

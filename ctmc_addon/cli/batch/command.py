@@ -339,11 +339,12 @@ def need_of(task: dict[str, Any], case: Case, thumbnails: bool) -> int:
     """Return the bytes of memory that a case starts with; a case that knows its needs asks for more."""
     first = case.outputs[0]
     several = bool(first.labels or first.shared_labels)
-    task["asks"] = asks_for_memory(first.settings, several)
+    asks_early = asks_for_memory(first.settings, several)
+    task["asks"] = asks_early or bool(case.solid)  # A solid asks once its surfaces are known.
     source = source_of(case.path, first.settings.label)
     voxels, value_bytes = values_of(source, case.reading.allow_outside)
-    need = case_bytes(voxels, value_bytes if task["asks"] else None, thumbnails or task["format"] == ".blend")
-    if task["hu"] and source != case.path and not task["asks"]:  # who asks does so for the CT too
+    need = case_bytes(voxels, value_bytes if asks_early else None, thumbnails or task["format"] == ".blend")
+    if task["hu"] and source != case.path and not asks_early:  # who asks does so for the CT too
         need += math.prod(values_of(case.path, case.reading.allow_outside))
     return need
 

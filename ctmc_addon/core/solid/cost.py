@@ -11,15 +11,16 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from ..arithmetic import cube_root
+from ..machine.budget import Budget
 from ..planning.counted_surface import CostEstimate
 from ..planning.rates import CALIBRATION
 from ..reconstruction import Reconstruction
 from ..surfaces.request import share_walls
-from .fields.lattice import AROUND
-from .parts import MAKING
+from .fields.lattice import AROUND, steps_in
 from .printing.printed import PRINTING
 from .request import SolidRequest
-from .structure import PER_HOLE, longest_step, margin_of
+from .structure import MAKING, PER_HOLE, divisions, margin_of
 
 SOLID = "solid"
 """The way, among those of `planning.rates`, whose stages are learned here."""
@@ -29,37 +30,57 @@ SOLID = "solid"
 class SolidRatios:
     """Work for a solid in multiples of extracting a triangle of the ball, and what its parts have of triangles.
 
-    Measured on a vertebra, a hip, a liver and the bone of a thorax, hollow, cut and pegged.
+    Found on a vertebra, a hip and a liver that were hollow, cut, pegged and thickened, on 60 organs that touch, and on
+    the bone of a thorax: time within a factor of 1.5, memory never too little.
 
     Parameters
     ----------
+    started : float
+        For a group of structures.
     sampling, making, printing : float
         For a sample of the lattice, and for a triangle of the parts.
-    inner : float
-        Surface of a hollow, as a share of the outer one.
+    rims : float
+        Further share of making a triangle where several surfaces pass through cells, or the surface was not extracted
+        on the lattice, as its steps are divided.
+    inner, rough_inner : float
+        Surface of the hollow of a label and of a threshold, as a share of the outer one.
     thin : float
         Further share of triangles where a wall is as thin as a step, falling to none at 4/3 of it: two surfaces pass
         through most cells there.
     section : float
         Triangles of a cut, as a share of the surface.
-    rim : float
+    touching : float
+        Further share of triangles of structures that touch, where three surfaces meet.
+    tries : float
+        How often these are extracted, as moving their walls a little takes crossings away.
+    pegs : float
         Triangles of a square of a step on pegs and holes.
-    sample_bytes, slot_bytes, face_bytes : int
-        Bytes for a sample, for a sample of each further slot, for a triangle of the parts.
+    started_bytes, sample_bytes, again_bytes, slot_bytes, face_bytes, rim_bytes, touching_bytes : int
+        Bytes for a group; for a sample, more where it is thickened before it is hollow, and for each further slot; for
+        a triangle of the parts, more with `rims` and of structures that touch.
     slots : int
         Structures that meet in one place, at most.
     """
 
+    started: float = 3.5e6
     sampling: float = 1.0
-    making: float = 270.0
+    making: float = 78.0
     printing: float = 120.0
+    rims: float = 2.2
     inner: float = 0.85
+    rough_inner: float = 0.3
     thin: float = 0.9
-    section: float = 0.25
-    rim: float = 12.0
+    section: float = 0.4
+    touching: float = 1.0
+    tries: float = 3.0
+    pegs: float = 12.0
+    started_bytes: int = 64 << 20
     sample_bytes: int = 14
+    again_bytes: int = 12
     slot_bytes: int = 4
-    face_bytes: int = 600
+    face_bytes: int = 280
+    rim_bytes: int = 200
+    touching_bytes: int = 350
     slots: int = 12
 
 
@@ -73,17 +94,17 @@ class SolidCost:
 
     Parameters
     ----------
-    samples : int
-        Of all lattices.
     faces : int
         Triangles of all parts before simplification.
     memory : int
         Peak of making them, bytes.
+    work : float
+        Work of making them, in the multiples of `SolidRatios`.
     """
 
-    samples: int
     faces: int
     memory: int
+    work: float
 
     @property
     def stage_seconds(self) -> dict[str, float]:
@@ -109,8 +130,7 @@ class SolidCost:
 
     @property
     def _expected(self) -> dict[str, float]:
-        making = RATIOS.sampling * self.samples + RATIOS.making * self.faces
-        return {MAKING: CALIBRATION.unit * making, PRINTING: CALIBRATION.unit * RATIOS.printing * self.faces}
+        return {MAKING: CALIBRATION.unit * self.work, PRINTING: CALIBRATION.unit * RATIOS.printing * self.faces}
 
     def learn(self, parts: Sequence[Reconstruction]) -> None:
         """Correct the next prediction by the seconds of these parts, which were made as predicted."""
@@ -122,10 +142,93 @@ class SolidCost:
                 CALIBRATION.learned[SOLID, name] = taken / expected
 
 
-def making_bytes(samples: int, slots: int, faces: int) -> int:
-    """Return the bytes that making parts on one lattice takes, beside the surfaces of their structures."""
-    slot_bytes = RATIOS.slot_bytes * slots if slots > 1 else 0
-    return samples * (RATIOS.sample_bytes + slot_bytes) + faces * RATIOS.face_bytes
+@dataclass(frozen=True)
+class _Group:
+    """Structures on one lattice, whose sides are those of the samples that they were extracted from."""
+
+    solid: SolidRequest
+    sides_mm: tuple[float, float, float]
+    samples: int
+    slots: int
+    plain_faces: int
+    is_label: bool
+
+    @property
+    def divisions(self) -> tuple[int, int, int]:
+        """Into how many steps of the lattice a side is divided along x, y and z."""
+        return divisions(self.sides_mm, self.solid)
+
+    @property
+    def refined(self) -> tuple[float, float, float]:
+        """How many steps there are for one along x, y and z, on average, as those around holes are divided again."""
+        along, solid = float(cube_root(self.samples)), self.solid
+        holes = [(drain.diameter, drain.diameter, 1 if drain.point is not None else 2) for drain in solid.drains]
+        if solid.pegs is not None:
+            holes.append((solid.pegs.diameter, solid.pegs.length, solid.pegs.count * len(solid.cuts)))
+        refined = []
+        for side, parts in zip(self.sides_mm, self.divisions, strict=True):
+            step, finest, more = side / parts, 1, 0.0
+            for width, length, count in holes:
+                finer = steps_in(step, width / PER_HOLE)
+                more += (finer - 1) * count * min(1.0, (length / step + 2) / along)
+                finest = max(finest, finer)
+            refined.append(min(1.0 + more, float(finest)))
+        x, y, z = refined
+        return x, y, z
+
+    @property
+    def all_samples(self) -> float:
+        """Samples with those around holes."""
+        x, y, z = self.refined
+        return self.samples * x * y * z
+
+    @property
+    def thin(self) -> float:
+        """How thin a wall is against the steps, 1 for one step."""
+        if not self.solid.hollow:
+            return 0.0
+        longest = max(side / parts for side, parts in zip(self.sides_mm, self.divisions, strict=True))
+        return min(1.0, max(0.0, 4.0 - 3.0 * self.solid.hollow / longest))
+
+    @property
+    def has_rims(self) -> bool:
+        return self.divisions != (1, 1, 1) or self.refined != (1, 1, 1) or self.thin > 0 or self.slots > 1
+
+    @property
+    def faces(self) -> int:
+        """Triangles of the parts."""
+        solid = self.solid
+        steps = [side / parts for side, parts in zip(self.sides_mm, self.divisions, strict=True)]
+        x, y, z = (parts * more for parts, more in zip(self.divisions, self.refined, strict=True))
+        faces = self.plain_faces * (x * y + y * z + z * x) / 3
+        share = 1.0
+        if solid.hollow:
+            share += RATIOS.inner if self.is_label else RATIOS.rough_inner
+            share *= 1.0 + RATIOS.thin * self.thin
+        share += RATIOS.section * len(solid.cuts) + RATIOS.touching * (self.slots > 1)
+        if solid.pegs is not None:
+            step = min(max(steps), solid.pegs.diameter / PER_HOLE)
+            squares = math.pi * solid.pegs.diameter * solid.pegs.length / (step * step)
+            faces += RATIOS.pegs * squares * solid.pegs.count * len(solid.cuts)
+        return int(faces * share)
+
+    @property
+    def is_made_twice(self) -> bool:
+        return bool(self.solid.thicken and self.solid.hollow)
+
+    @property
+    def memory(self) -> int:
+        """Bytes at most."""
+        sample = RATIOS.sample_bytes + RATIOS.again_bytes * self.is_made_twice
+        sample += RATIOS.slot_bytes * self.slots if self.slots > 1 else 0
+        face = RATIOS.face_bytes + RATIOS.rim_bytes * self.has_rims + RATIOS.touching_bytes * (self.slots > 1)
+        return RATIOS.started_bytes + int(sample * self.all_samples) + face * self.faces
+
+    @property
+    def work(self) -> float:
+        making = RATIOS.making * self.faces * (1.0 + RATIOS.rims * self.has_rims)
+        times = (1 + self.is_made_twice) * (RATIOS.tries if self.slots > 1 else 1.0)
+        return RATIOS.started + RATIOS.sampling * self.all_samples + making * times
 
 
 def solid_cost(estimates: Sequence[CostEstimate], solid: SolidRequest, most_voxels: int) -> SolidCost:
@@ -138,57 +241,64 @@ def solid_cost(estimates: Sequence[CostEstimate], solid: SolidRequest, most_voxe
     most_voxels : int
         Voxels of the region that all structures lie in, at the stride.
     """
-    each = [(_samples(estimate.voxels, estimate, solid), _faces(estimate, solid)) for estimate in estimates]
-    faces = sum(own for _, own in each)
-    if len(estimates) > 1 and (solid.combinations or share_walls([estimate.settings for estimate in estimates])):
+    first = estimates[0]
+    together = solid.combinations or share_walls([estimate.settings for estimate in estimates])
+    if len(estimates) > 1 and together:
         voxels = min(most_voxels, sum(estimate.voxels for estimate in estimates))
-        samples = _samples(voxels, estimates[0], solid)
-        return SolidCost(samples, faces, making_bytes(samples, min(len(each), RATIOS.slots), faces))
-    memory = max(making_bytes(samples, 1, own) for samples, own in each)
-    return SolidCost(sum(samples for samples, _ in each), faces, memory)
+        faces = sum(estimate.faces for estimate in estimates)
+        slots = min(len(estimates), RATIOS.slots)
+        groups = [_Group(solid, first.sides_mm, _samples(voxels, first.sides_mm, solid), slots, faces, True)]
+    else:
+        groups = [
+            _Group(
+                solid,
+                each.sides_mm,
+                _samples(each.voxels, each.sides_mm, solid),
+                1,
+                each.faces,
+                each.settings.label is not None,
+            )
+            for each in estimates
+        ]
+    faces = sum(group.faces for group in groups)
+    return SolidCost(faces, max(group.memory for group in groups), sum(group.work for group in groups))
 
 
-def _divisions(estimate: CostEstimate, solid: SolidRequest) -> tuple[float, float, float]:
-    """Return into how many steps of the lattice a step of the surface is divided along x, y and z, on average."""
-    longest, along = longest_step(estimate.sides_mm, solid), math.cbrt(estimate.voxels)
-    holes = [(drain.diameter, drain.diameter, 1 if drain.point is not None else 2) for drain in solid.drains]
-    if solid.pegs is not None:
-        holes.append((solid.pegs.diameter, solid.pegs.length, solid.pegs.count * len(solid.cuts)))
-    divisions = []
-    for side in estimate.sides_mm:
-        parts = max(1, math.ceil(side / longest - 1e-6))
-        finest, more = 1, 0.0
-        for width, length, count in holes:
-            finer = max(1, math.ceil(PER_HOLE * side / (parts * width) - 1e-6))
-            more += (finer - 1) * count * (length / side + 2) / along
-            finest = max(finest, finer)
-        divisions.append(parts * min(1.0 + more, float(finest)))
-    x, y, z = divisions
-    return x, y, z
+def require_memory(
+    budget: Budget, solid: SolidRequest, sides_mm: tuple[float, float, float], samples: int, slots: int, faces: int
+) -> None:
+    """Raise a `MemoryLimitError` if parts on a lattice do not fit, with a stride that would.
+
+    Parameters
+    ----------
+    budget : Budget
+    solid : SolidRequest
+    sides_mm : (x, y, z) float
+        Steps of the samples that the surfaces were extracted from.
+    samples : int
+        Of the lattice.
+    slots : int
+    faces : int
+        Triangles of all surfaces.
+    """
+
+    def needed(times: int) -> int:
+        x, y, z = (times * side for side in sides_mm)
+        return _Group(
+            solid, (x, y, z), samples // times // times // times, slots, faces // times // times, False
+        ).memory
+
+    def remedy(available: int) -> str:
+        times = next((times for times in range(2, 5) if needed(times) <= available), None)
+        return "choose a region" if times is None else f"choose a region or a stride {times} times as wide"
+
+    budget.require(needed(1), "the parts of a solid", remedy)
 
 
-def _samples(voxels: int, estimate: CostEstimate, solid: SolidRequest) -> int:
+def _samples(voxels: int, sides_mm: tuple[float, float, float], solid: SolidRequest) -> int:
     """Return the samples of the lattice around a box of voxels, about as if it were a cube."""
-    along = math.cbrt(voxels)
-    margin = margin_of(solid)
+    along = float(cube_root(voxels))
     samples = 1.0
-    for side, parts in zip(estimate.sides_mm, _divisions(estimate, solid), strict=True):
-        samples *= parts * (along + 2 * margin / side) + 2 * AROUND
+    for side, parts in zip(sides_mm, divisions(sides_mm, solid), strict=True):
+        samples *= parts * (along + 2 * margin_of(solid) / side) + 2 * AROUND
     return int(samples)
-
-
-def _faces(estimate: CostEstimate, solid: SolidRequest) -> int:
-    """Return the triangles of the parts of one surface."""
-    x, y, z = _divisions(estimate, solid)
-    steps = [side / parts for side, parts in zip(estimate.sides_mm, (x, y, z), strict=True)]
-    faces = estimate.faces * (x * y + y * z + z * x) / 3
-    share = 1.0
-    if solid.hollow:
-        share += RATIOS.inner
-        share *= 1.0 + RATIOS.thin * min(1.0, max(0.0, 4.0 - 3.0 * solid.hollow / max(steps)))
-    share += RATIOS.section * len(solid.cuts)
-    if solid.pegs is not None:
-        step = min(max(steps), solid.pegs.diameter / PER_HOLE)
-        squares = math.pi * solid.pegs.diameter * solid.pegs.length / (step * step)
-        faces += RATIOS.rim * squares * solid.pegs.count * len(solid.cuts)
-    return int(faces * share)

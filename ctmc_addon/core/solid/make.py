@@ -22,10 +22,10 @@ from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest, share_walls
 from ..volume.volume import Volume
 from .combine import Combined, combined_steps, named_by
-from .parts import MAKING, PartsMaking
+from .parts import PartsMaking
 from .printing.printed import PRINTING, printed_steps
 from .request import SolidRequest, require_different_cuts
-from .structure import Structure, check_cuts, share_drains_steps
+from .structure import MAKING, Structure, check_cuts, share_drains_steps
 
 SURFACES = "Surfaces"
 

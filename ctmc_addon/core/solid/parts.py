@@ -20,6 +20,7 @@ from ..progress import PAUSE, Stages, Steps
 from ..reconstruction import Reconstruction, Stage
 from .body import Body
 from .cells.extract import Recipe, extract_parts_steps
+from .cost import RATIOS, require_memory
 from .fields.depth import depth_below
 from .fields.lattice import Lattice
 from .fields.lattice_fields import ShapeField
@@ -34,6 +35,7 @@ from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
 from .structure import (
+    MAKING,
     Structure,
     body_steps,
     bulged_steps,
@@ -41,13 +43,12 @@ from .structure import (
     hollow_steps,
     lattice_of,
     refined_around,
+    sides_of,
     tried_steps,
 )
 from .together import Together
 
 WALL_TRIES = 6  # Thicken what is still too thin this often.
-MAKING = "Making the solid"
-"""The stage in which a solid is made of surfaces."""
 
 
 class PartsMaking:
@@ -110,6 +111,9 @@ class PartsMaking:
         """Return the surfaces of all parts."""
         solid = self.solid
         self.lattice = lattice_of(self.structures, solid)
+        faces = sum(len(structure.mesh.faces) for structure in self.structures)
+        slots = min(len(self.structures), RATIOS.slots)
+        require_memory(self.budget, solid, sides_of(self.structures), self.lattice.samples, slots, faces)
         bodies = []
         for structure in self.structures:
             body = yield from self._body_steps(structure.mesh)

@@ -22,7 +22,7 @@ from ..volume.volume import Volume
 from .body import Body, OnEdges
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
-from .fields.lattice import Lattice, lattice_around
+from .fields.lattice import Lattice, lattice_around, steps_in
 from .fields.lattice_fields import Field
 from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
@@ -31,6 +31,8 @@ from .placing.pegs import heights_of, require_met
 from .request import Drain, SolidRequest
 from .rule import PartRule
 
+MAKING = "Making the solid"
+"""The stage in which a solid is made of surfaces."""
 FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
 PER_HOLE = 4  # Steps across a drain or a peg, at least; only around it.
 BLOCK = 1 << 18
@@ -155,18 +157,30 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
     settings, volume = first.result.settings, first.volume
     scope = scope_of(volume, replace(settings, close_border=True))
     steps = max(structure.result.slice_steps for structure in structures)
-    sides = [
-        spacing * stride / (steps if axis == 2 else 1)
-        for axis, (spacing, stride) in enumerate(zip(volume.spacing, settings.stride, strict=True))
-    ]
     points = np.concatenate([structure.mesh.vertices for structure in structures])
-    longest = longest_step(sides, solid)
+    longest = longest_step(sides_of(structures), solid)
     return lattice_around(volume, settings.stride, steps, scope.region, points, margin_of(solid), longest)
 
 
 def margin_of(solid: SolidRequest) -> float:
     """Return the space around structures in which their parts may lie, mm."""
     return max(solid.thicken, 0.0) + solid.base + solid.least_wall
+
+
+def sides_of(structures: Sequence[Structure]) -> tuple[float, float, float]:
+    """Return the steps of the samples that structures were extracted from, along x, y and z, mm."""
+    first = structures[0]
+    x, y, z = (
+        spacing * stride for spacing, stride in zip(first.volume.spacing, first.result.settings.stride, strict=True)
+    )
+    return x, y, z / max(structure.result.slice_steps for structure in structures)
+
+
+def divisions(sides_mm: Sequence[float], solid: SolidRequest) -> tuple[int, int, int]:
+    """Return into how many steps of the lattice voxels with these sides are divided along x, y and z."""
+    longest = longest_step(sides_mm, solid)
+    x, y, z = (steps_in(side, longest) for side in sides_mm)
+    return x, y, z
 
 
 def longest_step(sides_mm: Sequence[float], solid: SolidRequest) -> float:

@@ -104,8 +104,16 @@ class CTMCCut(PropertyGroup):
 
 
 def _offered(operand: Any, _context: Any, _typed: str) -> list[str]:
-    """Return the names or numbers of the labels of the list."""
-    return [key for key, _ in structure_choices(operand.id_data.ctmc)]
+    """Return the names or numbers of the labels of the list, and the names of what earlier combinations make."""
+    offered = [key for key, _ in structure_choices(operand.id_data.ctmc)]
+    for combination in operand.id_data.ctmc_solid.combinations:
+        if any(each == operand for each in combination.of):
+            break
+        try:
+            offered.append(combination.to_request().name)
+        except SettingsError:  # It lacks structures.
+            continue
+    return offered
 
 
 def _on_operand(operand: Any, _context: Any) -> None:
@@ -119,7 +127,7 @@ class CTMCOperand(PropertyGroup):
     """A structure of a combination."""
 
     structure: text(
-        "Structure", "Choose a structure of the list, by name or number", search=_offered, update=_on_operand
+        "Structure", "Choose a structure of the list or of an earlier combination", search=_offered, update=_on_operand
     )
 
 

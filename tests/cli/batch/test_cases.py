@@ -274,6 +274,15 @@ def test_need_of_memory_counts_the_ct_beside_labels_for_its_hu_where_the_case_do
     assert task["asks"]
 
 
+def test_a_solid_asks_for_the_memory_of_its_parts_once_its_surface_is_known(tmp_path):
+    np.save(tmp_path / "a.npy", np.zeros((4, 5, 6), np.int16))
+    for solid, asks in (({}, False), ({"hollow": 2.0}, True)):
+        task = TASK.copy()
+        [case] = collect([str(tmp_path)], {"threshold": 200}, READING, solid=solid)
+        assert need_of(task, case, thumbnails=False) == PROCESS_BYTES + CASE_VOXEL_BYTES * 4 * 5 * 6
+        assert task["asks"] == asks
+
+
 def test_smoothed_labels_ask_for_memory_and_all_else_is_counted_by_voxels():
     for several in (False, True):
         assert asks_for_memory(ReconstructionSettings(label=2), several)

@@ -81,6 +81,22 @@ def test_a_finished_surface_corrects_the_prediction_by_the_seconds_of_its_stages
     assert len(learned) == 1
 
 
+def test_a_solid_adds_its_own_cost_which_its_parts_correct(loaded, rested, monkeypatch):
+    monkeypatch.setattr(cost_estimates.CALIBRATION, "learned", {})
+    loaded.ctmc.threshold = 100.0
+    rested()
+    plain = cost_estimates.of_scene(loaded)
+    assert plain is session.of(loaded).cost
+    loaded.ctmc_solid.hollow = 2.0
+    solid = cost_estimates.of_scene(loaded)
+    assert solid.faces > plain.faces
+    assert solid.seconds > plain.seconds
+    assert solid.memory >= plain.memory
+    bpy.ops.ctmc.reconstruct()
+    taken = {stage: seconds for (way, stage), seconds in cost_estimates.CALIBRATION.learned.items() if way == "solid"}
+    assert len(taken) == 2
+
+
 def test_a_surface_whose_cost_was_not_counted_teaches_nothing(loaded, monkeypatch):
     monkeypatch.setattr(cost_estimates.CALIBRATION, "learn", lambda *_, **__: pytest.fail("learned"))
     session.of(loaded).cost = CostEstimates((), error="refused")

@@ -145,10 +145,15 @@ def lattice_around(
         positions = _positions(
             start * steps, (stop - 1) * steps, side, (low[axis] - margin) * steps, (high[axis] + margin) * steps
         )
-        parts = max(1, math.ceil(side * spacing / steps / longest_mm - 1e-6))
+        parts = steps_in(side * spacing / steps, longest_mm)
         along.append(_parted(positions, np.full(len(positions) - 1, parts)) / steps)
     x, y, z = along
     return Lattice(x, y, z, np.array(volume.affine, np.float64))
+
+
+def steps_in(side_mm: float, longest_mm: float) -> int:
+    """Return into how many equal steps a side is divided, so that none is longer than allowed."""
+    return max(1, math.ceil(side_mm / longest_mm - 1e-6))
 
 
 def _range_of(points: NDArray[np.float32], affine: Doubles) -> tuple[Doubles, Doubles]:

@@ -20,6 +20,7 @@ from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
 from ctmc_addon.ui.panels.solid import draw_places, draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
+from ctmc_addon.ui.properties.solid import _offered as offered
 from ctmc_addon.ui.state import session, solids
 from ctmc_addon.ui.viewport import solid_places
 from ctmc_addon.ui.viewport.solid import outline_of
@@ -331,6 +332,19 @@ def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
     assert colors == [pytest.approx((0.5, 0.1, 0.1)), pytest.approx(part_color((0.5, 0.1, 0.1), 1))], "both follow"
     labels.ctmc.labels[0].name = "hip"
     assert meshes_in(labels)[0].name == "left hip a", "a part keeps the name that it is found by"
+
+
+def test_a_combination_offers_what_earlier_ones_make(labels):
+    solid = labels.ctmc_solid
+    bpy.ops.ctmc.combination_add(how="merge")
+    bpy.ops.ctmc.combination_add(how="subtract")
+    first, second = solid.combinations
+    assert "both" not in offered(second.of[0], None, "")
+    first.title, first.of[0].structure, first.of[1].structure = "both", "left hip", "2"
+    assert "both" in offered(second.of[0], None, "")
+    assert "both" not in offered(first.of[0], None, "")
+    second.title, second.of[0].structure, second.of[1].structure = "rest", "both", "2"
+    assert operators.solid_of(labels).combinations[1].of == ("both", "2")
 
 
 def test_structures_that_cannot_be_made_are_reported_beside_those_that_are(labels, monkeypatch):
