@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from typing import Any
 
 import bpy
@@ -69,8 +70,12 @@ class _Found:
         Places that are looked for, or were last.
     surfaces_of : tuple or None
         CT and settings of the surfaces.
-    drains, places : dict
-        By what they depend on, the last ones last.
+    surfaces : dict of str to SignedSurface
+        By the name of their structure, as combinations call it.
+    coarse : bool
+        Whether they are coarser than those of the making.
+    places : dict of Wanted to Places
+        The last ones last.
     """
 
     asked: Wanted | None = None
@@ -90,10 +95,16 @@ def wanted(scene: bpy.types.Scene) -> Wanted | None:
         return None
     try:
         solid = solids.solid_of(scene)
-        runs = [replace(run.without(SIMPLIFICATION), close_border=True) for run in solids.runs_of(scene, solid)]
+        runs = [_closed(run) for run in solids.runs_of(scene, solid)]
     except CtmcError:  # Said in the panel.
         return None
     return Wanted(scene.ctmc.volume_fingerprint, tuple(runs), replace(solid, base=0.0, least_wall=0.0, bed=None))
+
+
+@lru_cache(maxsize=256)  # The viewport asks at every redraw.
+def _closed(run: ReconstructionSettings) -> ReconstructionSettings:
+    """Return the settings of the closed surface with all triangles."""
+    return replace(run.without(SIMPLIFICATION), close_border=True)
 
 
 def places_of(scene: bpy.types.Scene) -> Places | None:
@@ -136,7 +147,7 @@ def placing_steps(scene_uid: int) -> Steps[None]:
         pegs = yield from placed_cuts_pegs_steps(_found.surfaces, asked.solid, drains.bars, threads)
         _keep(asked, Places(drains, pegs, _found.coarse))
     except CtmcError as error:
-        _keep(asked, Places(PlacedBars((), (str(error),)), PlacedBars(), False))
+        _keep(asked, Places(PlacedBars(), PlacedBars((), (str(error),)), False))
 
 
 def _keep(asked: Wanted, places: Places) -> None:
@@ -183,7 +194,7 @@ def _drains_steps(asked: Wanted, threads: int) -> Steps[PlacedBars]:
     """Place the drains, unless they were placed with other cuts or pegs."""
     only = _without_cuts(asked)
     for known, places in _found.places.items():
-        if _without_cuts(known) == only:
+        if _without_cuts(known) == only and places.drains != PlacedBars():
             return places.drains
     return (yield from placed_drains_steps(_found.surfaces, asked.solid, threads))
 
