@@ -196,7 +196,6 @@ ALLOWED = {
     "core/mesh/quality.py": {"np.arctan2", "np.degrees"},
     "core/mesh/rulers.py": {"math.atan2"},
     "core/preview.py": {"**"},
-    "core/solid/cost.py": {"math.cbrt"},
     "core/simplification/engine/component_removal.py": {"**"},
     "core/volume/statistics/histogram.py": {"math.log10", "np.log1p"},
     "core/volume/statistics/values.py": {"np.log1p"},

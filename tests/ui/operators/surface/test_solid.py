@@ -344,7 +344,7 @@ def test_a_combination_offers_what_earlier_ones_make(labels):
     assert "both" in offered(second.of[0], None, "")
     assert "both" not in offered(first.of[0], None, "")
     second.title, second.of[0].structure, second.of[1].structure = "rest", "both", "2"
-    assert operators.solid_of(labels).combinations[1].of == ("both", "2")
+    assert solids.solid_of(labels).combinations[1].of == ("both", "2")
 
 
 def test_structures_that_cannot_be_made_are_reported_beside_those_that_are(labels, monkeypatch):
