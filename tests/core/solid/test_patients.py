@@ -2,6 +2,7 @@
 """Solids of real patients: what an STL file of every part tells, counted from the file alone."""
 
 import math
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -170,3 +171,33 @@ def common_areas(parts):
             pair = tuple(owner[[number for _, number in sides]].tolist())
             found[pair] = found.get(pair, 0.0) + areas[sides[0][1]]
     return found
+
+
+@pytest.mark.parametrize("organ", ["vertebra", "hip", "liver"])
+@pytest.mark.parametrize("normal", [None, (0.3, 0.2, 1.0)], ids=["whole", "cut"])
+def test_a_part_stands_on_its_foot_or_a_note_says_by_how_much_it_does_not(labels, written, organ, normal):
+    label, _, _ = ORGANS[organ]
+    cuts = () if normal is None else (through_middle(labels, [label], normal),)
+    parts = solid_parts(labels, ReconstructionSettings(), SolidRequest(cuts=cuts, base=4.0), [label])
+    falling = []
+    for part, corners in zip(parts, written(parts), strict=True):
+        assert_sound(corners)
+        beside = center_beside_rest(corners.astype(np.float64))
+        told = [re.search(r"lies ([\d.]+) mm beside its foot", note) for note in part.notes]
+        numbers = [float(found[1]) for found in told if found]
+        assert len(numbers) == (beside > 0)
+        assert not numbers or numbers[0] == pytest.approx(beside, rel=0.01, abs=0.2)
+        falling += numbers
+    assert len(falling) == len(cuts)  # The part above leans over the slanted cut, the other stands.
+
+
+def center_beside_rest(corners):
+    """How far the center of mass lies beside the hull of what is lowest, from 720 sides; below 0 within."""
+    a, b, c = corners.transpose(1, 0, 2)
+    sixfold = (a * np.cross(b, c)).sum(axis=1)
+    center = (sixfold[:, None] * (a + b + c)).sum(axis=0) / (4 * sixfold.sum())
+    rest = corners.reshape(-1, 3)
+    rest = rest[rest[:, 2] < rest[:, 2].min() + 0.1]
+    angles = np.linspace(0, 2 * np.pi, 720)
+    ways = np.stack([np.cos(angles), np.sin(angles)])
+    return (center[:2] @ ways - (rest[:, :2] @ ways).max(axis=0)).max()
