@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Print how near the surface comes to the truth; with --write-docs also into docs/development/accuracy.md.
 
-Area, volume and normals of bodies in closed form over resolutions, and the phantom's tumors over stride and alpha,
-and the thickness of walls. The same numbers come on every machine. tests/core/test_accuracy.py holds them.
+Area, volume and normals of bodies in closed form over resolutions, the phantom's tumors over stride and alpha,
+the thickness of walls, and solids. The same numbers come on every machine. tests/core/test_accuracy.py holds them.
 """
 
 from __future__ import annotations
@@ -21,6 +21,7 @@ from ctmc_addon.core.volume.affine import transform_normals
 
 from .documents import replaced, table
 from .shapes import EVEN, SHAPES, UNEVEN, Shape, angles, errors, extracted, order
+from .solid_accuracy import solids_table
 from .walls import WALLS, Wall, mapped, sampled, surface_of, truth, values_of
 
 PAGE = Path(__file__).resolve().parents[1] / "docs" / "development" / "accuracy.md"
@@ -44,6 +45,7 @@ def main() -> int:
         "normals": normals_table(),
         "tumors": tumors_table(),
         "thickness": thickness_table(),
+        "solids": solids_table(),
     }
     for text in sections.values():
         print(text, end="\n\n")

@@ -22,6 +22,10 @@ class Ball:
     def box(self):
         return np.array(self.center) - self.radius, np.array(self.center) + self.radius
 
+    @property
+    def planes(self):
+        return ()
+
     def at(self, points):
         return self.radius - np.sqrt(((points - np.array(self.center)[:, None]) ** 2).sum(axis=0))
 

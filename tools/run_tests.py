@@ -12,6 +12,7 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -26,6 +27,8 @@ sys.stderr.flush()
 os._exit(status)
 """
 MOST_PROCESSES = 8  # Each process takes up to 1.5 GB.
+# Tests marked `once` run in `make test` alone.
+REPEATED = ["-m", "not window and not packaging and not once"]
 
 
 def cores() -> int:
@@ -33,7 +36,9 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def run_tests(python: str, arguments: list[str], processes: int | None = None) -> int:
+def run_tests(
+    python: str, arguments: list[str], processes: int | None = None, variables: Mapping[str, str] | None = None
+) -> int:
     """Run pytest and return its status.
 
     Parameters
@@ -45,6 +50,8 @@ def run_tests(python: str, arguments: list[str], processes: int | None = None) -
     processes : int, optional
         How many processes share the tests; 0 is pytest's own one. By default what TEST_PROCESSES says, else one for
         each core, at most eight.
+    variables : mapping of str to str, optional
+        Variables of the environment, besides this process's own.
 
     Returns
     -------
@@ -58,7 +65,7 @@ def run_tests(python: str, arguments: list[str], processes: int | None = None) -
     shared = ["-n", str(processes), "--dist", "worksteal"]
     command = [python, "-c", SESSION, str(ROOT / "tools"), *shared, *arguments]
     # Without it each process would let NumPy's products wait for all cores.
-    environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ}
+    environment = {"OPENBLAS_NUM_THREADS": "1", **os.environ, **(variables or {})}
     try:
         status = subprocess.run(
             command, cwd=ROOT, env=environment, stdin=subprocess.DEVNULL, timeout=seconds, check=False

@@ -177,10 +177,11 @@ def set_up(bpy: str = "", asked: str = "") -> Path:
 def main() -> int:
     """Set up; 1 and one sentence if that cannot be done here."""
     parser = argparse.ArgumentParser(description="Make .venv, or the environment of one Blender version.")
-    parser.add_argument("--bpy", default="", help=f"one of {', '.join(BLENDERS)}, into .venvs/")
-    arguments = parser.parse_args()
+    parser.add_argument("--bpy", default="", help=f"one of {', '.join(BLENDERS)}, or its beginning, into .venvs/")
+    asked = parser.parse_args().bpy
+    bpy = next((version for version in BLENDERS if asked and version.startswith(asked)), asked)
     try:
-        set_up(arguments.bpy, os.environ.get("PYTHON", ""))
+        set_up(bpy, os.environ.get("PYTHON", ""))
     except SetupError as error:
         print(error, file=sys.stderr)
         return 1

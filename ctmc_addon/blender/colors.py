@@ -3,7 +3,7 @@
 
 from __future__ import annotations
 
-from ..core.volume import linear, structure_color
+from ..core.volume import linear, part_rgb, structure_color
 
 Color = tuple[float, float, float]
 
@@ -20,6 +20,11 @@ def color_of(label: int | None, rgb: tuple[int, int, int] | None = None, name: s
     A surface by threshold gets the color of bone.
     """
     return BONE if label is None else linear(structure_color(label, rgb, name).rgb)
+
+
+def part_color(color: Color, number: int) -> Color:
+    """Return the color of a part, by its number, of a structure with this color."""
+    return linear(part_rgb(srgb(color), number)) if number else color
 
 
 def srgb(color: Color) -> tuple[int, int, int]:

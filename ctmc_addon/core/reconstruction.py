@@ -91,6 +91,8 @@ class Reconstruction:
         Values on the vertices of the mesh.
     solid : SolidRequest or None
         Request that the surface is a part of; None for a surface as it was extracted.
+    part_number : int
+        Of the part among those of its structure, from 0; it decides the shade of the structure's color.
     printing : PrintFacts or None
         Facts for a print lab, of a part for print.
     """
@@ -120,6 +122,7 @@ class Reconstruction:
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
     solid: SolidRequest | None = None
+    part_number: int = 0
     printing: PrintFacts | None = None
 
     @property

@@ -12,7 +12,7 @@ from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
 from .reconstruction import Reconstruction
 from .volume.labels.anatomy import anatomy_of
-from .volume.labels.structure_colors import structure_color
+from .volume.labels.structure_colors import part_rgb, structure_color
 
 if TYPE_CHECKING:
     from .files.structures import Structure
@@ -60,7 +60,8 @@ def structures_of(
     out = []
     called, shares = names or structure_names(results), opacities or opacities_of(results)
     for name, result, share in zip(called, results, shares, strict=True):
-        color = structure_color(result.settings.label, result.label_color, result.label_name).rgb
+        own = structure_color(result.settings.label, result.label_color, result.label_name).rgb
+        color = part_rgb(own, result.part_number)
         mesh, measures = result.mesh, result.measures
         opacity = 1.0 if share is None else share
         volume = measures.enclosed_volume

@@ -9,14 +9,25 @@ def modules() -> tuple[Any, ...]:
     from . import jobs, operators, panels, translations
     from .properties import drawing, figure, maps, page, preferences, scans, settings, solid, studio, view
     from .state import drawing_files, drawings, label_looks, scans as active_scan, session, solids, structures, volumes
-    from .viewport import draw_tools, drawn, histogram, live, overlays, region, rulers, slice_objects, volume_objects
+    from .viewport import (
+        draw_tools,
+        drawn,
+        histogram,
+        live,
+        overlays,
+        region,
+        rulers,
+        slice_objects,
+        solid_handles,
+        volume_objects,
+    )
 
     return (
         *(translations, preferences, session, volumes, structures, solids, settings, scans, active_scan),
         *(page, view, studio, maps, solid, drawing, drawings, drawing_files, figure, jobs, label_looks, live),
         *operators.modules(),
         *panels.modules(),
-        *(region, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),
+        *(region, solid_handles, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),
     )
 
 

@@ -88,6 +88,7 @@ def table(name: str) -> dict[str, str]:
     return tomllib.loads((TABLES / name).read_text(encoding="utf-8"))
 
 
+@cache
 def catalogue() -> dict[str, dict[tuple[str, str], str]]:
     """Return all languages as Blender takes them: locale, then context and English."""
     languages = {}

@@ -12,9 +12,9 @@ from ctmc_addon.blender.colors import color_of
 from ctmc_addon.blender.figure.styles import require_engine
 from ctmc_addon.blender.materials import principled, surface_input
 from ctmc_addon.blender.scene.studio import prepare_scene
-from ctmc_addon.blender.surface import add_reconstruction
-from ctmc_addon.core import CtmcError
-from ctmc_addon.core.volume import label_rgb, linear
+from ctmc_addon.blender.surface import add_reconstruction, read_provenance
+from ctmc_addon.core import CtmcError, structures_of
+from ctmc_addon.core.volume import label_rgb, linear, part_rgb
 from ctmc_addon.core.volume.labels.structure_colors import HUES
 
 # Machado, Oliveira and Fernandes 2009, severity 1: linear RGB as a protanope and a deuteranope see it.
@@ -54,6 +54,20 @@ def test_a_label_has_the_color_of_its_name_and_its_files_own_wins():
     assert color_of(1, None, "Leber") == color_of(5, None, "liver") == linear((122, 28, 40))
     assert color_of(1, (10, 20, 30), "liver") == linear((10, 20, 30))
     assert color_of(3, None, "structure") == color_of(3)
+
+
+def test_a_part_has_a_shade_of_its_structures_color_in_a_scene_and_in_a_file(ball, scene):
+    shades = [part_rgb((122, 28, 40), number) for number in range(5)]
+    assert shades[0] == (122, 28, 40)
+    assert len(set(shades)) == 5
+    for number, cut in itertools.product(range(64), range(6)):  # a part is beyond a cut by a power of 2
+        assert part_rgb((226, 215, 191), number) != part_rgb((226, 215, 191), number + 2**cut)
+    part = replace(with_color(ball(), (122, 28, 40)), part_number=1)
+    [structure] = structures_of([part])
+    obj = add_reconstruction(part, scene)
+    assert structure.rgb == shades[1]
+    assert tuple(obj.data.materials[0].diffuse_color[:3]) == pytest.approx(linear(shades[1]), abs=1e-6)
+    assert read_provenance(obj).part_number == 1
 
 
 def with_color(result, rgb):

@@ -195,7 +195,7 @@ def test_a_batch_has_a_row_for_each_part(ctmc, folder, tmp_path):
         (("--cut", "0", "0", "40", "0", "0", "1"), "the cut at 0 0 40 misses the structure"),
         (("--hollow", "2", "--deviation"), "leave out --deviation, or the flags of the solid"),
         (("--hollow", "20"), "a wall of 20 mm leaves no hollow in ball"),
-        (("--hollow", "2", "--drain", "0", "0", "20", "4"), "a drain at 0 0 20 lies 8.0 mm outside the surface"),
+        (("--hollow", "2", "--drain", "0", "0", "20", "4"), "a drain at 0 0 20 lies 8.03 mm outside the surface"),
     ],
 )
 def test_what_makes_no_solid_is_refused_and_nothing_is_written(refused, folder, tmp_path, words, sentence):

@@ -268,6 +268,7 @@ def test_too_little_memory_is_said_in_a_sentence():
         made(kidney(), None, Budget(threads=1, bytes=10_000))
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not REAL.is_dir(), reason="needs the real CT ts_nifti")
 def test_sixteen_organs_of_a_patient_share_their_walls():
     from ctmc_addon.readers import read_volume

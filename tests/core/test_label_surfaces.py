@@ -138,6 +138,7 @@ def test_of_all_labels_those_without_a_surface_are_left_out_and_said():
         reconstruct_labels(Volume(np.ones((4, 4, 4), np.uint8), np.eye(4)), separate())
 
 
+@pytest.mark.once
 def test_what_does_not_fit_beside_others_is_made_alone():
     volume = organs()
     alone = {}
@@ -173,6 +174,7 @@ def test_the_fraction_rises_to_one():
     assert 0.9 < fractions[-1] <= 1
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("room", [0, 1, 2])
 def test_where_the_system_gives_no_thread_labels_are_made_one_after_the_other(monkeypatch, room):
     settings = separate(smoothing="none", reduction=0.5)

@@ -370,6 +370,7 @@ def test_an_open_surface_has_no_volume_and_the_report_says_so():
     assert not any("open" in note for note in closed.report()["notes"])
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     "more", [{}, {"keep_parts": 2}, {"reduction": 0.5}, {"normals": "mesh"}, {"smoothing_mm": 1.0}]
 )

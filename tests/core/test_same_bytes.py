@@ -75,6 +75,7 @@ def test_within_a_maximum_error(monkeypatch, whole_faces):
     assert len(expected.mesh.faces) < 0.5 * expected.full_faces
 
 
+@pytest.mark.once
 def test_a_full_surface_that_does_not_fit_is_gone_before_it_is_simplified_as_it_comes(sponge, monkeypatch):
     settings = ReconstructionSettings(threshold=132.0, reduction=0.9)
     budget = Budget(threads=2, whole_faces=700, slab_bytes=1)

@@ -222,6 +222,7 @@ def test_stride_along_z_may_be_wider_than_the_slices(stride, steps):
         made(mask, stride=(1, 1, 9), slice_steps=1)
 
 
+@pytest.mark.once
 def test_memory_for_the_closed_ends_and_the_measured_surface_is_asked_for(monkeypatch):
     import tracemalloc
 

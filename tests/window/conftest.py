@@ -11,11 +11,24 @@ from pathlib import Path
 
 import pytest
 from window.desk import Desk
-from window.provision import SUITES, NoWindowError, used
+from window.provision import SUITES, NoWindowError, is_ready, used
 
 ROOT = Path(__file__).resolve().parents[2]
 
 CT = "volume-0.nii.gz"
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Run a test marked `once` only in the newest Blender that this machine provides."""
+    older = [suite for suite in SUITES if is_ready(suite)][:-1]
+    repeated = [item for item in items if item.get_closest_marker("once") and suite_of(item) in older]
+    config.hook.pytest_deselected(items=repeated)
+    items[:] = [item for item in items if item not in repeated]
+
+
+def suite_of(item: pytest.Item) -> str | None:
+    """The Debian suite whose Blender a test uses; None where it uses none."""
+    return item.callspec.params.get("opened") if hasattr(item, "callspec") else None
 
 
 def run(*command: str) -> None:

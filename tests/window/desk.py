@@ -250,7 +250,7 @@ class Desk:
 
         Blender says what is under the mouse. It looks where the button was, then beside what was found before it, then
         goes over the sidebar at this share of its width: the page that is shown, the one on which the button was last,
-        all others; then each of them with the wheel.
+        with the wheel too, all others; then each of them with the wheel.
         """
         x, top, height = self.across(at)
         for y in (self.places.get(button), self.row):
@@ -260,6 +260,7 @@ class Desk:
         shown = self.ask("answer = bpy.context.window_manager.ctmc_page")
         page, turned, near = self.seen.get(button, (shown, self.turned, None))
         looks = [(shown, self.turned), (page, turned)]
+        looks += [(page, further) for further in range(LOOKS) if button in self.seen]
         looks += [(each, 0) for each in (shown, *PAGES)]
         looks += [(each, further) for each in (shown, *PAGES) for further in range(1, LOOKS)]
         for look in dict.fromkeys(looks):

@@ -172,6 +172,7 @@ def call(*command: str) -> None:
 
 
 if __name__ == "__main__":
+    require_means()
     for name in sys.argv[1:] or SUITES:
         provide(name)
         print(cache_folder() / name)

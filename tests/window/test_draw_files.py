@@ -110,6 +110,7 @@ def test_an_unsaved_drawing_asks_before_blender_closes(desk, drawn):
     assert list(drawn.values())[-1:] == desk.ask(VOXELS)
 
 
+@pytest.mark.once
 def test_both_drawings_are_saved_beside_the_blend_and_found_when_it_is_opened_again(desk, drawn):
     folder = desk.folder / "kept"
     folder.mkdir()
@@ -130,6 +131,7 @@ def test_both_drawings_are_saved_beside_the_blend_and_found_when_it_is_opened_ag
     desk.look("files-03-opened")
 
 
+@pytest.mark.once
 def test_the_autosave_of_a_blender_that_was_killed_has_the_drawing_and_its_ct(desk, drawn, monkeypatch):
     monkeypatch.setattr(desk, "limit", 4 * LIMIT)  # Blender's shortest timer is a minute, and waits for a pause
     desk.ask("bpy.context.preferences.filepaths.auto_save_time = 1")  # minutes, the fewest

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from window.scenes import IDLE, begin, load
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 CALL = """
 view = viewport()

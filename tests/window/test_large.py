@@ -9,7 +9,7 @@ from window.scenes import IDLE, QUIET, begin, load
 
 from ctmc_addon.core import ReconstructionSettings, Volume, reconstruct
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 SHAPE, MIDDLE, RADIUS = (280, 768, 768), (140, 384, 384), 60
 PREFERENCES = "bpy.context.preferences.addons[ours('ui.properties.preferences').ADDON].preferences"

@@ -142,7 +142,7 @@ def test_load_opens_where_the_last_ct_lies_with_flips_to_click(desk):
     desk.wait("browser() is None")
 
 
-@pytest.mark.parametrize("scale", [1.1, 2.0])
+@pytest.mark.parametrize("scale", [1.1, pytest.param(2.0, marks=pytest.mark.once)])
 def test_in_german_nothing_jumps_at_the_usual_and_twice_the_size(desk, scale):
     desk.ask(f"bpy.context.preferences.view.language = 'de_DE'; bpy.context.preferences.view.ui_scale = {scale}")
     desk.ask("redraw()")

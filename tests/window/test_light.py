@@ -6,7 +6,7 @@ from __future__ import annotations
 import pytest
 from window.scenes import IDLE, begin, load
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 # A ball of 100 HU in air, looked at from the patient's front.
 BALL = """

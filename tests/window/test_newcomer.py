@@ -11,7 +11,7 @@ from window import newcomer
 from window.conftest import CT
 from window.desk import Desk
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 RENDER = (160, 120)  # pixels, to be fast
 LIMIT = 600.0  # seconds of a render without a graphics card

@@ -67,6 +67,7 @@ def test_ticking_the_region_begins_with_the_whole_volume_and_what_was_set_stays(
     desk.ask("bpy.context.scene.ctmc.use_region = False")
 
 
+@pytest.mark.once
 def test_close_border_stands_in_results_and_closes(desk, ct):
     desk.press("bpy.ops.ctmc.close_border()", "close_border")
     desk.wait(f"{IDLE} and bpy.context.scene.ctmc.close_border")
@@ -97,6 +98,7 @@ def test_a_map_is_seen_with_a_legend_and_has_a_way_back(desk, ct):
     desk.look("panel-06-back")
 
 
+@pytest.mark.once
 def test_a_label_volume_after_a_ct_goes_to_labels_and_a_name_typed_in_the_list_travels(desk, ct):
     desk.ask(f"""
 import gzip

@@ -10,7 +10,7 @@ import pytest
 from PIL import ImageChops
 from window.scenes import IDLE, QUIET, begin, load
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 NO_OBJECTS = "bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])"
 ABOVE = "bpy.ops.ctmc.remove_table()"  # the button above the dropdown of series

@@ -112,6 +112,7 @@ with bpy.context.temp_override(window=view.window, area=view.area, region=view.r
 """
 
 
+@pytest.mark.once
 def test_each_of_the_three_slices_is_drawn_on(desk):
     desk.ask("bpy.ops.ed.undo_push(message='Begin')")
     desk.ask(TAKE.format("brush"))

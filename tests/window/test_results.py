@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from window.scenes import IDLE, LOADED, begin, choose_file, load
 
-pytestmark = pytest.mark.window
+pytestmark = [pytest.mark.window, pytest.mark.once]
 
 BALLS = {(20, 20, 20): 12.0, (6, 6, 6): 4.0, (34, 6, 6): 0.5, (34, 34, 6): 0.5, (6, 34, 6): 0.5}  # radii, mm
 MAKE, LOAD = "bpy.ops.ctmc.reconstruct()", "bpy.ops.ctmc.load()"

@@ -16,7 +16,7 @@ import numpy as np
 
 from ...core import MeshError, Reconstruction, ReconstructionSettings, Step, Steps, finish
 from ...core.volume import finish_of, transform_normals
-from ..colors import Color, color_of
+from ..colors import Color, color_of, part_color
 from ..maps import drop_missing, forget_maps, write_map
 from ..scene.ct_box import link_beside_ct
 from ..tissue import tissue_material
@@ -54,7 +54,7 @@ def add_reconstruction(
     scale : float
         Blender units of 1 mm.
     color : (red, green, blue) or None
-        Linear; None takes the label's own color, else that of its name or number.
+        Linear, of the structure; None takes the label's own color, else that of its name or number.
     mesh : Mesh or None
         Result of `surface_mesh_steps` at this scale; None makes it now.
     structure : str
@@ -74,6 +74,7 @@ def add_reconstruction(
     mesh.name = name
     placement = placed_at_center(result.mesh.vertices, scale)
     color = color or color_of(result.settings.label, result.label_color, structure or result.label_name)
+    color = part_color(color, result.part_number)
     look = finish_of(result.settings.label, result.label_name or structure)
     mesh.materials.append(tissue_material(name, color, look, scale, opacity))
     obj = bpy.data.objects.new(name, mesh)
@@ -127,7 +128,13 @@ def update_reconstruction(
     # What was applied is found again by the vertices; the origin alone is exact only where it is kept.
     kept = placement if placement.applied is None else before.placement
     write_provenance(
-        obj, replace(provenance_of_result(result, kept, fingerprint), drawn=before.drawn, part=before.part)
+        obj,
+        replace(
+            provenance_of_result(result, kept, fingerprint),
+            drawn=before.drawn,
+            part=before.part,
+            part_number=before.part_number,
+        ),
     )
     discard(old, mesh)
 

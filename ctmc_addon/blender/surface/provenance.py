@@ -48,6 +48,8 @@ class Provenance:
         A hash of the structure's drawing; empty if nothing was drawn by hand.
     part : str
         Name of the part of a solid that it is; empty for a surface as the settings alone make it.
+    part_number : int
+        Of the part among those of its structure, from 0.
     """
 
     settings: ReconstructionSettings
@@ -64,6 +66,7 @@ class Provenance:
     fingerprint: str = ""
     drawn: str = ""
     part: str = ""
+    part_number: int = 0
 
 
 TEXTS = ("fingerprint", "drawn", "part")
@@ -87,6 +90,7 @@ def provenance_of_result(result: Reconstruction, placement: Placement, fingerpri
         spacing_mm=result.spacing_mm,
         notes=result.notes,
         fingerprint=fingerprint,
+        part_number=result.part_number,
     )
 
 
@@ -132,6 +136,7 @@ def parsed(
             voxels_visited=whole(reported["voxels_visited"]),
             spacing_mm=(positive(x), positive(y), positive(z)),
             notes=texts(reported["notes"]),
+            part_number=whole(reported.get("part_number", 0)),  # Files of earlier versions lack it.
             **{name: str(text) for name, text in zip(TEXTS, words, strict=True)},
         )
     except (TypeError, KeyError, ValueError, AttributeError, ArithmeticError, SettingsError):

@@ -14,6 +14,7 @@ from .triangle_mesh import blend
 
 if TYPE_CHECKING:
     from .diameter import largest_diameter, largest_diameter_steps
+    from .distance.signed_distance import SignedSurface
     from .distance.subdivision import mean_longest_edge_steps, subdivided_steps
     from .distance.surface_distance import (
         LostComponents,

@@ -40,6 +40,8 @@ class Policy:
     """After this number of poor rounds in a row, retry refused edges or stop."""
     compact_below: float = 0.75
     """Drop deleted faces once fewer than this share remain."""
+    thinnest: float = 0.0
+    """Refuse collapses that make a triangle's height a smaller share of its longest side, and smaller than it was."""
 
     consider_again: float = 1.2
     """Consider components again once collapses cost this many times as much."""
@@ -146,3 +148,5 @@ class Policy:
 
 
 POLICY = Policy()
+SOLIDS = Policy(thinnest=2.0**-13)
+"""For parts of solids, which have flat sides. At 2^-10 and more, triangles that are thin at first stay in clusters."""

@@ -10,14 +10,13 @@ if TYPE_CHECKING:
     from .fields.lattice import Lattice as Lattice
     from .fields.shapes import Bar as Bar, HalfSpace as HalfSpace, Shape as Shape
     from .make import MadeParts as MadeParts, solid_parts as solid_parts, solid_parts_steps as solid_parts_steps
-    from .placing.drains import auto_diameter as auto_diameter
-    from .placing.outlines import (
-        drain_bars as drain_bars,
-        moved_to as moved_to,
-        peg_bars as peg_bars,
-        position_of as position_of,
-        rectangle_of as rectangle_of,
+    from .placed import (
+        PlacedBars as PlacedBars,
+        placed_cuts_pegs_steps as placed_cuts_pegs_steps,
+        placed_drains_steps as placed_drains_steps,
     )
+    from .placing.drains import auto_diameter as auto_diameter
+    from .placing.outlines import moved_to as moved_to, position_of as position_of, rectangle_of as rectangle_of
     from .printing.print_facts import (
         PrintFacts as PrintFacts,
         cuts_to_fit as cuts_to_fit,

@@ -4,7 +4,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,8 +15,10 @@ from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.distance.triangle_tree import TriangleTree
+from ..mesh.face_normals import sphere_normals_steps
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
+from .cells.chords import depths_steps
 from .fields.distances import distances_bytes, distances_steps
 from .fields.lattice import Lattice
 from .fields.lattice_edges import edge_vertices_steps, inside_steps
@@ -42,9 +45,9 @@ class Body:
     Attributes
     ----------
     inside : (z, y, x) bool or None
-        Samples inside; None if the surface was not extracted on this lattice.
+        Samples inside; None if the surface was not extracted on this very lattice.
     on_edges : (keys, positions) or None
-        Vertices on edges of the lattice `around`, as `Recipe` takes them.
+        Vertices on edges of the lattice `around`, as `Recipe` takes them; None if most lie elsewhere.
     """
 
     mesh: TriangleMesh
@@ -60,12 +63,28 @@ class Body:
     def prepare_steps(self) -> Steps[None]:
         """Find the samples inside, and the vertices on edges, if the surface was extracted on this lattice."""
         self.budget.require(distances_bytes(self.lattice), "a solid", REMEDY)
-        try:
-            self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
-        except MeshError:
-            return
         keys, vertices = yield from edge_vertices_steps(self.mesh, self.around or self.lattice, self.budget)
+        if 2 * len(keys) < len(self.mesh.vertices):
+            return
         self.on_edges = keys, self.mesh.vertices[vertices]
+        with suppress(MeshError):  # The lattice is finer than the one that it was extracted on.
+            self.inside = yield from inside_steps(self.mesh, self.lattice, self.budget)
+
+    def on_steps(self, lattice: Lattice, around: Lattice | None = None) -> Steps[Body]:
+        """Return the same surface on another lattice, ready."""
+        body = replace(self, lattice=lattice, around=around, inside=None, on_edges=None, _distances={})
+        yield from body.prepare_steps()
+        return body
+
+    def bulge_steps(self) -> Steps[None]:
+        """Move the surface that distances are measured from outward by what its triangles cut off.
+
+        A ball of 10 voxels that is thickened by 1.8 is 0.14 % too small then, not 0.51 %.
+        """
+        normals = yield from sphere_normals_steps(self.mesh.vertices, self.mesh.faces)
+        vertices, inward = (np.ascontiguousarray(each.T, np.float64) for each in (self.mesh.vertices, -normals))
+        depths = yield from depths_steps(vertices, inward, self.mesh.faces)
+        self.mesh = replace(self.mesh, vertices=(vertices - inward * depths).T.astype(np.float32))
 
     def signed_steps(self) -> Steps[SignedSurface]:
         """Return the surface, ready for signed distances."""

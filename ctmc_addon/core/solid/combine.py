@@ -20,7 +20,16 @@ from .fields.lattice import Lattice
 from .fields.lattice_fields import HeldField
 from .request import Combination, Combining, SolidRequest
 from .rule import PartRule
-from .structure import Structure, body_steps, drain_steps, extracted_steps, hollow_steps, lattice_of, tried_steps
+from .structure import (
+    Structure,
+    body_steps,
+    bulged_steps,
+    drain_steps,
+    extracted_steps,
+    hollow_steps,
+    lattice_of,
+    tried_steps,
+)
 
 
 class Combined(NamedTuple):
@@ -107,6 +116,7 @@ def _shaped_steps(
 ) -> Steps[None]:
     """Thicken and hollow a structure by itself, and add it to `bodies`."""
     body = yield from body_steps(structure.mesh, lattice, budget)
+    yield from bulged_steps(structure, body, solid.thicken)
     if solid.thicken:
         fields = [(yield from body.field_steps(-solid.thicken))]
         body = yield from extracted_steps(fields, PartRule(1), None, body, structure.name, "--thicken")

@@ -17,10 +17,10 @@ from ..planning.counted_surface import CostEstimate
 from ..planning.rates import CALIBRATION
 from ..reconstruction import Reconstruction
 from ..surfaces.request import share_walls
-from .fields.lattice import AROUND
+from .fields.lattice import AROUND, steps_in
 from .printing.printed import PRINTING
 from .request import SolidRequest
-from .structure import MAKING, divisions, margin_of
+from .structure import MAKING, PER_HOLE, divisions, margin_of
 
 SOLID = "solid"
 """The way, among those of `planning.rates`, whose stages are learned here."""
@@ -159,6 +159,30 @@ class _Group:
         return divisions(self.sides_mm, self.solid)
 
     @property
+    def refined(self) -> tuple[float, float, float]:
+        """How many steps there are for one along x, y and z, on average, as those around holes are divided again."""
+        along, solid = float(cube_root(self.samples)), self.solid
+        holes = [(drain.diameter, drain.diameter, 1 if drain.point is not None else 2) for drain in solid.drains]
+        if solid.pegs is not None:
+            holes.append((solid.pegs.diameter, solid.pegs.length, solid.pegs.count * len(solid.cuts)))
+        refined = []
+        for side, parts in zip(self.sides_mm, self.divisions, strict=True):
+            step, finest, more = side / parts, 1, 0.0
+            for width, length, count in holes:
+                finer = steps_in(step, width / PER_HOLE)
+                more += (finer - 1) * count * min(1.0, (length / step + 2) / along)
+                finest = max(finest, finer)
+            refined.append(min(1.0 + more, float(finest)))
+        x, y, z = refined
+        return x, y, z
+
+    @property
+    def all_samples(self) -> float:
+        """Samples with those around holes."""
+        x, y, z = self.refined
+        return self.samples * x * y * z
+
+    @property
     def thin(self) -> float:
         """How thin a wall is against the steps, 1 for one step."""
         if not self.solid.hollow:
@@ -168,13 +192,14 @@ class _Group:
 
     @property
     def has_rims(self) -> bool:
-        return self.divisions != (1, 1, 1) or self.thin > 0 or self.slots > 1
+        return self.divisions != (1, 1, 1) or self.refined != (1, 1, 1) or self.thin > 0 or self.slots > 1
 
     @property
     def faces(self) -> int:
         """Triangles of the parts."""
-        solid, (x, y, z) = self.solid, self.divisions
-        steps = [side / parts for side, parts in zip(self.sides_mm, (x, y, z), strict=True)]
+        solid = self.solid
+        steps = [side / parts for side, parts in zip(self.sides_mm, self.divisions, strict=True)]
+        x, y, z = (parts * more for parts, more in zip(self.divisions, self.refined, strict=True))
         faces = self.plain_faces * (x * y + y * z + z * x) / 3
         share = 1.0
         if solid.hollow:
@@ -182,7 +207,8 @@ class _Group:
             share *= 1.0 + RATIOS.thin * self.thin
         share += RATIOS.section * len(solid.cuts) + RATIOS.touching * (self.slots > 1)
         if solid.pegs is not None:
-            squares = math.pi * solid.pegs.diameter * solid.pegs.length / (max(steps) * min(steps))
+            step = min(max(steps), solid.pegs.diameter / PER_HOLE)
+            squares = math.pi * solid.pegs.diameter * solid.pegs.length / (step * step)
             faces += RATIOS.pegs * squares * solid.pegs.count * len(solid.cuts)
         return int(faces * share)
 
@@ -196,13 +222,13 @@ class _Group:
         sample = RATIOS.sample_bytes + RATIOS.again_bytes * self.is_made_twice
         sample += RATIOS.slot_bytes * self.slots if self.slots > 1 else 0
         face = RATIOS.face_bytes + RATIOS.rim_bytes * self.has_rims + RATIOS.touching_bytes * (self.slots > 1)
-        return RATIOS.started_bytes + sample * self.samples + face * self.faces
+        return RATIOS.started_bytes + int(sample * self.all_samples) + face * self.faces
 
     @property
     def work(self) -> float:
         making = RATIOS.making * self.faces * (1.0 + RATIOS.rims * self.has_rims)
         times = (1 + self.is_made_twice) * (RATIOS.tries if self.slots > 1 else 1.0)
-        return RATIOS.started + RATIOS.sampling * self.samples + making * times
+        return RATIOS.started + RATIOS.sampling * self.all_samples + making * times
 
 
 def solid_cost(estimates: Sequence[CostEstimate], solid: SolidRequest, most_voxels: int) -> SolidCost:

@@ -15,17 +15,25 @@ from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
 from ..reconstruction import Reconstruction, Stage
+from ..simplification.complexes.flats import Flat
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents
+from ..simplification.policy import SOLIDS
 from ..simplification.whole import Simplification
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
+from .cells.extract import Recipe
+from .fields.lattice_fields import LEAST, ShapeField
 
 WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}
 
 
 def finished_parts_steps(
-    structures: Mapping[int, Reconstruction], mesh: ComplexMesh, crossings: NDArray[np.int64], budget: Budget
+    structures: Mapping[int, Reconstruction],
+    mesh: ComplexMesh,
+    crossings: NDArray[np.int64],
+    flats: Sequence[Flat],
+    budget: Budget,
 ) -> Steps[dict[int, Reconstruction]]:
     """Return the parts by their numbers, simplified together where their settings ask for that.
 
@@ -37,6 +45,8 @@ def finished_parts_steps(
         Sides are the parts' numbers.
     crossings : (n, 2) int64
         Pairs of its triangles that cross.
+    flats : sequence of Flat
+        Planes that stay flat.
     budget : Budget
     """
     settings = next(iter(structures.values())).settings
@@ -45,7 +55,8 @@ def finished_parts_steps(
     full_borders = borders_of(mesh.faces, mesh.sides)
     simplified = None
     if settings.simplifies_here:
-        simplifying = simplify_complex_steps(mesh, budget=budget, **goal_of(settings))
+        goal = goal_of(settings)
+        simplifying = simplify_complex_steps(mesh, budget=budget, policy=SOLIDS, flats=flats, **goal)
         simplified = yield from stages.run(SIMPLIFYING, simplifying)
     final = mesh if simplified is None else simplified.mesh
     pairs = crossings if simplified is None else crossings[:0]
@@ -73,6 +84,18 @@ def finished_parts_steps(
             part = finishing.simplified(part, simple, (len(mesh.faces), len(final.faces)))
         parts[number] = part
     return {number: replace(part, stages=_summed((*part.stages, *finishing.ran))) for number, part in parts.items()}
+
+
+def flats_of(recipe: Recipe, numbers: Sequence[int]) -> list[Flat]:
+    """Return the planes of a recipe's shapes, by the numbers of their fields; parallel ones are one flat."""
+    heights: dict[tuple[float, float, float], list[float]] = {}
+    for number in numbers:
+        field = recipe.fields[number]
+        assert isinstance(field, ShapeField)
+        for normal, height in field.shape.planes:
+            heights.setdefault(normal, []).append(height + field.shift)
+    near = 2 * LEAST * recipe.lattice.shortest_mm  # As far as a vertex is placed from where a shape is 0, at most.
+    return [Flat(np.array(normal), np.array(each), near) for normal, each in heights.items()]
 
 
 def _summed(stages: Sequence[Stage]) -> tuple[Stage, ...]:

@@ -9,31 +9,46 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from itertools import product
 
 import numpy as np
 
-from ..arrays import Doubles
-from ..errors import MeshError, SettingsError
+from ..errors import MeshError
 from ..machine.budget import Budget
 from ..mesh.labels.label_complex import ComplexMesh
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Stage
+from ..reconstruction import Reconstruction, Stage
 from .body import Body
 from .cells.extract import Recipe, extract_parts_steps
 from .cost import RATIOS, require_memory
-from .fields.depth import Depth, depth_below
+from .fields.depth import depth_below
+from .fields.lattice import Lattice
 from .fields.lattice_fields import ShapeField
-from .fields.shapes import HalfSpace, Shape, Union
-from .finish import finished_parts_steps, part_names
-from .placing.foot import foot_steps
-from .placing.least_wall import thin_walls_steps
-from .placing.pegs import beside_wall, bosses_steps, heights_of, placed_pegs_steps
+from .fields.shapes import Bar, HalfSpace, Shape, Union
+from .finish import finished_parts_steps, flats_of, part_names
+from .placing.drains import notes_at_cuts
+from .placing.foot import STEPS_UNDER_CENTER
+from .placing.joints import Joined, cut_pegs_steps
+from .placing.least_wall import Thickening, thin_walls_steps
+from .placing.pegs import bosses_steps
+from .placing.standing import Feet, feet_steps, stood_steps
 from .request import Pegs, SolidRequest
 from .rule import PartRule
-from .structure import MAKING, Structure, body_steps, drain_steps, hollow_steps, lattice_of, sides_of, tried_steps
+from .structure import (
+    MAKING,
+    Structure,
+    body_steps,
+    bulged_steps,
+    drain_steps,
+    hollow_steps,
+    lattice_of,
+    refined_around,
+    sides_of,
+    tried_steps,
+)
 from .together import Together
+
+WALL_TRIES = 6  # Thicken what is still too thin this often.
 
 
 class PartsMaking:
@@ -50,7 +65,9 @@ class PartsMaking:
         self.walls: dict[Structure, Shape] = {}
         self.pegs: list[tuple[Shape, Shape] | None] = []
         self.bosses: list[Shape] = []
-        self.feet: dict[int, Shape] = {}
+        self.bars: list[Bar] = []
+        self.feet: Feet | None = None
+        self.standing: dict[int, list[str]] = {}
 
     def parts_steps(self) -> Steps[None]:
         """Make the parts of every structure; those that cannot be made get an error, unless all are needed."""
@@ -84,8 +101,9 @@ class PartsMaking:
     def _keep(self, structures: Sequence[Structure], bodies: Sequence[Body]) -> None:
         """Go on with some structures, and with these bodies of them."""
         self.structures, self.bodies = list(structures), list(bodies)
-        growth = max(self.thicken, 0.0) + self.solid.base + self.solid.least_wall
-        self.together = Together(self.bodies, self.lattice, growth, self.budget)
+        base = self.solid.base and self.solid.base + STEPS_UNDER_CENTER * max(self.lattice.sides_mm)
+        growth = max(self.thicken, 0.0) + base + self.solid.least_wall
+        self.together = Together(self.bodies, self.lattice, growth, self.budget, has_feet=base > 0)
         self.together.require_fields(len(self.planes) + bool(self.hollow))
         self.together.require_memory()
 
@@ -98,26 +116,50 @@ class PartsMaking:
         require_memory(self.budget, solid, sides_of(self.structures), self.lattice.samples, slots, faces)
         bodies = []
         for structure in self.structures:
-            bodies.append((yield from self._body_steps(structure.mesh)))
+            body = yield from self._body_steps(structure.mesh)
+            yield from bulged_steps(structure, body, self.thicken)
+            bodies.append(body)
         self._keep(self.structures, bodies)
         if self.thicken and self.hollow:
             yield from self._thicken_steps()
         if not self.structures[0].is_shaped:
             yield from self._each_steps(self._open_steps)
+        for structure in self.structures:
+            structure.notes += notes_at_cuts(structure.holes, self.planes)
         if solid.least_wall:
             yield from self._walls_steps()
         if solid.pegs is not None:
             yield from self._pegs_steps(solid.pegs)
+        yield from self._refine_steps()
         if solid.base:
             yield from self._feet_steps()
-        return (yield from self._extracted_steps(drains=True, cuts=True))
+        mesh = yield from self._extracted_steps(drains=True, cuts=True)
+        return mesh if self.feet is None else (yield from self._stood_steps(mesh, self.feet))
 
     def _body_steps(self, mesh: TriangleMesh) -> Steps[Body]:
         """Return a mesh on the lattice; one of several on the part around it, which saves time and memory."""
         if len(self.structures) == 1:
             return (yield from body_steps(mesh, self.lattice, self.budget))
-        part = self.lattice.around(mesh.vertices, max(self.thicken, 0.0))
-        return (yield from body_steps(mesh, part, self.budget, self.lattice))
+        return (yield from body_steps(mesh, self._lattice_around(mesh), self.budget, self.lattice))
+
+    def _lattice_around(self, mesh: TriangleMesh) -> Lattice:
+        """Return the part of the lattice that one of several structures needs."""
+        return self.lattice.around(mesh.vertices, max(self.thicken, 0.0))
+
+    def _refine_steps(self) -> Steps[None]:
+        """Make the lattice finer around drains and pegs."""
+        bars = [bar for structure in self.structures for bar in structure.holes] + self.bars
+        lattice = refined_around(self.lattice, bars)
+        if lattice is self.lattice:
+            return
+        self.lattice = lattice
+        bodies = []
+        for body in self.bodies:
+            if len(self.bodies) == 1:
+                bodies.append((yield from body.on_steps(lattice)))
+            else:
+                bodies.append((yield from body.on_steps(self._lattice_around(body.mesh), lattice)))
+        self._keep(self.structures, bodies)
 
     def _open_steps(self, structure: Structure, body: Body) -> Steps[None]:
         """Place the drains of a structure, and make sure that it has a hollow."""
@@ -179,30 +221,40 @@ class PartsMaking:
                 rule.pegs.append((peg, peg if both[0] is both[1] else added(both[1])))
             if self.bosses:
                 rule.bosses = added(Union(self.bosses))
-            feet = {divmod(part - 1, sides): shape for part, shape in self.feet.items()}
-            rule.feet = {1 + slot * sides + side: number for (slot, side), number in added_by_slot(feet).items()}
+            if self.feet is not None:
+                feet = {divmod(part - 1, sides): shape for part, shape in self.feet.shapes.items()}
+                rule.feet = {1 + slot * sides + side: number for (slot, side), number in added_by_slot(feet).items()}
         together.require_fields(len(fields) - together.count)
         recipe = Recipe(self.lattice, fields, rule, edges)
-        mesh, self.crossings = yield from extract_parts_steps(recipe, self.budget)
+        mesh, self.crossings, made = yield from extract_parts_steps(recipe, self.budget)
+        self.flats = flats_of(made, [*rule.cuts, *rule.feet.values()])
         return together.with_owners(mesh, sides)
 
     def _walls_steps(self) -> Steps[None]:
-        """Find what thickens thin walls; the notes say where and by how much."""
-        mesh = yield from self._extracted_steps()
-        for number, structure in enumerate(self.structures):
-            own = mesh.of_label(1 + number)
-            spacing = sum(self.lattice.sides_mm) / 3
-            found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, self.budget.threads)
-            structure.notes += found.notes
-            if found.shape is not None:
-                self.walls[structure] = found.shape
+        """Find what thickens thin walls, and again while some are thin; the notes say where and by how much."""
+        spacing, threads = sum(self.lattice.sides_mm) / 3, self.budget.threads
+        shapes: dict[int, list[Thickening]] = {number: [] for number in range(len(self.structures))}
+        for again in range(WALL_TRIES):
+            mesh = yield from self._extracted_steps()
+            for number, before in list(shapes.items()):
+                own = mesh.of_label(1 + number)
+                found = yield from thin_walls_steps(own, self.solid.least_wall, spacing, threads, before)
+                if not again:
+                    self.structures[number].notes += found.notes
+                if found.shape is None:
+                    del shapes[number]
+                else:
+                    before.append(found.shape)
+                    self.walls[self.structures[number]] = Union(tuple(before))
+            if not shapes:
+                return
 
     def _pegs_steps(self, pegs: Pegs) -> Steps[None]:
         """Place the pegs of every cut, again without structures in which none fit."""
         is_settled = False
         while not is_settled:
             before = self.structures
-            self.pegs, self.bosses = [], []
+            self.pegs, self.bosses, self.bars = [], [], []
             notes = yield from self._placed_steps(pegs)
             self._leave_out()
             is_settled = len(self.structures) == len(before)
@@ -210,96 +262,87 @@ class PartsMaking:
             structure.notes += sentences
 
     def _placed_steps(self, pegs: Pegs) -> Steps[list[tuple[Structure, Sequence[str]]]]:
-        """Place the pegs of every cut, between each two sides of the others; return notes on structures."""
-        surfaces = []
+        """Place the pegs of every cut; return notes on structures."""
+        surfaces, solids = [], []
         notes: list[tuple[Structure, Sequence[str]]] = []
         for body in self.bodies:
-            surfaces.append((yield from body.signed_steps()))
+            surface = yield from body.signed_steps()
+            depth = depth_below(surface, self.thicken, threads=self.budget.threads)
+            surfaces.append(surface)
+            solids.append(Joined(depth, body.mesh.vertices, self.thicken, self.hollow > 0))
         avoid: list[Shape] = [hole for structure in self.structures for hole in structure.holes]
         for number, cut in enumerate(self.solid.cuts):
-            bars: list[Shape] = []
-            holes: list[Shape] = []
-            refused: list[tuple[Structure, SettingsError]] = []
-            others = self.planes[:number] + self.planes[number + 1 :]
-            for surface, body, structure in zip(surfaces, self.bodies, self.structures, strict=True):
-                depth = depth_below(surface, self.thicken, threads=self.budget.threads)
+            found = yield from cut_pegs_steps(self.solid, number, solids, avoid)
+            for at, placed in found.placed:
+                notes.append((self.structures[at], placed.notes))
                 if self.hollow:
-                    depth = beside_wall(depth, pegs)
-                low, high = heights_of(cut, body.mesh.vertices, self.thicken)
-                if not low < 0 < high:
-                    continue
-                for signs in product((1.0, -1.0), repeat=len(others)):
-                    sides = list(zip(others, signs, strict=True))
-                    try:
-                        own, around = _within(depth, sides), body.mesh.vertices
-                        placing = placed_pegs_steps(cut, pegs, own, others, around, max(0.0, self.thicken), avoid=avoid)
-                        placed = yield from placing
-                    except SettingsError as error:
-                        refused.append((structure, error))
-                        continue
-                    notes.append((structure, placed.notes))
-                    if self.hollow:
-                        self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surface)))
-                    bars.append(placed.pegs)
-                    holes.append(placed.holes)
-            if refused and not bars:
-                for structure, why in refused:
-                    yield from tried_steps([structure], _raising_steps(why), self.all_needed)
-            elif refused:
+                    self.bosses.append((yield from bosses_steps(placed, pegs, self.hollow, surfaces[at])))
+                self.bars += placed.bars
+            if found.refused and not found.placed:
+                for at, why in found.refused:
+                    yield from tried_steps([self.structures[at]], _raising_steps(why), self.all_needed)
+            elif found.refused:
                 where = " ".join(f"{at:g}" for at in cut.point)
                 notes.append((self.structures[0], [f"Some joints at the cut at {where} have no peg."]))
+            holes: list[Shape] = [placed.holes for _, placed in found.placed]
             avoid += holes
-            if not bars:
+            if not holes:
                 self.pegs.append(None)
                 continue
-            union = Union(bars)
+            union = Union([placed.pegs for _, placed in found.placed])
             # Where a peg fills its hole both are one field: of two that are 0 at the same places no part is certain.
             self.pegs.append((union, Union(holes) if pegs.clearance else union))
         return notes
 
     def _feet_steps(self) -> Steps[None]:
-        """Make a foot for every part, as it stands without pegs, again without structures that can have none."""
+        """Make the feet of parts, as they stand without pegs."""
         pegs, self.pegs = self.pegs, []
-        is_settled = False
-        while not is_settled:
-            before = self.structures
-            self.feet = {}
-            mesh = yield from self._extracted_steps(drains=True, cuts=True)
-            feet: dict[int, Shape] = {}
-            for part in mesh.labels:
-                yield from tried_steps([self._owner(part)], self._foot_steps(mesh, part, feet), self.all_needed)
-            self._leave_out()
-            is_settled = len(self.structures) == len(before)
-        self.pegs, self.feet = pegs, feet
+        mesh = yield from self._extracted_steps(drains=True, cuts=True)
+        self.pegs = pegs
 
-    def _foot_steps(self, mesh: ComplexMesh, part: int, feet: dict[int, Shape]) -> Steps[None]:
-        own = Body(mesh.of_label(part), self.lattice, self.budget)
-        signed = yield from own.signed_steps()
-        vertices = own.mesh.vertices.astype(np.float64)
-        depth = depth_below(signed, threads=self.budget.threads)
-        feet[part] = yield from foot_steps(depth, vertices.min(axis=0), vertices.max(axis=0), self.solid.base)
+        def sides(part: int) -> list[tuple[HalfSpace, float]]:
+            return [(plane, -1.0 if (part - 1) >> bit & 1 else 1.0) for bit, plane in enumerate(self.planes)]
+
+        def holes(part: int) -> list[Bar]:
+            return self._owner(part).holes
+
+        alone = len(self.structures) == 1
+        self.feet = yield from feet_steps(mesh, self.solid.base, self.lattice, sides, holes, alone)
+
+    def _stood_steps(self, mesh: ComplexMesh, feet: Feet) -> Steps[ComplexMesh]:
+        """Return the parts without what others cut off from their feet; say how they stand."""
+        stood, kept, self.standing = yield from stood_steps(mesh, feet, self._names(mesh))
+        left = np.isin(self.crossings, kept).all(axis=1)
+        self.crossings = np.searchsorted(kept, self.crossings[left])
+        return stood
 
     def _owner(self, part: int) -> Structure:
         """Return the structure that a part is of, by its number."""
         return self.structures[(part - 1) >> len(self.planes)]
 
-    def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
-        """Simplify all parts together, and describe them."""
+    def _names(self, mesh: ComplexMesh) -> dict[int, str]:
+        """Return the names of all parts."""
         names: dict[int, str] = {}
         for structure in self.structures:
+            names |= part_names(structure.name, [part for part in mesh.labels if self._owner(part) is structure])
+        return names
+
+    def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
+        """Simplify all parts together, and describe them."""
+        described: dict[int, Reconstruction] = {}
+        for structure in self.structures:
             own = [part for part in mesh.labels if self._owner(part) is structure]
-            names |= part_names(structure.name, own) if own else {}
             if not own:
                 error = MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
                 yield from tried_steps([structure], _raising_steps(error), self.all_needed)
-        described = {}
-        for part in mesh.labels:
-            owner = self._owner(part)
-            notes = (*owner.result.notes, *owner.notes)
-            described[part] = replace(owner.result, label_name=names[part], notes=notes)
+                continue
+            notes = (*structure.result.notes, *structure.notes)
+            for number, (part, name) in enumerate(part_names(structure.name, own).items()):
+                about = (*notes, *self.standing.get(part, ()))
+                described[part] = replace(structure.result, label_name=name, part_number=number, notes=about)
         if not described:
             return
-        finished = yield from finished_parts_steps(described, mesh, self.crossings, self.budget)
+        finished = yield from finished_parts_steps(described, mesh, self.crossings, self.flats, self.budget)
         for part, result in finished.items():
             self._owner(part).parts.append(result)
 
@@ -308,15 +351,3 @@ def _raising_steps(error: Exception) -> Steps[None]:
     """Raise an error, as steps."""
     yield PAUSE
     raise error
-
-
-def _within(depth: Depth, sides: Sequence[tuple[HalfSpace, float]]) -> Depth:
-    """Return the depth within some sides of planes."""
-
-    def depth_steps(points: Doubles) -> Steps[Doubles]:
-        room = yield from depth(points)
-        for plane, sign in sides:
-            room = np.minimum(room, sign * plane.at(points))
-        return room
-
-    return depth_steps if sides else depth

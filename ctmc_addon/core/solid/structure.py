@@ -3,6 +3,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
@@ -23,7 +24,7 @@ from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around, steps_in
 from .fields.lattice_fields import Field
-from .fields.shapes import Shape
+from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
 from .placing.pegs import heights_of, require_met
@@ -33,7 +34,7 @@ from .rule import PartRule
 MAKING = "Making the solid"
 """The stage in which a solid is made of surfaces."""
 FLATTEST = 2.0  # A step is at most this many times as long as the shortest.
-PER_HOLE = 4  # Steps across a drain or a peg, at least.
+PER_HOLE = 4  # Steps across a drain or a peg, at least; only around it.
 BLOCK = 1 << 18
 
 
@@ -51,7 +52,7 @@ class Structure:
         On its parts.
     drains : tuple of Drain
         Those that open it.
-    holes : list of Shape
+    holes : list of Bar
         Drains that are placed.
     is_shaped : bool
         Whether its surface is thickened and hollow already.
@@ -68,7 +69,7 @@ class Structure:
     volume: Volume
     notes: list[str] = field(default_factory=list)
     drains: tuple[Drain, ...] = ()
-    holes: list[Shape] = field(default_factory=list)
+    holes: list[Bar] = field(default_factory=list)
     is_shaped: bool = False
     is_combined: bool = False
     parts: list[Reconstruction] = field(default_factory=list)
@@ -125,22 +126,33 @@ def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> 
     if len(structures) == 1:
         structures[0].drains = solid.drains
         return
-    given = [drain for drain in solid.drains if drain.point is not None]
-    nearest = dict.fromkeys(range(len(given)), (np.inf, structures[0]))
-    for structure in structures if given else ():
-        signed = SignedSurface()
-        yield from signed.prepare_steps(structure.mesh)
-        distances, _ = yield from signed.distances_steps(np.array([drain.point for drain in given], np.float64))
+    surfaces = []
+    for structure in structures if any(drain.point is not None for drain in solid.drains) else ():
+        surfaces.append(SignedSurface())
+        yield from surfaces[-1].prepare_steps(structure.mesh)
+    shared = yield from shared_drains_steps(surfaces, solid.drains)
+    for structure, own in zip(structures, shared or [solid.drains] * len(structures), strict=True):
+        structure.drains = own
+
+
+def shared_drains_steps(surfaces: Sequence[SignedSurface], drains: Sequence[Drain]) -> Steps[list[tuple[Drain, ...]]]:
+    """Return the drains of each surface: those with a point that it holds, then all without."""
+    given = [drain for drain in drains if drain.point is not None]
+    nearest = dict.fromkeys(range(len(given)), (np.inf, 0))
+    for number, surface in enumerate(surfaces if given else ()):
+        distances, _ = yield from surface.distances_steps(np.array([drain.point for drain in given], np.float64))
         for at, distance in enumerate(distances.tolist()):
             if distance < nearest[at][0]:
-                nearest[at] = distance, structure
-    for structure in structures:
-        own = [drain for at, drain in enumerate(given) if nearest[at][1] is structure]
-        structure.drains = (*own, *(drain for drain in solid.drains if drain.point is None))
+                nearest[at] = distance, number
+    automatic = [drain for drain in drains if drain.point is None]
+    return [
+        (*(drain for at, drain in enumerate(given) if nearest[at][1] == number), *automatic)
+        for number in range(len(surfaces))
+    ]
 
 
 def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
-    """Return a lattice around structures that is fine enough for what is done to them."""
+    """Return a lattice around structures that is fine enough for walls and surfaces; holes need it finer."""
     first = structures[0]
     settings, volume = first.result.settings, first.volume
     scope = scope_of(volume, replace(settings, close_border=True))
@@ -173,12 +185,14 @@ def divisions(sides_mm: Sequence[float], solid: SolidRequest) -> tuple[int, int,
 
 def longest_step(sides_mm: Sequence[float], solid: SolidRequest) -> float:
     """Return the longest step that a solid allows where voxels have these sides, mm."""
-    widths = [drain.diameter / PER_HOLE for drain in solid.drains]
-    if solid.pegs is not None:
-        widths.append(solid.pegs.diameter / PER_HOLE)
-    if solid.hollow:
-        widths.append(solid.hollow)
-    return min([FLATTEST * min(sides_mm), *widths])
+    return min(FLATTEST * min(sides_mm), solid.hollow or math.inf)
+
+
+def refined_around(lattice: Lattice, bars: Sequence[Bar]) -> Lattice:
+    """Return the lattice with enough steps across every bar."""
+    for bar in bars:
+        lattice = lattice.refined(bar.box, 2 * bar.radius / PER_HOLE)
+    return lattice
 
 
 def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lattice | None = None) -> Steps[Body]:
@@ -186,6 +200,15 @@ def body_steps(mesh: TriangleMesh, lattice: Lattice, budget: Budget, around: Lat
     body = Body(mesh, lattice, budget, around)
     yield from body.prepare_steps()
     return body
+
+
+def bulged_steps(structure: Structure, body: Body, thicken: float) -> Steps[None]:
+    """Make the body of a structure ready to be thickened.
+
+    A label's surface encloses the volume of its samples, chords and all. One of gray values does not.
+    """
+    if thicken and structure.result.settings.label is None:
+        yield from body.bulge_steps()
 
 
 def extracted_steps(

@@ -42,6 +42,8 @@ class Together:
     growth : float
         By how much their parts may be larger than the bodies, mm.
     budget : Budget
+    has_feet : bool
+        Whether parts stand on feet, which go from one side of a body to another.
 
     Attributes
     ----------
@@ -51,13 +53,15 @@ class Together:
         Number of slots.
     """
 
-    def __init__(self, bodies: Sequence[Body], lattice: Lattice, growth: float, budget: Budget) -> None:
+    def __init__(
+        self, bodies: Sequence[Body], lattice: Lattice, growth: float, budget: Budget, has_feet: bool = False
+    ) -> None:
         self.bodies, self.lattice, self.budget = list(bodies), lattice, budget
         surfaces = [_samples_at(body.mesh.vertices, lattice) for body in bodies]
         self.block = max(
             LEAST_BLOCK, *(_longest(samples, body.mesh.faces) for samples, body in zip(surfaces, bodies, strict=True))
         )
-        regions = [_region(samples // self.block, lattice, growth, self.block) for samples in surfaces]
+        regions = [_region(samples // self.block, lattice, growth, self.block, has_feet) for samples in surfaces]
         self.slots = _slots(regions)
         self.count = max(self.slots) + 1
         self._owners = np.full((self.count, *regions[0].shape), -1, np.int16)
@@ -138,7 +142,7 @@ class Together:
             fields.append(HeldField(lattice, front))
             behind = either
             yield PAUSE
-        return [HeldField(lattice, behind), *reversed(fields)]
+        return [HeldField(lattice, behind, keeps_volume=thicken != 0), *reversed(fields)]
 
     def hollow_steps(self, level: float) -> Steps[Field]:
         """Return the field of what is deeper than a level in any of the bodies."""
@@ -151,7 +155,7 @@ class Together:
                 here = depth[self.lattice.window_of(body.lattice)]
                 np.maximum(here, (own.astype(np.float64) - level).astype(np.float32), out=here)
                 body.forget_distances(level)
-            self._hollow = HeldField(self.lattice, depth)
+            self._hollow = HeldField(self.lattice, depth, keeps_volume=True)
         return self._hollow
 
     def with_owners(self, mesh: ComplexMesh, sides: int) -> ComplexMesh:
@@ -196,14 +200,16 @@ def _longest(samples: Indices, faces: NDArray[np.int32]) -> int:
     return longest
 
 
-def _region(surface: Indices, lattice: Lattice, growth: float, block: int) -> Flags:
+def _region(surface: Indices, lattice: Lattice, growth: float, block: int, is_box: bool) -> Flags:
     """Return the blocks that may hold a part of a body, (z, y, x), by those of its vertices, (3, n) from x to z."""
-    z, y, x = (-(-size // block) for size in lattice.shape)
-    at_surface = np.zeros((z, y, x), bool)
+    at_surface = np.zeros([-(-size // block) for size in lattice.shape], bool)
+    if is_box:
+        x, y, z = (slice(int(along.min()), int(along.max()) + 1) for along in surface)
+        at_surface[z, y, x] = True
     at_surface[surface[2], surface[1], surface[0]] = True
     for axis in range(3):  # A triangle goes into the blocks beside those of its corners at most.
         at_surface = _wider(at_surface, axis)
-    region = np.ones((z, y, x), bool)
+    region = np.ones(at_surface.shape, bool)
     for axis in range(3):  # What is between two blocks of the surface along each axis holds the inside.
         after = np.logical_or.accumulate(at_surface, axis=axis)
         before = np.flip(np.logical_or.accumulate(np.flip(at_surface, axis), axis=axis), axis)

@@ -30,7 +30,7 @@ from .labels.extents import (
     require_labels,
 )
 from .labels.label_sources import combined_labels, free_offset, placed_labels_steps, samples_on_grid
-from .labels.structure_colors import label_rgb, linear, structure_color
+from .labels.structure_colors import label_rgb, linear, part_rgb, structure_color
 from .labels.whole_labels import NotWholeError, WholeLabels, WholeNumbers
 from .region import (
     EDGES,

@@ -10,7 +10,19 @@ def modules() -> tuple[Any, ...]:
     from .ct import histogram, load, load_labels, patient_table, region, scans, slice, structure_list, threshold, view
     from .draw import edits, grow, quad_view, radius, refuse, scissors, stroke, structures
     from .scene import cut_away, pick_point, rulers, slice_object, studio, volume_object
-    from .surface import alpha, components, export, maps, pick_component, reconstruct, results, simplify, solid, table
+    from .surface import (
+        alpha,
+        components,
+        drag_solid,
+        export,
+        maps,
+        pick_component,
+        reconstruct,
+        results,
+        simplify,
+        solid,
+        table,
+    )
 
     viewing = (
         load,
@@ -33,6 +45,7 @@ def modules() -> tuple[Any, ...]:
         *(structures, stroke, grow, scissors, edits, radius, quad_view, refuse),
         reconstruct,
         solid,
+        drag_solid,
         alpha,
         simplify,
         components,

@@ -13,11 +13,12 @@ import bpy
 from ...core import SettingsError
 from ...reporting.formatting import count, duration, size_of_bytes
 from .. import jobs
-from ..operators.surface.solid import makes_solid, runs_of, solid_of
-from ..state import cost_estimates, session, surfaces, volumes
+from ..operators.surface.solid import makes_solid
+from ..state import cost_estimates, session, solids, surfaces, volumes
 from ..translations import translate, translate_sentence
 from .layout import draw_job, draw_name, draw_pair, draw_status, draw_table, draw_text
 from .removed import draw_removed
+from .solid import draw_places
 
 COST_NAMES = 0.46  # Share of the width for names.
 BUTTONS = (("Reconstruct Surface", "Update Surface"), ("Reconstruct Solid", "Update Solid"))
@@ -117,13 +118,14 @@ def _draw_notes(layout: Any, context: bpy.types.Context, settings: Any) -> None:
     job = jobs.running()
     draw_status(layout, context, *([] if job is None else [job.operator]))  # Its bar stands above.
     try:
-        runs_of(context.scene, solid_of(context.scene))
+        solids.runs_of(context.scene, solids.solid_of(context.scene))
     except SettingsError as error:
         draw_text(layout, context, translate_sentence(str(error)), "ERROR")
     else:
         cost = cost_estimates.of_scene(context.scene)
         if cost is not None and cost.refusal:
             draw_text(layout, context, translate_sentence(cost.refusal), "ERROR")
+    draw_places(layout, context)
     if volumes.is_coarse(context.scene):
         draw_text(layout, context, translate("Not counted: the CT does not fit in memory"), "INFO")
     if not alpha_matters(settings):

@@ -9,7 +9,8 @@ import bpy
 
 from ...core import SettingsError
 from ..operators.surface.solid import place_text, solid_text
-from ..translations import translate
+from ..translations import translate, translate_sentence
+from ..viewport import solid_places
 from .layout import block, draw_name, draw_pair, draw_text
 
 BUTTON = 24.0  # Width of the button beside a text, pixels.
@@ -112,3 +113,16 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
         row = layout.row(align=True)
         draw_text(row, context, text, "MOD_SOLIDIFY", beside=BUTTON)
         row.operator("ctmc.solid_reset", text="", icon="X", emboss=False)
+
+
+def draw_places(layout: Any, context: bpy.types.Context) -> None:
+    """Say what of the pegs and drains in the viewport does not fit, or that they are looked for."""
+    found = solid_places.places_of(context.scene)
+    if solid_places.is_looking(context.scene):
+        draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
+    if found is None:
+        return
+    for note in found.notes:
+        draw_text(layout, context, translate_sentence(note), "ERROR")
+    if found.coarse and (found.drains.bars or (found.pegs and found.pegs.bars)):
+        draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")

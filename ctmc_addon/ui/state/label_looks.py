@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from ...blender.colors import part_color
 from ...blender.materials import recolor
 from ...blender.surface import call, read_provenance
 from ...blender.tissue import set_opacity
@@ -32,7 +33,7 @@ def follow(properties: Any, name: str) -> None:
         elif name == OPACITY:
             set_opacity(obj, round(float(item.opacity), 3))
         else:
-            recolor(obj, tuple(item.color))
+            recolor(obj, part_color(tuple(item.color), provenance.part_number))
 
 
 def register() -> None:

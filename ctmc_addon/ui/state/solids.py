@@ -1,24 +1,25 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Where the solid of the panel lies: the box of its structures, and their vertices if their surfaces exist.
+"""The solid of the panel: what is asked of core, and the box of its structures, RAS+ mm.
 
-Both are looked for again only when they may have changed, because the viewport asks at every redraw. RAS+ mm.
+The box is looked for again only when it may have changed, because the viewport asks at every redraw.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Any
 
 import bpy
 import numpy as np
 from numpy.typing import NDArray
 
-from ...blender.surface import own_mesh
+from ...core import ReconstructionSettings, SettingsError
+from ...core.solid import SolidRequest
 from ...core.volume import ValueKind, labels_region, region_corners, volume_box
-from ..properties.structures import LABEL, is_made_of
-from . import structures, surfaces, volumes
+from ..properties.structures import LABEL, of_structure, structure_choices
+from . import structures, volumes
 
 _boxes: dict[str, Any] = {}  # "key", "volume" and "corners" of the labels asked for last.
-_vertices: dict[str, Any] = {}  # "key" and "vertices" of the surfaces asked for last.
 
 
 def box_of(scene: bpy.types.Scene) -> NDArray[np.float64] | None:
@@ -39,31 +40,47 @@ def box_of(scene: bpy.types.Scene) -> NDArray[np.float64] | None:
     return volume_box(volume)
 
 
-def vertices_of(scene: bpy.types.Scene) -> NDArray[np.float32] | None:
-    """Return the vertices (n, 3) of the surfaces of the solid's structures; None if none was made."""
-    objects = [obj for obj in scene.objects if surfaces.is_of_ct(obj, scene) and _is_wanted(scene.ctmc, obj)]
-    key = tuple((obj.data.session_uid, len(obj.data.vertices)) for obj in objects)
-    if not key:
-        return None
-    if _vertices.get("key") != key:
-        _vertices.update(key=key, vertices=np.concatenate([own_mesh(obj).vertices for obj in objects]))
-    return np.asarray(_vertices["vertices"])
+def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionSettings]:
+    """Return the settings of every surface of the panel, and of the labels that combinations of `solid_of` name.
+
+    Raises
+    ------
+    SettingsError
+        If settings contradict each other, no structure is ticked, or there are no structures to combine.
+    """
+    stored, names = scene.ctmc, {name for combination in solid.combinations for name in combination.of}
+    if solid and stored.simplifier == "decimate" and stored.to_settings().simplifies:
+        raise SettingsError("Decimate would move the cuts of a solid; choose Built-In, or remove the solid")
+    if not names:
+        runs: list[ReconstructionSettings] = stored.all_settings()
+        return runs
+    if not stored.use_label:
+        raise SettingsError("a threshold has no structures to combine; choose Structures, or remove the combinations")
+    settings = stored.to_settings()
+    return [
+        of_structure(item, settings)
+        for item in stored.labels
+        if item.chosen or (item.kind == LABEL and str(item.value) in names)
+    ]
 
 
-def _is_wanted(settings: Any, obj: bpy.types.Object) -> bool:
-    """Return whether a surface of the CT is of a structure that Reconstruct makes, and not a part."""
-    provenance = surfaces.require_provenance(obj)
-    if provenance.part or obj.data.is_editmode:
-        return False
-    if settings.use_label:
-        return any(item.chosen and is_made_of(item, provenance.settings) for item in settings.labels)
-    return provenance.settings.label is None
+def solid_of(scene: bpy.types.Scene) -> SolidRequest:
+    """Return the panel's solid, whose combinations name labels by their numbers: the list may call them otherwise.
+
+    Raises
+    ------
+    SettingsError
+        If two settings contradict each other.
+    """
+    solid: SolidRequest = scene.ctmc_solid.to_request()
+    numbers = {key: str(item.value) for key, item in structure_choices(scene.ctmc)}
+    numbered = [replace(each, of=tuple(numbers.get(name, name) for name in each.of)) for each in solid.combinations]
+    return replace(solid, combinations=tuple(numbered))
 
 
 def clear(*_: Any) -> None:
     """Release what was found, because another file is loaded."""
     _boxes.clear()
-    _vertices.clear()
 
 
 def register() -> None:

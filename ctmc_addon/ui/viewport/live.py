@@ -21,7 +21,7 @@ from ..properties.described import as_written
 from ..properties.preferences import machine
 from ..state import change_events, label_looks, masks, session, structures, volumes
 from ..state.cost_estimates import CostEstimates, estimate_steps
-from . import alpha, drawn, preview
+from . import alpha, drawn, preview, solid_places
 
 IDLE = 0.25  # Seconds without a change before costs are counted and the preview is refined.
 TICK = 0.03  # Seconds of work between two checks for events.
@@ -38,6 +38,8 @@ class Live:
         Time of the last change of a setting; None once everything is up to date.
     stale : bool
         Whether the coarse surface is behind the settings.
+    uncounted : bool
+        Whether costs are to be counted and the preview refined, or nothing but the solid has changed.
     work : list of Steps
         They hold no data-block, which undo would invalidate.
     """
@@ -47,6 +49,7 @@ class Live:
     other_fields: FieldCache | None = None
     changed: float | None = None
     stale: bool = False
+    uncounted: bool = False
     alpha_moved: bool = False
     work: list[Steps[None]] = field(default_factory=list)
 
@@ -70,6 +73,8 @@ def mark(properties: Any, name: str) -> None:
             start(bpy.context.scene, stale=True)
         return
     scene = properties.id_data
+    if name == change_events.DRAWN:
+        solid_places.clear()
     if name in (label_looks.NAME, label_looks.COLOR):
         preview.recolor(scene)
         return
@@ -81,17 +86,34 @@ def mark(properties: Any, name: str) -> None:
         preview.hide()
 
 
+def follow_solid(scene: bpy.types.Scene) -> None:
+    """Look for the places of a solid that has changed."""
+    if solid_places.ask(scene):
+        start(scene, stale=False, uncounted=False)
+
+
 def _shows_drawn(scene: bpy.types.Scene) -> bool:
     """Return whether the preview is of a drawn structure, which has a preview of its own."""
     settings = preview.settings_of(scene)
     return settings is not None and drawn.shows(scene, settings.label)
 
 
-def start(scene: bpy.types.Scene, stale: bool) -> None:
-    """Follow the settings of a scene from now on; `stale` if the preview's surface is outdated."""
+def start(scene: bpy.types.Scene, stale: bool, uncounted: bool = True) -> None:
+    """Follow the settings of a scene from now on.
+
+    Parameters
+    ----------
+    scene : bpy.types.Scene
+    stale : bool
+        Whether the preview's surface is outdated.
+    uncounted : bool
+        Whether its cost and finer surface are.
+    """
     live.stop_work()
     live.scene, live.changed, live.stale = scene.session_uid, time.perf_counter(), live.stale or stale
-    session.of(scene).cost = None
+    live.uncounted = live.uncounted or uncounted
+    if uncounted:
+        session.of(scene).cost = None
     if not bpy.app.background and not bpy.app.timers.is_registered(tick):
         bpy.app.timers.register(tick, first_interval=0.0)
 
@@ -139,16 +161,19 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
         live.alpha_moved = False
         alpha.settle(scene)
     if not live.work:
-        settings = tuple(scene.ctmc.all_settings())
-        works = [(fields_of(scene, run), run) for run in settings]
-        counting = [cost_steps(live.scene, works)] if loaded.file is None else []
-        live.work = [*counting, preview.refine_steps(live.scene, preview_settings)]
+        live.work = [solid_places.placing_steps(live.scene)]
+        if live.uncounted:
+            settings = tuple(scene.ctmc.all_settings())
+            works = [(fields_of(scene, run), run) for run in settings]
+            counting = [cost_steps(live.scene, works)] if loaded.file is None else []
+            live.work = [*counting, preview.refine_steps(live.scene, preview_settings), *live.work]
     stop = time.perf_counter() + TICK
     while live.work:
         try:
             next(live.work[0])
         except StopIteration:
             live.work.pop(0)
+            live.uncounted = live.uncounted and len(live.work) > 1
             session.redraw_panels()
         if live.work and time.perf_counter() > stop:
             return SOON
@@ -180,6 +205,7 @@ def clear(*_: Any) -> None:
     """Drop all work and the preview, because another file is loaded."""
     live.stop_work()
     live.changed = live.fields = live.other_fields = None
+    solid_places.clear()
     preview.state.shown = preview.state.maker = None
     preview.state.requested = False
 

@@ -35,7 +35,7 @@ from ..properties.structures import LABEL, THRESHOLD
 from ..properties.view import window_and_level
 from ..state import structures, volumes
 from ..state.tools import tool_of
-from . import drawn, maps, solid
+from . import drawn, live, maps, solid
 
 REGION_COLOR = (1.0, 0.75, 0.1, 0.9)
 VOLUME_COLOR = (1.0, 1.0, 1.0, 0.18)
@@ -148,6 +148,8 @@ def _draw_in_space() -> None:
         corners = region_corners(full, tuple(settings.region), settings.region_unit)
         draw_lines(corners * scale, EDGES, REGION_COLOR, size, 2.0)
     solid.draw(context, size)
+    if solid.shows(context):
+        live.follow_solid(context.scene)
 
 
 def _draw_on_top() -> None:

@@ -60,6 +60,7 @@ def test_labels_beside_a_ct_that_are_not_asked_for_are_said_before_and_after_the
     assert "labels" not in ctmc(*words, "-o", tmp_path / "bone", "--threshold", 200).out
 
 
+@pytest.mark.once
 def test_label_files_alone_whose_labels_become_one_surface_are_said(ctmc, phantom_folder, tmp_path):
     for number in (1, 2):
         shutil.copy(phantom_folder / "segmentation-4.nii.gz", tmp_path / f"segmentation-{number}.nii.gz")

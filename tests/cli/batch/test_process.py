@@ -27,6 +27,7 @@ from ctmc_addon.core.machine.memory import peak_bytes, reset_peak_bytes, residen
 from ctmc_addon.core.machine.own_process import PACKAGE
 from ctmc_addon.core.planning.case_plan import PROCESS_BYTES
 
+pytestmark = pytest.mark.once
 # Says that it is over after every task; ends at a task called "bad", makes one called "long" without end, and asks for
 # memory where a task says how much. After one called "last" it dies before it is given another.
 SCRIPT = f"""

@@ -23,6 +23,8 @@ WAITING = """
 import sys, time
 from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import command
+
+pytestmark = pytest.mark.once
 write = command.write_summary
 def write_and_wait(folder, rows, *rest):
     write(folder, rows, *rest)
@@ -60,7 +62,6 @@ def test_resume_redoes_only_what_is_missing_failed_or_no_longer_fits(ctmc, done,
     assert "at once" not in again.out  # there is nothing to say of how what is not done is done
 
 
-@pytest.mark.once
 @pytest.mark.skipif(os.name == "nt", reason="Windows has no SIGKILL")
 def test_a_batch_that_is_killed_leaves_no_half_file_and_resumes(scene, ctmc, tmp_path):
     for number in range(5):

@@ -157,6 +157,7 @@ def manifest(pair, tmp_path):
     return path
 
 
+@pytest.mark.once
 def test_a_batch_of_pairs_writes_a_table_for_each_and_one_of_all_and_resumes(ctmc, pair, manifest, tmp_path):
     out = tmp_path / "out"
     done = ctmc("batch", "--pairs", manifest, "-o", out, "--jobs", 1)

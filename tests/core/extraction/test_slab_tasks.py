@@ -61,6 +61,7 @@ def test_an_upper_limit_is_not_dropped_on_the_way():
     assert with_upper.volume < 0.8 * without.volume
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("extra", [{"keep_parts": 3}, {"keep_parts": 3, "alpha": "auto"}])
 def test_a_surface_that_is_simplified_as_it_comes_is_that_of_one_machine(extra):
     volume = Volume(waves((12, 21, 50)), AFFINE)

@@ -192,6 +192,7 @@ def test_any_number_of_threads_gives_the_same_bytes():
     assert one.nearest == three.nearest
 
 
+@pytest.mark.once
 def test_a_patient_s_organs_are_as_far_apart_as_every_vertex_says(real):
     scipy = pytest.importorskip("scipy.spatial")
     volume = replace(read_volume(real("ts_nifti") / "example_seg_fast_force_split.nii.gz"), kind="label")

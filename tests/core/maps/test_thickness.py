@@ -35,7 +35,9 @@ def middle_and_most(off):
 
 @POSES
 @EVERY_WALL
-@pytest.mark.parametrize(("spacing", "middle", "most"), [(1.0, 0.0015, 0.006), (0.5, 0.0005, 0.002)])
+@pytest.mark.parametrize(
+    ("spacing", "middle", "most"), [(1.0, 0.0015, 0.006), pytest.param(0.5, 0.0005, 0.002, marks=pytest.mark.once)]
+)
 def test_a_field_has_the_thickness_of_the_closed_form_in_any_pose(wall, degrees, spacing, middle, most):
     found = middle_and_most(errors(wall, spacing, degrees, label=False))
     assert found[0] < middle
@@ -44,7 +46,9 @@ def test_a_field_has_the_thickness_of_the_closed_form_in_any_pose(wall, degrees,
 
 @pytest.mark.parametrize("degrees", [25.0, 70.0])
 @EVERY_WALL
-@pytest.mark.parametrize(("spacing", "middle", "most"), [(1.0, 0.02, 0.05), (0.5, 0.0075, 0.0155)])
+@pytest.mark.parametrize(
+    ("spacing", "middle", "most"), [(1.0, 0.02, 0.05), pytest.param(0.5, 0.0075, 0.0155, marks=pytest.mark.once)]
+)
 def test_a_smoothed_label_has_the_thickness_of_the_closed_form(wall, degrees, spacing, middle, most):
     found = middle_and_most(errors(wall, spacing, degrees, label=True))
     assert found[0] < middle
@@ -226,6 +230,7 @@ def test_a_mesh_without_triangles_is_refused():
         values_of(Thickness(), mapped(empty, Volume(np.zeros((2, 2, 2), np.float32), np.eye(4))))
 
 
+@pytest.mark.once
 def test_bones_of_a_patient_have_a_thickness_nearly_everywhere(real):
     volume = read_volume(real("ts_nifti") / "example_ct.nii.gz")
     mesh = reconstruct(volume, ReconstructionSettings(threshold=200.0)).mesh

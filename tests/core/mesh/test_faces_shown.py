@@ -47,6 +47,7 @@ def test_bone_and_gray_values_show_none():
     assert not says(body(150, 190, 160, "gray value"), -300.0)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize(
     ("name", "face"),
     [

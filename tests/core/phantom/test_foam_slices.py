@@ -37,6 +37,7 @@ def test_a_foam_that_cannot_be_is_refused(slices, size, pore):
         foam(slices, size, pore)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("extra", [{}, {"stride": (3, 3, 3), "normals": "mesh"}])
 def test_samples_past_two_to_the_31_are_counted_right(extra):
     # 2.4e9 voxels, of which the surface of a small region far behind is made and compared.

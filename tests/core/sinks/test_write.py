@@ -51,7 +51,7 @@ def written(volume, settings, path, space="ras", budget=SMALL):
 )
 def test_the_bytes_are_those_that_save_writes(name, suffix, space, tmp_path):
     settings = ReconstructionSettings(threshold=120.0, **SETTINGS[name])
-    volume = Volume(waves(), AFFINE, ("a note",), kind="HU")
+    volume = Volume(waves((12, 21, 70)), AFFINE, ("a note",), kind="HU")
     whole = reconstruct(volume, settings, replace(SMALL, threads=1))
     whole.mesh.save(tmp_path / f"whole{suffix}", space)
     for number, source in enumerate((volume, in_file(volume))):

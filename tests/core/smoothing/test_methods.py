@@ -53,6 +53,7 @@ def named_smoothings(source: str) -> list[int]:
     return lines
 
 
+@pytest.mark.once
 def test_no_file_but_its_own_names_a_smoothing():
     found = {}
     for path in sorted(PACKAGE.rglob("*.py")):

@@ -80,7 +80,7 @@ def test_seconds_are_those_of_the_last_solid_in_proportion(estimate):
     finer = solid_cost(
         [estimate], SolidRequest(hollow=2.0, cuts=(Cut(MIDDLE, (0, 0, 1)),), pegs=Pegs(1, 2, 3)), 1 << 16
     )
-    assert finer.seconds > 2 * cost.seconds
+    assert finer.seconds > 1.5 * cost.seconds
 
 
 def test_labels_that_share_walls_are_on_one_lattice(estimate):

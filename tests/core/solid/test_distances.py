@@ -291,3 +291,16 @@ def test_nearby_samples_are_within_the_distance(distance, turn):
         assert found[within].mean() > 0.8
     else:
         np.testing.assert_array_equal(found, within)
+
+
+def test_a_finer_lattice_divides_the_steps_that_a_box_reaches():
+    coarse = Lattice(np.arange(0.0, 20), np.arange(0.0, 20) * 2, np.array([0.0, 1, 3, 6, 10, 15]), np.eye(4))
+    fine = coarse.refined((np.array([5.2, -9, 4]), np.array([7.9, -7, 5])), 0.6)
+    assert coarse.refined((np.full(3, -99.0), np.full(3, -90.0)), 0.6).shape == coarse.shape
+    assert fine.y.tolist() == coarse.y.tolist()
+    for before, after in ((coarse.x, fine.x), (coarse.z, fine.z)):
+        assert set(before.tolist()) <= set(after.tolist())
+        assert (np.diff(after) > 0).all()
+    np.testing.assert_allclose(np.diff(fine.x), np.repeat([1, 0.5, 1], [4, 10, 10]))
+    inner = (fine.z[1:] > 4) & (fine.z[:-1] < 5)
+    assert np.diff(fine.z)[inner].max() == pytest.approx(0.6)

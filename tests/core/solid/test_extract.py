@@ -232,7 +232,7 @@ class Fixed:
     """A field that is not moved."""
 
     def __init__(self, field):
-        self.above, self.values_steps = field.above, field.values_steps
+        self.above, self.values_steps, self.keeps_volume = field.above, field.values_steps, False
 
 
 def test_results_do_not_hang_on_threads():

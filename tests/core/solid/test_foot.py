@@ -1,128 +1,207 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Feet of balls, boxes and cut solids, whose shadows have a closed form."""
+"""Feet of balls, boxes and cut solids in voxels of 1 mm: flat, below the center of mass, apart from each other."""
+
+import re
 
 import numpy as np
 import pytest
+from meshes import icosphere
+from solids import assert_parts, together
 
-from ctmc_addon.core import MeshError, finish
-from ctmc_addon.core.solid import HalfSpace
-from ctmc_addon.core.solid.placing.cubes import lowest_steps
+from ctmc_addon.core import ReconstructionSettings, Volume, finish
+from ctmc_addon.core.mesh.intersections import self_intersections
+from ctmc_addon.core.solid import Bar, Cut, Drain, Pegs, SolidRequest, solid_parts
+from ctmc_addon.core.solid.fields.lattice import Lattice
 from ctmc_addon.core.solid.placing.foot import foot_steps
+from ctmc_addon.core.solid.placing.standing import pieces_steps
 
 pytestmark = pytest.mark.once
 
-LOW, HIGH = np.array([-30.0, -31, -29]), np.array([33.0, 30, 30])
+GRAY = ReconstructionSettings(threshold=0.0)
+LATTICE = Lattice(*(np.arange(3.0) for _ in range(3)), np.eye(4))
+SIZE = 24
+MIDDLE = (11.5, 11.5, 11.5)
+RADIUS = 9.277  # Of the plain surface of a ball of 9.3 voxels, chords and all.
+TURNED = np.array([[0.36, 0.48, -0.8], [-0.8, 0.6, 0.0], [0.48, 0.64, 0.6]])
 
 
-def steps_of(depth):
-    def depth_steps(points):
-        yield from ()
-        return depth(points)
-
-    return depth_steps
+def points():
+    return np.indices((SIZE,) * 3)[::-1].reshape(3, -1).astype(float)
 
 
-def ball(radius, center=(0.0, 0.0, 0.0)):
-    return lambda points: radius - np.linalg.norm(points - np.array(center)[:, None], axis=0)
+def gray(depth, affine=None):
+    affine = np.eye(4) if affine is None else affine
+    places = affine[:3, :3] @ points() + affine[:3, 3:]
+    return Volume(np.asarray(depth(places), np.float32).reshape((SIZE,) * 3), affine, name="part")
 
 
-def box(half_sides):
-    """A box about the origin with its exact distance."""
-
-    def depth(points):
-        over = np.abs(points) - np.array(half_sides, float)[:, None]
-        return -np.linalg.norm(np.maximum(over, 0), axis=0) - np.minimum(over.max(axis=0), 0)
-
-    return depth
+BALL = gray(lambda at: 9.3 - np.linalg.norm(at - 11.5, axis=0))
 
 
-def foot(depth, base):
-    return finish(foot_steps(steps_of(depth), LOW, HIGH, base))
+def made(volume=BALL, settings=GRAY, labels=(), **solid):
+    parts = solid_parts(volume, settings, SolidRequest(**solid), labels)
+    assert_parts([part.mesh for part in parts])
+    return {part.label_name: part for part in parts}
 
 
-def crowd(low, high, count=3000, seed=2):
-    return np.random.default_rng(seed).uniform(low, high, (count, 3)).T
+def standing_notes(part):
+    return [note for note in part.notes if note.startswith(f"{part.label_name}: ")]
 
 
-def disc(points, radius, low, high):
-    return np.minimum(np.minimum(points[2] - low, high - points[2]), radius - np.linalg.norm(points[:2], axis=0))
+def beside(mesh):
+    """How far the center of mass lies beside the hull of all that is lowest, from 3600 sides; below 0 within."""
+    a, b, c = (mesh.vertices[mesh.faces[:, corner]].astype(float) for corner in range(3))
+    volumes = (a * np.cross(b, c)).sum(axis=1)
+    center = (volumes[:, None] * (a + b + c)).sum(axis=0) / (4 * volumes.sum())
+    rest = mesh.vertices[mesh.vertices[:, 2] < mesh.vertices[:, 2].min() + 0.02]
+    angles = np.linspace(0, 2 * np.pi, 3600)
+    ways = np.stack([np.cos(angles), np.sin(angles)])
+    return (center[:2] @ ways - (rest[:, :2] @ ways).max(axis=0)).max()
+
+
+def foot_of(mesh, base):
+    center = finish(pieces_steps(mesh)).center
+    return finish(foot_steps(mesh, center, base, LATTICE))
 
 
 def test_the_foot_of_a_ball_is_a_disc():
-    made = foot(ball(20.0, (1.0, 2.0, 3.0)), 3.0)
-    assert made.low == pytest.approx(-17, abs=0.011)
-    assert made.high - made.low == 3.0
-    # At 3 mm the ball has a radius of sqrt(20² - 17²).
-    points = crowd((-25, -25, -22), (25, 25, -9))
-    exact = disc(points - [[1.0], [2.0], [0.0]], np.sqrt(111) + 3, made.low, made.high)
-    near = np.abs(exact) < 3
-    assert near.sum() > 300
-    np.testing.assert_allclose(made.at(points)[near], exact[near], atol=0.012)
-    assert ((made.at(points) > 0) == (exact > 0))[np.abs(exact) > 0.02].all()
+    foot = foot_of(icosphere(5, 20.0, (1.0, 2.0, 3.0)), 3.0)
+    assert foot.low == pytest.approx(-17 - 1 / 64, abs=1e-3)
+    assert foot.high - foot.low == 3.0
+    # At 3 mm the ball has a radius of sqrt(20² - 17²); the outline of 64 sides is up to 0.12 % wider.
+    at = np.random.default_rng(2).uniform((-16, -15, -15.9), (17, 18, -13), (3000, 3)).T
+    from_middle = np.linalg.norm(at[:2] - [[1.0], [2.0]], axis=0)
+    exact = np.minimum(np.minimum(at[2] - foot.low, foot.high - at[2]), np.sqrt(111) + 3 - from_middle)
+    np.testing.assert_allclose(foot.at(at), exact, atol=0.06)
+    low, high = foot.box
+    np.testing.assert_allclose(high - low, [2 * (np.sqrt(111) + 3), 2 * (np.sqrt(111) + 3), 3], atol=0.06)
 
 
-def test_the_foot_of_a_box_has_round_corners():
-    made = foot(box((10, 7, 5)), 2.0)
-    assert (made.low, made.high) == pytest.approx((-5, -3), abs=1e-6)
-    points = crowd((-14, -11, -7), (14, 11, -1))
-    over = np.maximum(np.abs(points[:2]) - [[10.0], [7.0]], 0)
-    exact = np.minimum(np.minimum(points[2] + 5, -3 - points[2]), 2 - np.linalg.norm(over, axis=0))
-    exact, found = np.maximum(exact, -3), np.maximum(made.at(points), -3)  # Farther points count as 3 mm away.
-    beside_corners = (over > 0).all(axis=0)
-    assert 50 < beside_corners.sum() < 1000
-    np.testing.assert_allclose(found[~beside_corners], exact[~beside_corners], atol=0.01)
-    np.testing.assert_allclose(found, exact, atol=0.075)
+def test_a_foot_reaches_under_the_center_of_mass():
+    """A post at one end of a beam."""
+
+    def depth(at):
+        return np.maximum(Bar((4, 12, 4), (4, 12, 17), 2.5).at(at), Bar((4, 12, 17), (19, 12, 17), 3.5).at(at))
+
+    plain = made(gray(depth))["part"]
+    part = made(gray(depth), base=1.5)["part"]
+    assert beside(plain.mesh) > 3
+    assert beside(part.mesh) < -0.4
+    assert not standing_notes(part)
+    assert part.mesh.components == 1
 
 
-def test_the_shadow_of_an_overhang_counts():
-    # A ball of 4 mm on a foot of 6 mm: its widest part stands over the rest.
-    made = foot(ball(4.0), 6.0)
-    assert made.at(np.array([[4.0 + 5.9, 4 + 6.1], [0, 0], [-2.0, -2.0]])) == pytest.approx([0.1, -0.1], abs=0.01)
+@pytest.mark.parametrize("base", [0.3, 1.0, 1.7, 3.0])
+@pytest.mark.parametrize("turn", [np.eye(3), TURNED], ids=["straight", "turned"])
+def test_a_foot_of_any_height_is_flat_below(base, turn):
+    affine = np.eye(4)
+    affine[:3, :3] = turn
+    affine[:3, 3] = 11.5 - turn @ np.full(3, 11.5)
+    mesh = made(gray(lambda at: 9.3 - np.linalg.norm(at - 11.5, axis=0), affine), base=base)["part"].mesh
+    low = mesh.vertices[:, 2].min()
+    assert low == pytest.approx(11.5 - RADIUS, abs=0.06)
+    rest = mesh.vertices[mesh.vertices[:, 2] < low + 0.01]
+    height = max(base, 1.0 if turn is not TURNED else 0.64)  # Not less than a step along z.
+    radius = np.sqrt(RADIUS**2 - (RADIUS - height) ** 2) + base
+    bevel = 1.5 if turn is not TURNED else 2.1
+    assert radius - bevel < np.linalg.norm(rest[:, :2] - 11.5, axis=1).max() < radius + 0.1
+    # The flat side is a whole: no hole is in it, nor does anything but its rim rise.
+    faces = mesh.faces[(mesh.vertices[mesh.faces][:, :, 2] < low + 0.01).all(axis=1)]
+    a, b, c = mesh.vertices[faces].transpose(1, 0, 2).astype(float)
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2
+    assert area > np.pi * (radius - bevel) ** 2
 
 
-def test_two_legs_have_one_foot_where_they_are_near():
-    def legs(points):
-        return np.maximum(ball(5.0, (-8, 0, 0))(points), ball(5.0, (8, 0, 1))(points))
-
-    made = foot(legs, 4.0)
-    assert made.low == pytest.approx(-5, abs=0.011)
-    # At -1 the legs have radii of sqrt(24) and sqrt(21).
-    first, second = np.sqrt(24) + 4, np.sqrt(21) + 4
-    middle = np.array([[0.0, -8, -8, 8, 8], [0, first - 0.1, first + 0.1, second - 0.1, second + 0.1], [-2] * 5])
-    found = made.at(middle)
-    np.testing.assert_allclose(found[1:], [0.1, -0.1, 0.1, -0.1], atol=0.012)
-    assert found[0] == pytest.approx(first - 8, abs=0.012)
+def test_a_part_on_a_level_cut_has_no_foot_and_says_so():
+    parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, 1))])
+    plain = made(cuts=[Cut(MIDDLE, (0, 0, 1))])
+    assert standing_notes(parts["part a"]) == ["part a: it stands on its level cut and has no foot"]
+    assert not standing_notes(parts["part b"])
+    assert parts["part a"].mesh.volume == pytest.approx(plain["part a"].mesh.volume, rel=1e-6)
+    assert parts["part b"].mesh.volume > plain["part b"].mesh.volume + 100
+    assert beside(parts["part a"].mesh) < 0 > beside(parts["part b"].mesh)
 
 
-def test_a_part_of_a_cut_stands_on_its_own_lowest_place():
-    plane = HalfSpace((0, 0, 0), (1.0, 0, 2.0))
+def test_a_part_that_leans_over_its_level_cut_has_a_foot():
+    def depth(at):
+        return np.maximum(Bar((4, 12, 4), (4, 12, 17), 2.5).at(at), Bar((4, 12, 17), (19, 12, 17), 3.5).at(at))
 
-    def part(points):
-        return np.minimum(ball(20.0)(points), plane.at(points))
-
-    made = foot(part, 3.0)
-    # The rim of the cut is lowest at x = 20 * 2 / sqrt(5), z = -20 / sqrt(5).
-    assert made.low == pytest.approx(-20 / np.sqrt(5), abs=0.02)
-    # The part below z1 reaches from x = -2 z1, where the plane is, to the ball.
-    z1 = made.low + 3
-    x0, x1 = -2 * z1, np.sqrt(400 - z1 * z1)
-    x = np.array([x0 - 2.9, x0 - 3.1, x1 + 2.9, x1 + 3.1])
-    found = made.at(np.stack([x, 0 * x, np.full(4, z1 - 1.5)]))
-    np.testing.assert_allclose(found, [0.1, -0.1, 0.1, -0.1], atol=0.03)
+    part = made(gray(depth), base=2.0, cuts=[Cut((4, 12, 8), (0, 0, 1))])["part a"]
+    assert part.mesh.vertices[:, 2].min() == pytest.approx(8, abs=0.02)
+    assert beside(part.mesh) < -0.5
+    assert not standing_notes(part)
 
 
-@pytest.mark.parametrize("center", [(0, 0, 0), (3.3, 1.7, 5.1)])
-def test_the_lowest_place_is_found(center):
-    lowest = finish(lowest_steps(steps_of(ball(11.0, center)), LOW, HIGH))
-    assert lowest == pytest.approx(center[2] - 11, abs=0.011)
+def test_beside_a_slanted_cut_a_note_says_how_far_the_center_of_mass_is_off():
+    parts = made(base=2.0, cuts=[Cut(MIDDLE, (1, 0, 2))])
+    (note,) = standing_notes(parts["part a"])
+    assert "it does not stand, because its center of mass lies" in note
+    told = float(re.search(r"lies ([\d.]+) mm beside its foot", note)[1])
+    assert told == pytest.approx(beside(parts["part a"].mesh), abs=0.15)
+    # The center of half a ball is 3/8 of its radius from its flat side, whose rim is lowest at 2 / sqrt(5) of it.
+    assert told == pytest.approx((2 - 3 / 8) / np.sqrt(5) * RADIUS, abs=0.5)
+    assert beside(parts["part b"].mesh) < -0.5
+    assert not standing_notes(parts["part b"])
 
 
-def test_the_lowest_place_of_a_small_component_is_found():
-    small = ball(0.7, (12.3, -17.1, -20.0))
-    depth = steps_of(lambda points: np.maximum(ball(11.0)(points), small(points)))
-    assert finish(lowest_steps(depth, LOW, HIGH)) == pytest.approx(-20.7, abs=0.011)
+@pytest.mark.parametrize("normal", [(1, 0, 2), (1, 0, 0), (2, 1, -1)])
+def test_feet_of_two_parts_neither_overlap_nor_join(normal):
+    cut = Cut(MIDDLE, normal)
+    plain, parts = made(cuts=[cut]), made(base=3.0, cuts=[cut])
+    meshes = [part.mesh for part in parts.values()]
+    assert not len(self_intersections(*together(meshes)))
+    unit = np.array(normal) / np.linalg.norm(normal)
+    for sign, name in ((1, "part a"), (-1, "part b")):
+        mesh = parts[name].mesh
+        assert mesh.components == 1
+        assert mesh.volume > plain[name].mesh.volume + 1
+        assert (sign * ((mesh.vertices - MIDDLE) @ unit)).min() > -0.01
 
 
-def test_nothing_has_no_foot():
-    with pytest.raises(MeshError, match="leave out --base"):
-        foot(lambda points: -1.0 - np.linalg.norm(points, axis=0), 3.0)
+def test_a_drain_goes_on_through_a_foot():
+    """The drain beside the middle ends 6 mm above the ground, where a foot of 8 mm is."""
+    drain = Drain(3.0, (15.0, 11.5, 6.0))
+    part = made(hollow=2.0, drains=[drain], base=8.0)["part"]
+    assert (part.mesh.components, part.mesh.euler) == (1, 2)
+    assert part.printing.closed_cavities == 0
+
+
+def test_pegs_below_a_foot_are_told():
+    parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, 1))], pegs=Pegs(1, 4.0, 5.0, 0.2))
+    (note,) = standing_notes(parts["part a"])
+    assert "below its level cut; turn the normal of the cut round, so the other has them" in note
+    assert float(re.search(r"its pegs reach ([\d.]+) mm", note)[1]) == pytest.approx(5, abs=0.05)
+    parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, -1))], pegs=Pegs(1, 4.0, 5.0, 0.2))
+    assert standing_notes(parts["part b"]) == ["part b: it stands on its level cut and has no foot"]
+
+
+def test_a_piece_above_its_foot_is_told_with_the_base_that_reaches_it():
+    def depth(at):
+        return np.maximum(4 - np.linalg.norm(at - [[7], [7], [6]], axis=0), 4 - np.linalg.norm(at - 16, axis=0))
+
+    part = made(gray(depth), base=2.0)["part"]
+    assert part.mesh.components == 2
+    note = standing_notes(part)[-1]
+    assert "1 piece hangs above its foot" in note
+    base = float(re.search(r"--base ([\d.]+) reaches all", note)[1])
+    assert base == pytest.approx(10.25, abs=0.1)
+    assert made(gray(depth), base=base)["part"].mesh.components == 1
+
+
+def test_what_another_structure_cuts_off_from_a_foot_is_gone():
+    """A box beside a wall of another label: the foot would go on behind the wall, and cannot."""
+    labels = np.zeros((SIZE,) * 3, np.uint8)
+    labels[4:20, 4:20, 6:10] = 1  # z, y, x
+    labels[2:20, :, 11] = 2
+    volume = Volume(labels, np.eye(4), kind="label", label_names={1: "box", 2: "wall"})
+    parts = made(volume, ReconstructionSettings(label=1), (1, 2), base=3.0)
+    assert [part.mesh.components for part in parts.values()] == [1, 1]
+    assert parts["box"].mesh.vertices[:, 0].max() < 10.6
+
+
+def test_pieces_are_measured():
+    center = np.array([3.0, -2.0, 7.0])
+    pieces = finish(pieces_steps(icosphere(4, 5.0, center)))
+    np.testing.assert_allclose(pieces.center, center, atol=1e-4)
+    assert pieces.volumes == pytest.approx([4 / 3 * np.pi * 125], rel=0.01)
+    assert (pieces.low[0], pieces.high[0]) == pytest.approx((2, 12), abs=0.02)

@@ -1,14 +1,19 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Walls that are thickened to a least thickness: plates, bars and shells of a closed form, and bodies without any."""
 
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from meshes import as_mesh, icosphere, joined
 
-from ctmc_addon.core import finish, marching_cubes
+from ctmc_addon.core import ReconstructionSettings, Volume, finish, marching_cubes
 from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
+from ctmc_addon.core.solid import SolidRequest, solid_parts
 from ctmc_addon.core.solid.placing.least_wall import thin_walls_steps
 from ctmc_addon.core.solid.placing.near_cells import near_cells_steps
+from ctmc_addon.readers import read_volume
 
 pytestmark = pytest.mark.once
 
@@ -178,3 +183,64 @@ def test_points_outside_near_cells_are_far_from_all_triangles():
 
 def test_a_mesh_without_triangles_has_no_thin_walls():
     assert thin_walls(as_mesh(np.zeros((0, 3)), np.zeros((0, 3))), 1.0).shape is None
+
+
+def neck(points):
+    """Two balls and a bar of 2.2 mm between them."""
+
+    def ball(x, radius):
+        return radius - np.sqrt((points[0] - x) ** 2 + points[1] ** 2 + points[2] ** 2)
+
+    return np.maximum(np.maximum(ball(7.2, 5.0), ball(-7.7, 4.0)), capsule(1.1, 7.0)(points))
+
+
+def made(depth, least, degrees):
+    """A body in voxels of 1 mm, with a least wall."""
+    half = 15
+    at = np.indices((2 * half,) * 3)[::-1].astype(float) - half + 0.4
+    values = depth(np.tensordot(turn(degrees).T, at, 1)).astype(np.float32)
+    volume = Volume(values, np.eye(4), name="body")
+    (part,) = solid_parts(volume, ReconstructionSettings(threshold=0.0), SolidRequest(least_wall=least))
+    return part
+
+
+def told(note):
+    """How thin a note says that walls are, where, and by how much they are thickened."""
+    found = re.search(r"down to ([\d.]+) mm at (\S+) (\S+) (\S+); they are thickened, by up to ([\d.]+) mm", note)
+    assert found, note
+    thinnest, *place, more = map(float, found.groups())
+    return thinnest, np.array(place), more
+
+
+@pytest.mark.parametrize("degrees", [0.0, 33.0])
+@pytest.mark.parametrize("least", [2.5, 4.0])
+@pytest.mark.parametrize(("depth", "thickness"), [(box((10, 9, 0.8)), 1.6), (neck, 2.2)], ids=["plate", "neck"])
+def test_no_wall_is_thinner_than_asked_afterward_and_a_note_says_where_it_was(depth, thickness, least, degrees):
+    part = made(depth, least, degrees)
+    thinnest, place, more = told(part.notes[0])
+    assert thinnest == pytest.approx(thickness, abs=0.35)  # In voxels of 1 mm the bar is 1.9 to 2 mm thick.
+    assert more == pytest.approx(least - thinnest, abs=0.01)
+    inside = turn(degrees).T @ (place - 15 + 0.4)
+    assert depth(inside) == pytest.approx(thickness / 2, abs=0.3)  # In the middle of the wall, where it is thin.
+    if depth is neck:
+        assert -4.5 < inside[0] < 3.0
+    assert part.printing.thinnest_wall_mm > least - 0.25
+    assert part.printing.below_least_wall < 0.005
+    assert part.mesh.closed
+    assert part.self_intersections == 0
+
+
+@pytest.mark.parametrize(("label", "least"), [(64, 3.0), (64, 7.0), (29, 4.0)], ids=["vein", "vein 7", "vertebra"])
+def test_no_wall_of_a_patient_is_thinner_than_asked_afterward(real, label, least):
+    labels = replace(read_volume(real("ts_nifti") / "example_seg_fast_force_split.nii.gz"), kind="label")
+    (part,) = solid_parts(labels, ReconstructionSettings(), SolidRequest(least_wall=least), [label])
+    assert part.printing.thinnest_wall_mm > least - 0.25 * 3
+    assert part.self_intersections == 0
+
+
+def test_every_ball_between_the_sides_of_a_coarse_plate_is_found():
+    """Samples of both sides share patches, in which their normals cancel."""
+    at = np.indices((30, 30, 30))[::-1].astype(float) - 14.6
+    mesh = marching_cubes(box((10, 9, 0.8))(at), 0.0, normals=False)
+    found = thin_walls(as_mesh(mesh.vertices - 14.6, mesh.faces), 2.5, 1.0)
+    assert found.share > 0.83

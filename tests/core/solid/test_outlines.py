@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outlines of solids: a rectangle that covers the box, positions along the normal, drains to the nearest wall."""
+"""Planes of cuts: a rectangle that covers the box, positions along the normal."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from ctmc_addon.core.solid import Cut, Drain, Pegs, drain_bars, moved_to, peg_bars, position_of, rectangle_of
+from ctmc_addon.core.solid import Cut, moved_to, position_of, rectangle_of
 
 BOX = np.array([[x, y, z] for z in (0.0, 8.0) for y in (-2.0, 4.0) for x in (0.0, 5.0)])
 NORMALS = [(0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.0, 2.0, -0.5), (-0.2, 0.1, 0.1)]
@@ -33,14 +33,3 @@ def test_a_cut_moves_along_its_normal_alone(normal):
     assert position_of(moved) == pytest.approx(position_of(cut) + 3.0)
     assert np.subtract(moved.point, cut.point) == pytest.approx(3 * np.array(normal) / np.linalg.norm(normal))
     assert moved.normal == cut.normal
-
-
-def test_a_peg_stands_in_the_middle_of_the_rectangle_and_sticks_out_beyond_the_normal():
-    cut = Cut((1.0, 1.0, 2.0), (0.0, -3.0, 0.0))
-    [bar] = peg_bars(cut, Pegs(4, 3.0, 6.0), rectangle_of(cut, BOX))
-    assert (bar.start, bar.radius) == ((2.5, 1.0, 4.0), 1.5)
-    assert bar.end == (2.5, 7.0, 4.0)
-
-
-def test_a_drain_in_a_vertex_has_no_direction():
-    assert drain_bars(Drain(2.0, (5.0, 4.0, 8.0)), BOX.astype(np.float32)) == []

@@ -147,8 +147,11 @@ def _added(vectors: Floats) -> Floats:
 
 
 def _unit(vectors: Floats) -> Floats:
+    """Return vectors at length 1, z for those of length 0: a disc without an axis would bound nothing."""
     length = np.sqrt(dot(vectors, vectors))
-    return vectors / np.where(length > 0, length, 1)
+    unit = vectors / np.where(length > 0, length, 1)
+    unit[2, length == 0] = 1
+    return unit
 
 
 def _from_disc(offsets: Floats, axis: Floats) -> tuple[Floats, Floats]:

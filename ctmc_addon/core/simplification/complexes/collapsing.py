@@ -3,12 +3,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from ...arrays import Flags, Floats, Indices, Ints
+from ...arrays import Bytes, Flags, Floats, Indices, Ints
 from ...mesh.labels.label_complex import ComplexMesh
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import Steps
@@ -16,7 +17,9 @@ from ..engine.collapse_rules import Surface
 from ..engine.collapses import Collapses
 from ..engine.edge_collapse import CollapsingMesh
 from ..engine.handles import Cuts, handle_cuts_steps
+from ..engine.quadrics import EdgeQuadric
 from ..policy import POLICY, Policy
+from .flats import Flat, flattened, leaves_flat, on_flats
 from .junctions import CORNER, INTERIOR, Junctions, interfaces_of, junctions_steps, violates_link_condition_steps
 from .shares import Shares
 
@@ -27,15 +30,25 @@ class CollapsingComplex(CollapsingMesh):
     labels : (2, interfaces) int32, the larger label of each interface, and the other
     interface : (F,) int32, as of `CollapsingMesh`; the normal points out of the larger label
     turned : (F,) bool, whether the face of the complex given points the other way
+    on_flats : (V,) uint8, the flats that each vertex stays on, as bits
     """
 
-    def __init__(self, mesh: ComplexMesh, target: int, policy: Policy = POLICY, max_error: float | None = None) -> None:
+    def __init__(
+        self,
+        mesh: ComplexMesh,
+        target: int,
+        policy: Policy = POLICY,
+        max_error: float | None = None,
+        flats: Sequence[Flat] = (),
+    ) -> None:
         behind, front = mesh.sides.T
         turned = behind < front
         faces = mesh.faces.copy()
         faces[turned] = faces[turned][:, ::-1]
         super().__init__(TriangleMesh(mesh.vertices, faces, mesh.normals), max_error, policy)
         self.share = policy.complex_share
+        self.flats = [flat.scaled(float(self.scale)) for flat in flats]
+        self.on_flats: Bytes = on_flats(self.flats, self.positions)
         self.turned = turned
         self.labels, self.interface = interfaces_of(mesh.sides)
         self.shares = Shares(self.labels, self.interface, target / len(mesh.faces), policy)
@@ -98,12 +111,28 @@ class CollapsingComplex(CollapsingMesh):
         a_locked, b_locked = np.take(locked, first), np.take(locked, second)
         across = (a > INTERIOR) & (b > INTERIOR) & ~self.junctions.edges[edges]
         # A vertex of a line stays on it, so it goes to no vertex that is locked beside the line.
-        return across | (a_locked & (b_locked | (b > a))) | (b_locked & (a > b))
+        never = across | (a_locked & (b_locked | (b > a))) | (b_locked & (a > b))
+        if self.flats:
+            stays = (a > b) | a_locked, (b > a) | b_locked
+            never |= leaves_flat((self.on_flats[first], self.on_flats[second]), stays)
+        return never
 
     def second_stays(self, first: Ints, second: Ints) -> Flags:
-        """Return of which edges the second end has the higher rank, or is locked."""
+        """Return of which edges the second end has the higher rank, is locked, or is on more flats."""
         rank, locked = self.junctions.rank, self.locked
-        return (rank[second] > rank[first]) | (locked[second] & ~locked[first])
+        more = (self.on_flats[second] & ~self.on_flats[first]) != 0
+        return more | (rank[second] > rank[first]) | (locked[second] & ~locked[first])
+
+    def merged(self, first: Ints, second: Ints) -> tuple[EdgeQuadric, Floats, Floats]:
+        """As of `CollapsingMesh`; ends on flats that are not locked go to a place on these."""
+        quadric, step, target = super().merged(first, second)
+        if self.flats:
+            bits = self.on_flats[first], self.on_flats[second]
+            own = np.flatnonzero((bits[0] | bits[1] != 0) & ~self.locked[first] & ~self.locked[second])
+            start, end = self.positions[:, first[own]], self.positions[:, second[own]]
+            target[:, own] = flattened(self.flats, (bits[0][own], bits[1][own]), (start, end), target[:, own])
+            step[:, own] = target[:, own] - (start + end) * np.float32(0.5)
+        return quadric, step, target
 
     def violates_link_condition_steps(self, collapses: Collapses) -> Steps[Flags]:
         """Return which collapses would change how the complex is connected, (n,) bool."""
@@ -170,7 +199,7 @@ class CollapsingComplex(CollapsingMesh):
     def handle_cuts_steps(self, longest: float) -> Steps[Cuts | None]:
         """Cuts of handles within an interface, which stays in one piece."""
         junction = self.junctions.rank != INTERIOR
-        locked = junction | self.locked
+        locked = junction | self.locked | (self.on_flats != 0)
         return (yield from handle_cuts_steps(self.positions, self.faces, self.edges, locked, longest, junction))
 
     def handles_were_cut(self, loops: Ints) -> None:
@@ -182,7 +211,9 @@ class CollapsingComplex(CollapsingMesh):
         junctions.edges = np.append(junctions.edges, np.zeros(loops.size, bool))
         junctions.interface = np.append(junctions.interface, sides)
         junctions.rank = np.append(junctions.rank, copies)
-        added = turned, sides, copies
+        on_none = np.zeros(loops.size, np.uint8)
+        self.on_flats = np.append(self.on_flats, on_none)
+        added = turned, sides, copies, on_none
         self.logged = tuple(np.append(*each) for each in zip(self.logged, added, strict=True))
 
     def normals_added(self, collapses: Collapses) -> Floats:
@@ -194,16 +225,17 @@ class CollapsingComplex(CollapsingMesh):
     def begin_log(self, crossing: Ints | None = None) -> None:
         """Begin a log, and keep the data of the faces, edges and vertices that it numbers."""
         super().begin_log(crossing)
-        self.logged = self.turned, self.junctions.interface, self.junctions.rank
+        self.logged = self.turned, self.junctions.interface, self.junctions.rank, self.on_flats
 
     def brought_back(self, faces: NDArray[Any], edges: NDArray[Any], vertices: NDArray[Any]) -> None:
         """Faces, edges and vertices, by their numbers in the log, follow those of the complex."""
-        turned, edge_interface, rank = self.logged
+        turned, edge_interface, rank, flats = self.logged
         self.turned = np.append(self.turned, turned[faces])
         junctions = self.junctions
         junctions.edges = np.append(junctions.edges, np.zeros(len(edges), bool))
         junctions.interface = np.append(junctions.interface, edge_interface[edges])
         junctions.rank = np.append(junctions.rank, rank[vertices])
+        self.on_flats = np.append(self.on_flats, flats[vertices])
 
     def was_undone(self) -> None:
         """Find the junction edges again: of two merged edges only one may be part of a line."""
@@ -217,7 +249,7 @@ class CollapsingComplex(CollapsingMesh):
         self.turned = self.turned[faces]
         junctions = self.junctions
         junctions.edges, junctions.interface = junctions.edges[edges], junctions.interface[edges]
-        junctions.rank = junctions.rank[vertices]
+        junctions.rank, self.on_flats = junctions.rank[vertices], self.on_flats[vertices]
         return vertices
 
     def surfaces(self, interface: Ints) -> list[Surface]:

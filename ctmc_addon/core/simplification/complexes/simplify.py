@@ -14,7 +14,7 @@ Garland and Heckbert 1997, doi:10.1145/258734.258849; Vivodtzev, Bonneau and Hah
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +34,7 @@ from ..policy import POLICY, Policy
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
 from .collapsing import CollapsingComplex
+from .flats import Flat, on_flats
 from .gaps import gaps_filled_steps
 from .junctions import interfaces_of
 
@@ -70,7 +71,7 @@ class ComplexSimplification:
 
 @dataclass(frozen=True, eq=False)
 class _Part:
-    """Labels that touch: numbers of their triangles, rising, and whether it is one label that nothing touches."""
+    """Labels that touch: numbers of their triangles, rising, and whether it is one without neighbors and flats."""
 
     faces: Indices
     isolated: bool
@@ -124,10 +125,12 @@ def simplify_complex_steps(
     budget: Budget | None = None,
     largest_component: float = math.inf,
     policy: Policy = POLICY,
+    flats: Sequence[Flat] = (),
 ) -> Steps[ComplexSimplification]:
     """Do what `simplify_complex` does, as steps; also return each label's triangles and lost components.
 
-    No component goes that encloses more than `largest_component`, in the cube of the mesh's unit.
+    No component goes that encloses more than `largest_component`, in the cube of the mesh's unit. What is on one of
+    the `flats` stays on it.
     """
     budget = WHOLE_MACHINE if budget is None else budget
     goal = Goal(reduction, target_faces, max_error, largest_component, policy)
@@ -137,17 +140,17 @@ def simplify_complex_steps(
     before = _faces_of_labels(mesh)
     if target >= full:
         return ComplexSimplification(mesh, before, before, CollapsedComponents(), {})
-    parts = _parts(mesh)
+    parts = _parts(mesh, flats)
     stages = Stages(STAGES)
     in_parts, again = STAGES
-    simplified, results = yield from stages.run(in_parts, _parts_steps(mesh, parts, goal, target, budget))
+    simplified, results = yield from stages.run(in_parts, _parts_steps(mesh, parts, goal, target, budget, flats))
     crossing = sum(each.self_intersections or 0 for each, _ in results)
     if len(parts) > 1 and max_error is None:
         pairs = yield from stages.run(again, self_intersections_steps(simplified.vertices, simplified.faces))
         if len(pairs) > crossing:
             # Labels that do not touch have come to cross: simplified together they do not.
             parts = [_Part(np.arange(full), isolated=False)]
-            steps = _parts_steps(mesh, parts, goal, target, budget)
+            steps = _parts_steps(mesh, parts, goal, target, budget, flats)
             simplified, results = yield from stages.run(again, steps)
             crossing = sum(each.self_intersections or 0 for each, _ in results)
     collapsed = sum((each.collapsed for each, _ in results), CollapsedComponents())
@@ -160,7 +163,7 @@ def simplify_complex_steps(
 
 
 def _parts_steps(
-    mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget
+    mesh: ComplexMesh, parts: list[_Part], goal: Goal, target: int, budget: Budget, flats: Sequence[Flat]
 ) -> Steps[tuple[ComplexMesh, list[tuple[Simplification, Collapsed]]]]:
     """Simplify each part; the largest comes last, and makes good what the rest could not remove."""
     touching = max((len(part.faces) for part in parts if not part.isolated), default=0)
@@ -179,7 +182,7 @@ def _parts_steps(
             own = replace(goal, reduction=None, target_faces=max(1, target - left))
         elif goal.target_faces is not None:
             own = replace(goal, target_faces=max(1, round(len(part.faces) * target / len(mesh.faces))))
-        steps = _part_steps(_extracted(mesh, part.faces), part.isolated, own, budget)
+        steps = _part_steps(_extracted(mesh, part.faces), part.isolated, own, budget, flats)
         name = f"Simplifying labels, group {len(part_results) + 1} of {len(order)}"
         stages = Stages({"": done, name: len(part.faces), " ": len(mesh.faces) - done - len(part.faces)})
         part_results[number] = yield from stages.run(name, steps)
@@ -216,7 +219,7 @@ def label_distances_steps(
 
 
 def _part_steps(
-    mesh: ComplexMesh, isolated: bool, goal: Goal, budget: Budget
+    mesh: ComplexMesh, isolated: bool, goal: Goal, budget: Budget, flats: Sequence[Flat]
 ) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
     """Simplify labels that touch, or an isolated label; also return the components that each label lost."""
     if not isolated:
@@ -226,7 +229,7 @@ def _part_steps(
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         if goal.max_error is None:
             mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component, goal.policy)
-        collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error)
+        collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error, flats)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         yield from hold_bound_steps(collapsing)
@@ -257,8 +260,9 @@ def _collapsed_steps(mesh: ComplexMesh, removed: Flags) -> Steps[Collapsed]:
     return collapsed
 
 
-def _parts(mesh: ComplexMesh) -> list[_Part]:
+def _parts(mesh: ComplexMesh, flats: Sequence[Flat]) -> list[_Part]:
     """The parts of a complex that share no label and no vertex, in the order of their lowest labels."""
+    flat = on_flats(flats, mesh.vertices.T) != 0
     labels, interface = interfaces_of(mesh.sides)
     names, number = np.unique(labels, return_inverse=True)
     larger, other = number.reshape(labels.shape).astype(np.int32)
@@ -274,7 +278,9 @@ def _parts(mesh: ComplexMesh) -> list[_Part]:
     parts = []
     for lowest in np.unique(of_interface):
         own = of_interface == lowest
-        parts.append(_Part(np.flatnonzero(own[interface]), own.sum() == 1 and labels[1, own][0] == 0))
+        faces = np.flatnonzero(own[interface])
+        isolated = own.sum() == 1 and labels[1, own][0] == 0 and not flat[mesh.faces[faces]].any()
+        parts.append(_Part(faces, bool(isolated)))
     return parts
 
 

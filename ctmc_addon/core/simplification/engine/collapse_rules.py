@@ -15,10 +15,12 @@ from ...arrays import Flags, Floats, Indices, Ints
 from ...progress import PAUSE, Steps
 from ..bounds.crossing_check import crosses_steps
 from ..bounds.error_bound import ErrorBound
+from ..policy import Policy
 from .collapses import (
     Collapses,
     crosses_border_steps,
     flips_normal,
+    makes_thin,
     shuffled,
     violates_link_condition_steps,
     with_normals_steps,
@@ -54,6 +56,7 @@ class CollapseRules:
     batch: bool
     bound: ErrorBound | None
     share: float
+    policy: Policy
 
     def never_collapses(self, edges: Indices, first: Ints, second: Ints) -> Flags:
         """Return which of these edges may never collapse: both ends are locked."""
@@ -80,6 +83,10 @@ class CollapseRules:
         collapses = yield from with_normals_steps(collapses, self.positions, self.faces)
         collapses = self.without(collapses, flips_normal(collapses))
         yield PAUSE
+        if self.policy.thinnest:
+            thin = makes_thin(collapses, self.positions, self.faces, self.policy.thinnest)
+            collapses = self.without(collapses, thin)
+            yield PAUSE
         if self.bound is not None:
             moved = collapses.moved(self.positions)
             yield PAUSE

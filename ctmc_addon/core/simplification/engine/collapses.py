@@ -258,6 +258,30 @@ def flips_normal(collapses: Collapses) -> Flags:
     return refused
 
 
+def makes_thin(collapses: Collapses, positions: Floats, faces: Ints, thinnest: float) -> Flags:
+    """Return which collapses, with normals, make a face thinner than `thinnest` and than it was, (n,) bool.
+
+    In a plane no error tells such faces from others, and three vertices of a grid's line have no area.
+    """
+    assert collapses.normals is not None
+    left = ~collapses.vanishing
+    corners = np.take(faces, collapses.faces[left], axis=1)
+    before, after = collapses.normals
+    share = _height_share(np.take(collapses.moved(positions), corners, axis=1), after)
+    thin = np.flatnonzero(share < np.float32(thinnest))
+    thin = thin[share[thin] <= _height_share(np.take(positions, corners[:, thin], axis=1), before[:, thin])]
+    refused = np.zeros(len(collapses.edges), bool)
+    refused[collapses.owner[left][thin]] = True
+    return refused
+
+
+def _height_share(corners: Floats, normals: Floats) -> Floats:
+    """Return the heights of triangles (3, 3, n) over their longest sides, (n,), from normals of twice their areas."""
+    a, b, c = corners.transpose(1, 0, 2)
+    longest = np.maximum(np.maximum(dot(b - a, b - a), dot(c - b, c - b)), dot(a - c, a - c))
+    return np.asarray(np.sqrt(dot(normals, normals)) / longest)
+
+
 def shuffled(numbers: Indices) -> NDArray[np.uint32]:
     """Return a different number below 2^32 for each number, in no visible order."""
     mixed = numbers.astype(np.uint32)

@@ -31,13 +31,13 @@ from ...progress import PAUSE, Stages, Steps
 from ...volume.affine import to_index, transform_faces, transform_points
 from ..fields.lattice import Lattice
 from ..fields.lattice_fields import Field, HeldField, ShapeField
-from .rims import CutRims, cut_rims_steps
+from .chords import depths_steps, gradients_steps
+from .rims import CutRims, beside, cut_rims_steps, straighten
 from .stitch import stitched
 
 MOST_FIELDS = 20
 
 STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
-AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])  # By the way along a diagonal.
 POINTS_AT_ONCE = 1 << 18
 MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step.
 
@@ -101,10 +101,13 @@ class Extracted(NamedTuple):
         RAS+ mm; the sides of triangles are parts, 0 for none.
     crossings : (n, 2) int64
         Pairs of triangles that cross; none but where moving fields did not help.
+    recipe : Recipe
+        What it is made of, with its fields moved.
     """
 
     mesh: ComplexMesh
     crossings: NDArray[np.int64]
+    recipe: Recipe
 
 
 def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
@@ -124,16 +127,17 @@ def extract_parts_steps(recipe: Recipe, budget: Budget) -> Steps[Extracted]:
     best: Extracted | None = None
     moves = MOVES if recipe.movable else MOVES[:1]
     for share in moves:
-        extraction = _Extraction(recipe.moved(share), budget)
+        moved = recipe.moved(share)
+        extraction = _Extraction(moved, budget)
         mesh = yield from stages.run(extracting, extraction.result_steps())
         if extraction.cut is None:
-            return Extracted(mesh, np.empty((0, 2), np.int64))
+            return Extracted(mesh, np.empty((0, 2), np.int64), moved)
         if not _fits(mesh, extraction.may_cross):
             continue
         crossing = self_intersections_steps(mesh.vertices, mesh.faces, extraction.may_cross)
         pairs = yield from stages.run(looking, crossing)
         if best is None or len(pairs) < len(best.crossings):
-            best = Extracted(mesh, pairs)
+            best = Extracted(mesh, pairs, moved)
         if not len(pairs):
             break
     if best is None:
@@ -161,6 +165,11 @@ def _fits(mesh: ComplexMesh, of_rims: Flags) -> bool:
         if np.bincount(group.reshape(-1), turned[mine]).any():
             return False
     return True
+
+
+def _inner(share: Doubles) -> Doubles:
+    """Return shares of edges that keep away from their ends."""
+    return np.clip(share, NEAREST, 1 - NEAREST)
 
 
 class _Extraction:
@@ -340,27 +349,54 @@ class _Extraction:
         pairs = words.take(flat).astype(np.int64) << MOST_FIELDS | words.take(high)
         unique, group = np.unique(pairs, return_inverse=True)
         deciding = np.array(
-            [self._field_between(key >> MOST_FIELDS, key & (1 << MOST_FIELDS) - 1) for key in unique.tolist()]
+            [self._field_between(key >> MOST_FIELDS, key & (1 << MOST_FIELDS) - 1) for key in unique.tolist()], np.intp
         )
         field_of = deciding[group.reshape(-1)]
         of_field[own] = field_of
-        share = np.full(len(own), 0.5)
+        at_ends = np.tile([[1.0], [-1.0]], len(own))
         for field in np.unique(field_of).tolist():
             mine = np.flatnonzero(field_of == field)
             exact[own[mine]] = self._exact(field, self.keys[own[mine]])
             mine = mine[exact[own[mine]] < 0]
             ends = np.unique(np.concatenate([flat[mine], high[mine]]))
             values = yield from self.fields[field].values_steps(ends, self.threads)
-            low_value, high_value = (values[np.searchsorted(ends, at[mine])].astype(np.float64) for at in (flat, high))
-            share[mine] = np.clip(low_value / (low_value - high_value), NEAREST, 1 - NEAREST)
-        for start in range(0, len(own), POINTS_AT_ONCE):
-            block = slice(start, start + POINTS_AT_ONCE)
-            begin, end = self._index(flat[block]), self._index(high[block])
-            places[own[block]] = begin + share[block, None] * (end - begin)
-            yield PAUSE
+            at_ends[:, mine] = [values[np.searchsorted(ends, at[mine])] for at in (flat, high)]
+        yield from self._at_shares_steps(places, own, at_ends[0] / (at_ends[0] - at_ends[1]))
+        moved = np.flatnonzero(exact[own] < 0)
+        depth = yield from self._depths_steps(places, own[moved], field_of[moved], at_ends[:, moved])
+        low, beyond = at_ends[:, moved]
+        yield from self._at_shares_steps(places, own[moved], (low + depth) / (low - beyond))
         known = np.flatnonzero(exact[own] >= 0)
         if len(known):
             self._at_exact(places, own[known], field_of[known], exact)
+
+    def _at_shares_steps(self, places: Doubles, vertices: NDArray[np.intp], share: Doubles) -> Steps[None]:
+        """Place vertices at shares of their edges."""
+        for start in range(0, len(vertices), POINTS_AT_ONCE):
+            own = vertices[start : start + POINTS_AT_ONCE]
+            flat, axis = np.divmod(self.keys[own], 3)
+            begin, end = self._index(flat), self._index(flat + np.array(self.steps).take(axis))
+            places[own] = begin + _inner(share[start : start + POINTS_AT_ONCE])[:, None] * (end - begin)
+            yield PAUSE
+
+    def _depths_steps(
+        self, places: Doubles, vertices: NDArray[np.intp], field_of: NDArray[np.intp], at_ends: Doubles
+    ) -> Steps[Doubles]:
+        """Return how far vertices and the triangles around them lie below the surfaces of fields that keep volume."""
+        keeps = np.array([field.keeps_volume for field in self.fields])
+        free = keeps.take(field_of) & ~beside(self.is_rim, self.keys[vertices], self.steps)
+        gradients, depths = np.zeros((3, len(places))), np.zeros(len(places))
+        for field in np.unique(field_of[free]).tolist():
+            own = np.flatnonzero(free & (field_of == field))
+            share = _inner(at_ends[0, own] / (at_ends[0, own] - at_ends[1, own]))
+            asking = gradients_steps(self.fields[field], self.lattice, self.keys[vertices[own]], share, self.threads)
+            gradients[:, vertices[own]], depths[vertices[own]] = yield from asking
+        known = np.zeros(len(places), bool)
+        known[vertices[free]] = True
+        faces = self.faces[known[self.faces].all(axis=1)]
+        points = np.ascontiguousarray(transform_points(self.lattice.affine, places).T)
+        depths += yield from depths_steps(points, gradients, faces)
+        return depths[vertices]
 
     def _at_exact(
         self, places: Doubles, vertices: NDArray[np.intp], fields: NDArray[np.intp], exact: NDArray[np.intp]
@@ -389,26 +425,7 @@ class _Extraction:
                 at[:, axis] += cut.weights[:, corner] * (codes[:, corner - 1] >> axis & 1) * sides[:, axis]
         places[first:] = at
         if self.middles:
-            self._straighten(cut, places, lowest, sides)
-
-    def _straighten(self, cut: CutRims, places: Doubles, lowest: Doubles, sides: Doubles) -> None:
-        """Place the nodes on diagonals of faces where the segments between vertices of cells cross these."""
-        nodes, ends = np.array(list(self.middles)), np.array(list(self.middles.values()))  # (n,), (n, 2)
-        own = nodes - len(self.keys)
-        codes = cut.nodes.codes[own]
-        axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 for no face
-        each = np.flatnonzero((axes[:, 0] >= 0) & (codes[:, 1] == 0))
-        nodes, ends, own, axes = nodes[each], ends[each], own[each], axes[each]
-        rows = np.arange(len(own))[:, None]
-        begin, end = ((places[ends[:, at]] - lowest[own])[rows, axes] / sides[own][rows, axes] for at in (0, 1))
-        step = end - begin
-        turn = step[:, 0] - step[:, 1]
-        turns = np.flatnonzero(np.abs(turn) > NEAREST)
-        begin, step, turn, nodes, own, axes = (each[turns] for each in (begin, step, turn, nodes, own, axes))
-        along = begin[:, 0] + (begin[:, 1] - begin[:, 0]) / turn * step[:, 0]
-        places[nodes] = lowest[own]
-        shares = np.clip(along, NEAREST, 1 - NEAREST)
-        places[nodes[:, None], axes] += shares[:, None] * sides[own[:, None], axes]
+            straighten(places, nodes, self.middles, lowest, sides)
 
     def _index(self, flat: NDArray[np.intp]) -> Doubles:
         """Return the places of samples in index space, (n, 3)."""

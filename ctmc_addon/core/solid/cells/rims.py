@@ -20,6 +20,7 @@ from .arrangement import Node, pieces_of, signs_of, zero_of
 TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutations(range(3))], np.intp)
 """(6, 4) corners of a cell; bits of a corner are its places along x, y and z (Kuhn 1960)."""
 TURNED = np.array([order not in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) for order in permutations(range(3))])
+AXES_OF_FACE = np.array([(-1, -1)] * 3 + [(0, 1), (-1, -1), (0, 2), (1, 2), (-1, -1)])  # By the way along a diagonal.
 CODE_BITS, FIELD_BITS = 3, 5
 FIELDS_OF_NODE, CORNERS_OF_NODE = 3, 4
 APART = 2.0**-12  # Least way between two vertices on one edge, as a share of it.
@@ -224,3 +225,47 @@ def _part_crowded(nodes: Nodes, weights: Doubles, at_zero: NDArray[np.intp]) -> 
         np.add.at(share, close + 1, move)
     share = np.clip(share, NEAREST / 2, 1 - NEAREST / 2)
     weights[several, 1], weights[several, 0] = share, 1 - share
+
+
+def straighten(
+    places: Doubles, nodes: Nodes, middles: dict[int, tuple[int, int]], lowest: Doubles, sides: Doubles
+) -> None:
+    """Place the nodes on diagonals of faces where the segments between vertices of cells cross these, in place.
+
+    Parameters
+    ----------
+    places : (n, 3) float64
+        Vertices in index space, those of nodes last.
+    nodes : Nodes
+    middles : mapping of int to (int, int)
+        As in `Stitched`.
+    lowest, sides : (m, 3) float64
+        Places of the nodes' lowest samples, and sides of the cells there.
+    """
+    first = len(places) - len(nodes.keys)
+    vertices, ends = np.array(list(middles)), np.array(list(middles.values()))  # (n,), (n, 2)
+    own = vertices - first
+    codes = nodes.codes[own]
+    axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 for no face
+    each = np.flatnonzero((axes[:, 0] >= 0) & (codes[:, 1] == 0))
+    vertices, ends, own, axes = vertices[each], ends[each], own[each], axes[each]
+    rows = np.arange(len(own))[:, None]
+    begin, end = ((places[ends[:, at]] - lowest[own])[rows, axes] / sides[own][rows, axes] for at in (0, 1))
+    step = end - begin
+    turn = step[:, 0] - step[:, 1]
+    turns = np.flatnonzero(np.abs(turn) > NEAREST)
+    begin, step, turn, vertices, own, axes = (each[turns] for each in (begin, step, turn, vertices, own, axes))
+    along = begin[:, 0] + (begin[:, 1] - begin[:, 0]) / turn * step[:, 0]
+    places[vertices] = lowest[own]
+    shares = np.clip(along, NEAREST, 1 - NEAREST)
+    places[vertices[:, None], axes] += shares[:, None] * sides[own[:, None], axes]
+
+
+def beside(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:
+    """Return whether any of the four cells around edges, `3 * sample + axis`, is a rim's."""
+    flat, axis = np.divmod(keys, 3)
+    first, second = (np.array(steps).take((axis + turn) % 3) for turn in (1, 2))
+    out = is_rim[flat]
+    for shift in (first, second, first + second):
+        out |= is_rim[flat - shift]
+    return out

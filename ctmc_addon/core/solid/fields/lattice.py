@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from ...arrays import Doubles
 from ...volume.affine import to_index, transform_points
 from ...volume.volume import Volume
+from .shapes import Box
 
 AROUND = 3  # Samples beyond what is asked for, at either end.
 
@@ -89,6 +90,21 @@ class Lattice:
         )
         return z, y, x
 
+    def refined(self, box: Box, longest_mm: float) -> Lattice:
+        """Return the lattice with steps along all axes divided where they reach into a box, RAS+ mm.
+
+        `longest_mm` is the length that no step exceeds there.
+        """
+        corners = np.array([[box[at >> axis & 1][axis] for axis in range(3)] for at in range(8)])
+        index = to_index(self.affine, corners)
+        scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
+        low, high = index.min(axis=0), index.max(axis=0)
+        x, y, z = (
+            _divided(positions, longest_mm / scale[axis], low[axis], high[axis])
+            for axis, positions in enumerate((self.x, self.y, self.z))
+        )
+        return Lattice(x, y, z, self.affine)
+
     def points(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> Doubles:
         """Return the places of samples by their numbers, three (n,), as RAS+ mm (3, n)."""
         index = np.stack([self.x.take(x), self.y.take(y), self.z.take(z)], axis=-1)
@@ -130,9 +146,7 @@ def lattice_around(
             start * steps, (stop - 1) * steps, side, (low[axis] - margin) * steps, (high[axis] + margin) * steps
         )
         parts = steps_in(side * spacing / steps, longest_mm)
-        gaps = np.diff(positions) / parts
-        divided = positions[:-1, None] + gaps[:, None] * np.arange(parts)
-        along.append(np.append(divided.reshape(-1), positions[-1]) / steps)
+        along.append(_parted(positions, np.full(len(positions) - 1, parts)) / steps)
     x, y, z = along
     return Lattice(x, y, z, np.array(volume.affine, np.float64))
 
@@ -164,3 +178,19 @@ def _positions(first: int, last: int, side: int, low: float, high: float) -> Dou
     )
     start = max(0, int(np.searchsorted(positions, low)) - AROUND)
     return positions[start : int(np.searchsorted(positions, high)) + AROUND]
+
+
+def _divided(positions: Doubles, longest: float, low: float, high: float) -> Doubles:
+    """Return positions with the steps between `low` and `high`, and one more at either end, divided."""
+    gaps = np.diff(positions)
+    reach = float(gaps.max())
+    within = (positions[1:] > low - reach) & (positions[:-1] < high + reach)
+    return _parted(positions, np.where(within, np.maximum(1, np.ceil(gaps / longest - 1e-6)), 1).astype(np.intp))
+
+
+def _parted(positions: Doubles, parts: NDArray[np.intp]) -> Doubles:
+    """Return positions with every step in so many equal parts."""
+    low = np.repeat(np.arange(len(parts)), parts)
+    share = np.arange(len(low)) - np.repeat(np.cumsum(parts) - parts, parts)
+    gaps = np.diff(positions) / parts
+    return np.append(positions.take(low) + gaps.take(low) * share, positions[-1])

@@ -23,6 +23,10 @@ POINTS_AT_ONCE = 1 << 18
 class Field(Protocol):
     """A field on a lattice."""
 
+    @property
+    def keeps_volume(self) -> bool:
+        """Whether it is a distance whose vertices make up for what triangles cut off."""
+
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are above 0, (high - low, rows, columns)."""
 
@@ -43,6 +47,11 @@ class ShapeField:
     shape: Shape
     lattice: Lattice
     shift: float = 0.0
+
+    @property
+    def keeps_volume(self) -> bool:
+        """False: vertices lie on the shape itself."""
+        return False
 
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are inside the shape."""
@@ -127,6 +136,11 @@ class StructureField:
     distance: Floats | None = None
     level: float = 0.0
 
+    @property
+    def keeps_volume(self) -> bool:
+        """Whether it is not the surface itself."""
+        return self.level != 0
+
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are deeper than the level."""
         if self.distance is None:
@@ -155,11 +169,13 @@ class HeldField:
     lattice : Lattice
     values : (z, y, x) float32
     shift : float
+    keeps_volume : bool
     """
 
     lattice: Lattice
     values: Floats
     shift: float = 0.0
+    keeps_volume: bool = False
 
     def above(self, low: int, high: int) -> Flags:
         """Return whether the samples of some layers are above 0."""

@@ -17,6 +17,7 @@ from ...mesh.vectors import dot
 from ..request import Point
 
 Box = tuple[Doubles, Doubles]  # Lowest and highest corner, (3,) each.
+Plane = tuple[Point, float]  # Its normal of length 1, into the shape, and its height along that from the origin, mm.
 
 
 class Shape(Protocol):
@@ -25,6 +26,10 @@ class Shape(Protocol):
     @property
     def box(self) -> Box | None:
         """Box that holds it; None for one without end."""
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """Planes that its surface lies on."""
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance of points (3, n) to the shape's surface, (n,), positive inside."""
@@ -44,8 +49,20 @@ class HalfSpace:
         return normal / np.sqrt(dot(normal, normal))
 
     @property
+    def turned(self) -> HalfSpace:
+        """What lies on the other side of the plane."""
+        x, y, z = self.normal
+        return HalfSpace(self.point, (-x, -y, -z))
+
+    @property
     def box(self) -> None:
         """None: it has no end."""
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """Its plane."""
+        x, y, z = self.unit.tolist()
+        return (((x, y, z), float(dot(self.unit, np.array(self.point)))),)
 
     def at(self, points: Doubles) -> Doubles:
         """Return the height of points above the plane."""
@@ -73,6 +90,11 @@ class Bar:
         both = np.array([self.start, self.end], np.float64)
         return both.min(axis=0) - self.radius, both.max(axis=0) + self.radius
 
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """None: it is round."""
+        return ()
+
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to a bar with half balls beyond both ends."""
         start, along = np.array(self.start)[:, None], np.subtract(self.end, self.start)[:, None]
@@ -94,6 +116,11 @@ class Union:
         boxes = [shape.box for shape in self.shapes]
         lows, highs = [box[0] for box in boxes if box is not None], [box[1] for box in boxes if box is not None]
         return (np.minimum.reduce(lows), np.maximum.reduce(highs)) if len(lows) == len(boxes) else None
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """Those of its shapes."""
+        return tuple(plane for shape in self.shapes for plane in shape.planes)
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance outside, and a lower bound of it inside where shapes overlap."""

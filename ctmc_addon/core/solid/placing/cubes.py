@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Cubes that are parted again and again, and what is found with them: the deepest and the lowest place of a solid.
+"""Cubes that are parted again and again, and what is found with them, such as the deepest place of a solid.
 
 The depth changes by no more than the way between two points, so cubes that cannot hold what is looked for are dropped
 early. Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
@@ -19,8 +19,7 @@ from ..fields.depth import Depth
 
 FIRST_CUBES = 8  # Along the longest side of the box.
 HALF_DIAGONAL = 0.8661
-LEAST_SIDE_MM = 0.2
-CLOSE_MM = 0.01  # Depths and heights are known to this, where few places are nearly as deep or low.
+CLOSE = 2.0**-12  # Of the longest side of the box: depths are known to this, where few places are nearly as deep.
 MOST_PARTED = 1024  # Part this many cubes at a time, the most promising ones.
 EVERY = slice(None)
 EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # (3, 8)
@@ -38,7 +37,7 @@ class Cubes:
     def over(cls, low: Doubles, high: Doubles) -> Cubes:
         """Return the first cubes, which cover a box (3,) to (3,)."""
         spans = high - low
-        side = max(float(spans.max()) / FIRST_CUBES, LEAST_SIDE_MM)
+        side = float(spans.max()) / FIRST_CUBES
         counts = [max(1, math.ceil(span / side)) for span in spans.tolist()]
         origin = (low + high) / 2 - np.array(counts) * (side / 2)
         return cls(origin, side, np.stack([each.ravel() for each in np.indices(counts)]))
@@ -60,9 +59,9 @@ class Cubes:
 def deepest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[tuple[Doubles, float]]:
     """Return the deepest point in a box (3,) to (3,), as (3,), and its depth: the first of equals.
 
-    The depth is right to `CLOSE_MM`, and never too large.
+    The depth is right to `CLOSE` of the longest side of the box, and never too large.
     """
-    cubes = Cubes.over(low, high)
+    cubes, close = Cubes.over(low, high), CLOSE * float((high - low).max())
     best, deepest = (low + high) / 2, -math.inf
     while True:
         points = cubes.points()
@@ -70,28 +69,8 @@ def deepest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[tuple[Doub
         top = int(here.argmax())
         if here[top] > deepest:
             best, deepest = points[:, top].copy(), float(here[top])
-        near = np.flatnonzero(here + HALF_DIAGONAL * cubes.side > deepest + CLOSE_MM)
+        near = np.flatnonzero(here + HALF_DIAGONAL * cubes.side > deepest + close)
         if not len(near):
             return best, deepest
         order = np.argsort(-here[near], kind="stable")[:MOST_PARTED]
-        cubes = cubes.kept(np.sort(near[order])).parted()
-
-
-def lowest_steps(depth: Depth, low: Doubles, high: Doubles) -> Steps[float]:
-    """Return the least z inside, mm, in a box (3,) to (3,), inf if nothing is inside.
-
-    It is right to `CLOSE_MM` where the solid is flat or round there; of a fine tip some more may be missed.
-    """
-    cubes = Cubes.over(low, high)
-    lowest = math.inf
-    while True:
-        points = cubes.points()
-        here = yield from depth(points)
-        # The ball around a point that reaches to the surface is inside.
-        lowest = min(lowest, float((points[2] - here)[here > 0].min(initial=math.inf)))
-        near = np.flatnonzero(here > -HALF_DIAGONAL * cubes.side)
-        near = near[points[2, near] - cubes.side / 2 < lowest - CLOSE_MM]
-        if not len(near) or cubes.side < CLOSE_MM:
-            return lowest
-        order = np.lexsort((-here[near], points[2, near]))[:MOST_PARTED]
         cubes = cubes.kept(np.sort(near[order])).parted()

@@ -23,15 +23,18 @@ from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import Steps
 from ..fields.depth import Depth
-from ..fields.shapes import Bar, Shape, Union
+from ..fields.shapes import Bar, HalfSpace, Shape, Union
 from ..request import Drain, Point
 from .cubes import deepest_steps
 from .hollows import Cavities, cavities_steps
 from .outer import OuterSurfaces
+from .rounding import place_text, placed, rounded_down, rounded_up
 
 AUTO_DIAMETER_MM = 4.0
 WALL_PER_DIAMETER = 2.0  # A hole this much deeper than wide is hard to clean.
-STEP_MM = 0.1  # Samples along a way through a wall.
+STEP = 0.05  # Between samples along a way through a wall, in radii or of the wall, whichever is less.
+AT_SURFACE = 1e-3  # A point this share of the radius from the surface lies on it.
+WALL_PER_DEPTH = 2.1  # A wall that is offered leaves a cavity of some more than its own thickness.
 MOST_SAMPLES = 4096
 BEYOND = np.arange(1.0, 4.25, 0.25)  # Ends of a drain beyond the surface, in radii.
 TOUCHING = 0.999  # A half ball this share of its radius from the surface is out of the wall.
@@ -71,6 +74,28 @@ def auto_diameter(wall: float) -> float:
     (4.0, 6.0)
     """
     return max(AUTO_DIAMETER_MM, wall / WALL_PER_DIAMETER)
+
+
+def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]:
+    """Return what to say about drains that meet a cut: there they are notches in the rims of both parts.
+
+    Examples
+    --------
+    >>> cut, drain = HalfSpace((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), Bar((5.0, 0.0, 3.0), (9.0, 0.0, 3.0), 2.5)
+    >>> notes_at_cuts([drain], [cut])
+    ['The drain at 5 0 3 meets the cut at 0 0 1; move one of them by 0.5 mm.']
+    """
+    notes = []
+    for bar in bars:
+        ends = np.array([bar.start, bar.end]).T
+        for plane in planes:
+            first, last = plane.at(ends).tolist()
+            nearest = 0.0 if first * last < 0 else min(abs(first), abs(last))
+            if nearest < bar.radius:
+                where = place_text(bar.start, bar.radius)
+                cut, move = _numbers(plane.point), rounded_up(bar.radius - nearest, 2)
+                notes.append(f"The drain at {where} meets the cut at {cut}; move one of them by {move:g} mm.")
+    return notes
 
 
 def drains_steps(
@@ -126,6 +151,10 @@ class _Solid:
     low: Doubles
     high: Doubles
 
+    def step(self, radius: float) -> float:
+        """Return how far apart samples along a way are for a drain of a radius."""
+        return STEP * min(radius, self.wall or radius)
+
     def material_steps(self, points: Doubles) -> Steps[Doubles]:
         """Return the depth below the surface of the hollow solid."""
         below = yield from self.depth(points)
@@ -153,7 +182,7 @@ def _given_steps(point: Point, radius: float, solid: _Solid) -> Steps[Bar]:
     remedy = yield from _remedy_steps(place, float(distance[0]), int(face[0]), radius, solid)
     where = f"a drain at {_numbers(point)}"
     if outside >= 0:
-        raise SettingsError(f"{where} lies {outside:.1f} mm outside the surface; {remedy}")
+        raise SettingsError(f"{where} lies {outside:.3g} mm outside the surface; {remedy}")
     inner = f", whose wall is {solid.wall:g} mm" if solid.wall else ", which is not hollow"
     raise SettingsError(f"{where} reaches no cavity of the solid{inner}; {remedy}")
 
@@ -163,29 +192,30 @@ def _from_point_steps(point: Doubles, radius: float, solid: _Solid) -> Steps[Bar
     surface = yield from solid.outer.around_steps(point, solid.thicken)
     if surface is None:
         return None
-    start = yield from _start_steps(point, surface, solid.thicken)
-    before = yield from _to_cavity_steps(start, solid)
+    start = yield from _start_steps(point, surface, solid.thicken, radius)
+    before = yield from _to_cavity_steps(start, solid, radius)
     if before is None:
         return None
     return (yield from _bar_steps(start, before, radius, solid))
 
 
-def _start_steps(point: Doubles, surface: SignedSurface, thicken: float) -> Steps[_Start]:
+def _start_steps(point: Doubles, surface: SignedSurface, thicken: float, radius: float) -> Steps[_Start]:
     """Return the shortest way out of an outer surface that was moved outward."""
     distance, face = yield from surface.distances_steps(point[None], 1)
     nearest = surface.nearest_on(point[:, None], face)[:, 0]
     way = nearest - point if distance[0] < 0 else point - nearest
     length = float(np.sqrt(dot(way, way)))
-    if length < 1e-6:  # on the surface itself
+    if length < AT_SURFACE * radius:
         way = _normal_of(surface, int(face[0]))
         length = float(np.sqrt(dot(way, way)))
     return _Start(point, way / length, thicken - float(distance[0]), surface)
 
 
-def _to_cavity_steps(start: _Start, solid: _Solid) -> Steps[float | None]:
+def _to_cavity_steps(start: _Start, solid: _Solid, radius: float) -> Steps[float | None]:
     """Return how far before the point the axis begins: inside the cavity; below zero beyond it, None for no cavity."""
-    count = min(MOST_SAMPLES, max(2, math.ceil(float((solid.high - solid.low).max()) / STEP_MM)))
-    offsets = np.arange(count) * STEP_MM
+    longest = float((solid.high - solid.low).max())
+    step = max(solid.step(radius), longest / MOST_SAMPLES)
+    offsets = np.arange(max(2, math.ceil(longest / step))) * step
     column = start.point[:, None] - start.way[:, None] * offsets
     material = yield from solid.material_steps(column)
     distances, _ = yield from start.outer.distances_steps(column.T)
@@ -194,7 +224,7 @@ def _to_cavity_steps(start: _Start, solid: _Solid) -> Steps[float | None]:
     if not len(open_places) or not inside[: open_places[0]].all():
         return None
     first = int(open_places[0])
-    return float(offsets[first]) + (STEP_MM if first else 0.0)
+    return float(offsets[first]) + (step if first else 0.0)
 
 
 def _bar_steps(start: _Start, before: float, radius: float, solid: _Solid) -> Steps[Bar]:
@@ -219,11 +249,11 @@ def _remedy_steps(point: Doubles, distance: float, face: int, radius: float, sol
     inward = -normal / float(np.sqrt(dot(normal, normal)) or 1.0)
     start = nearest if distance - solid.thicken >= 0 else point
     for share in INWARD:
-        better = _rounded(start + inward * (share * max(solid.wall, radius)))
+        better = np.array(placed((start + inward * (share * max(solid.wall, radius))).tolist(), radius))
         if (yield from _from_point_steps(better, radius, solid)) is not None:
             return f"give a point inside, such as {_numbers(better.tolist())}"
     best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
-    better = _rounded(best)
+    better = np.array(placed(best.tolist(), radius))
     if (yield from _from_point_steps(better, radius, solid)) is not None:
         return f"give a point inside, such as {_numbers(better.tolist())}"
     if not solid.wall:
@@ -233,10 +263,12 @@ def _remedy_steps(point: Doubles, distance: float, face: int, radius: float, sol
 
 def _thinner(deepest: float) -> str:
     """Return what to do about a wall that is too thick for a solid this deep."""
-    largest = math.floor(deepest * 10 - 0.5) / 10
-    if largest <= 0:
+    if deepest <= 0:
         return "leave out --hollow"
-    return f"its deepest place lies {deepest:.1f} mm below the surface: give --hollow {largest:g} at most"
+    thinner = rounded_down(deepest / WALL_PER_DEPTH, 2)
+    return (
+        f"its deepest place lies {deepest:.3g} mm below the surface: give a thinner wall, such as --hollow {thinner:g}"
+    )
 
 
 def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str]]]:
@@ -253,9 +285,9 @@ def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str
         around = yield from solid.outer.around_steps(point, solid.thicken)
         surface = around or solid.surface
         way = np.array([0.0, 0.0, up])
-        length = yield from _straight_steps(point, way, surface, solid, TOO_FAR * solid.wall + cavities.side)
+        length = yield from _straight_steps(point, way, surface, solid, TOO_FAR * solid.wall + cavities.side, radius)
         if length is None:
-            start = yield from _start_steps(point, surface, solid.thicken)
+            start = yield from _start_steps(point, surface, solid.thicken, radius)
             place = "highest" if up > 0 else "lowest"
             notes.append(
                 f"the drain at the {place} place goes the shortest way out, not straight through more material"
@@ -281,10 +313,11 @@ def _end_steps(cavities: Cavities, up: float, radius: float, solid: _Solid) -> S
 
 
 def _straight_steps(
-    point: Doubles, way: Doubles, surface: SignedSurface, solid: _Solid, longest: float
+    point: Doubles, way: Doubles, surface: SignedSurface, solid: _Solid, longest: float, radius: float
 ) -> Steps[float | None]:
     """Return how long the way from a point in a cavity out of its wall is, None where it is longer than `longest`."""
-    offsets = np.arange(math.ceil(longest / STEP_MM) + 2) * STEP_MM
+    step = solid.step(radius)
+    offsets = np.arange(math.ceil(longest / step) + 2) * step
     column = point[:, None] + way[:, None] * offsets
     distances, _ = yield from surface.distances_steps(column.T, 1)
     outside = np.flatnonzero(distances >= solid.thicken)
@@ -296,11 +329,6 @@ def _normal_of(surface: SignedSurface, face: int) -> Doubles:
     a, b, c = surface.mesh.vertices[surface.mesh.faces[face]].astype(np.float64)
     (ux, uy, uz), (vx, vy, vz) = (b - a).tolist(), (c - a).tolist()
     return np.array([uy * vz - uz * vy, uz * vx - ux * vz, ux * vy - uy * vx])
-
-
-def _rounded(point: Doubles) -> Doubles:
-    """Return a point as a message gives it, without negative zeros."""
-    return np.asarray(np.round(point, 1) + 0.0, np.float64)
 
 
 def _point(values: Doubles) -> Point:

@@ -17,8 +17,9 @@ from ...arrays import Doubles, Indices
 from ...mesh.topology import component_numbers_steps
 from ...progress import PAUSE, Steps
 from ..fields.depth import Depth
-from .cubes import HALF_DIAGONAL, LEAST_SIDE_MM, Cubes
+from .cubes import HALF_DIAGONAL, Cubes
 
+LEAST_SIDE = 0.1  # Of the wall.
 MOST_CUBES = 50000  # Part no more of them.
 COUNTED = 8  # Cubes of a cavity that is told of; smaller ones may be noise.
 NEIGHBORS = [(x, y, z) for x in (0, 1) for y in (-1, 0, 1) for z in (-1, 0, 1) if (x, y, z) > (0, 0, 0)]
@@ -53,7 +54,7 @@ def cavities_steps(depth: Depth, wall: float, low: Doubles, high: Doubles) -> St
         here[open_cubes] = (yield from depth(cubes.points(open_cubes))) - wall
         reach = HALF_DIAGONAL * cubes.side
         near = np.flatnonzero(here > -reach)
-        done = len(near) > MOST_CUBES or cubes.side / 2 < LEAST_SIDE_MM
+        done = len(near) > MOST_CUBES or cubes.side / 2 < LEAST_SIDE * wall
         if done or not len(near):
             members = cubes.kept(np.flatnonzero(here > 0))
             return (yield from _largest_steps(members))

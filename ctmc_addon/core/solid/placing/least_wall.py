@@ -16,6 +16,8 @@ Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm.
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,12 +30,15 @@ from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
 from ...mesh.topology import compacted
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps, equal_part
-from ..fields.shapes import Box
-from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, SAME
+from ..fields.shapes import Box, Plane
+from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, MOST_SAMPLES, SAME
 from ..request import Point
 from .near_cells import NearCells, near_cells_steps
+from .rounding import place_text
 
 BETWEEN = 2.0  # Samples stand in triangles whose longest edge is longer than this many spacings.
+PER_WALL = 1 / 3  # Where walls are looked for again, samples are closer: an edge is at most this share of the wall.
+MORE = 1 / 8  # Of a spacing: what chords of the lattice took away is added on each side, more every time.
 SEARCHED = 1.05  # Balls up to this share of the least wall are looked for.
 EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius stands at a rim.
 FAR = 2.0  # Points more than this many spacings outside count as that far away.
@@ -63,6 +68,11 @@ class Thickening:
         """Box that holds it."""
         corners = self.middle.corners
         return corners.min(axis=(0, 2)) - self.radius, corners.max(axis=(0, 2)) + self.radius
+
+    @property
+    def planes(self) -> tuple[Plane, ...]:
+        """None: it is round."""
+        return ()
 
     def at(self, points: Doubles) -> Doubles:
         """Return the distance to the surface, exact up to `FAR` spacings outside."""
@@ -101,7 +111,9 @@ class ThinWalls:
     notes: tuple[str, ...] = ()
 
 
-def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: int | None = None) -> Steps[ThinWalls]:
+def thin_walls_steps(
+    mesh: TriangleMesh, least: float, spacing: float, threads: int | None = None, before: Sequence[Thickening] = ()
+) -> Steps[ThinWalls]:
     """Find the walls of a solid that are thinner than `least` mm.
 
     Parameters
@@ -114,30 +126,41 @@ def thin_walls_steps(mesh: TriangleMesh, least: float, spacing: float, threads: 
         Usual edge of the mesh, mm; triangles with edges twice as long are sampled too.
     threads : int, optional
         By default one for each processor.
+    before : sequence of Thickening
+        What thickens the solid already: walls are looked for again near it; see `PER_WALL` and `MORE`.
     """
     nothing = ThinWalls(notes=(f"No wall is thinner than {least:g} mm.",))
     if not len(mesh.faces):
         return nothing
+    apart = BETWEEN * spacing
+    if before:
+        apart = min(apart, max(PER_WALL * least, BETWEEN * math.sqrt(mesh.area / MOST_SAMPLES)))
     stages = Stages(STAGES)
     sampling, measuring, preparing = STAGES
-    samples = yield from stages.run(sampling, surface_samples_steps(mesh, BETWEEN * spacing, side=-1))
-    measured = _balls_steps(mesh, samples, SEARCHED * least / 2, worker_count(threads))
+    samples = yield from stages.run(sampling, surface_samples_steps(mesh, apart, side=-1))
+    measured = _balls_steps(mesh, samples, SEARCHED * least / 2, worker_count(threads), before)
     diameters, centers = yield from stages.run(measuring, measured)
     thin = diameters < least * (1 - SAME)
     if not thin.any():
         return nothing
-    areas = np.cumsum(np.stack([samples.areas, np.where(thin, samples.areas, 0.0)]), axis=1)[:, -1].tolist()
-    shape = yield from stages.run(preparing, _shape_steps(mesh, thin, centers, least / 2, FAR * spacing))
+    radius = least / 2 + len(before) * MORE * spacing
+    shape = yield from stages.run(preparing, _shape_steps(mesh, thin, centers, radius, FAR * spacing))
+    return _told(diameters, centers, samples.areas, thin, least, shape)
+
+
+def _told(
+    diameters: Doubles, centers: Doubles, areas: Doubles, thin: Flags, least: float, shape: Thickening
+) -> ThinWalls:
+    """Return thin walls with what is said about them."""
+    whole, own = np.cumsum(np.stack([areas, np.where(thin, areas, 0.0)]), axis=1)[:, -1].tolist()
     thinnest_first = np.flatnonzero(thin)[np.argsort(diameters[thin], kind="stable")]
-    yield PAUSE
-    enough = np.searchsorted(np.cumsum(samples.areas[thinnest_first]), min(LEAST_MM2, LEAST_SHARE * areas[0]))
-    at = int(thinnest_first[min(int(enough), len(thinnest_first) - 1)])
+    enough = int(np.searchsorted(np.cumsum(areas[thinnest_first]), min(LEAST_MM2, LEAST_SHARE * whole)))
+    at = int(thinnest_first[min(enough, len(thinnest_first) - 1)])
     x, y, z = centers[at].tolist()
-    thinnest = float(diameters[at])
-    share = areas[1] / areas[0] if areas[0] else 0.0
+    thinnest, share = float(diameters[at]), own / whole if whole else 0.0
     note = (
-        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.2f} mm at "
-        f"{x:.1f} {y:.1f} {z:.1f}; they are thickened, by up to {least - thinnest:.2f} mm."
+        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
+        f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
     )
     return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 
@@ -151,9 +174,9 @@ def _shape_steps(mesh: TriangleMesh, thin: Flags, centers: Doubles, radius: floa
 
 
 def _balls_steps(
-    mesh: TriangleMesh, samples: SurfaceSamples, limit: float, threads: int
+    mesh: TriangleMesh, samples: SurfaceSamples, limit: float, threads: int, near: Sequence[Thickening]
 ) -> Steps[tuple[Doubles, Doubles]]:
-    """Return the balls that touch both sides of walls, up to a radius, by sample.
+    """Return the balls that touch both sides of walls, up to a radius, by sample: near some shapes, or all.
 
     Diameters (n,), NaN where there is none, and centers (n, 3).
     """
@@ -162,6 +185,12 @@ def _balls_steps(
     asked = np.zeros(len(tree.order), np.bool_)
     asked[samples.places] = True
     asked &= tree.normals.any(axis=0)
+    if near:
+        within = np.zeros(len(asked), np.bool_)
+        for shape in near:
+            within[shape.cells.of(tree.positions + tree.middle[:, None])] = True
+            yield PAUSE
+        asked &= within
     radii = yield from equal_part(balls.radii_steps(asked, threads), 0, 2)
     places = np.flatnonzero(asked & ~np.isnan(radii))
     ways = tree.normals[:, places].astype(np.float64) * radii[places]

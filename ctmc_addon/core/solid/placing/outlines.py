@@ -1,17 +1,16 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Outlines that show a solid before it is made: planes of cuts, drains and pegs. Places are RAS+ mm."""
+"""Planes of cuts, to show and to move them. Places are RAS+ mm."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from ...arrays import Doubles
 from ...mesh.vectors import cross, dot
-from ..fields.shapes import Bar, HalfSpace
-from ..request import Cut, Drain, Pegs, Point
+from ..fields.shapes import HalfSpace
+from ..request import Cut, Point
 
 
 def position_of(cut: Cut) -> float:
@@ -69,61 +68,6 @@ def rectangle_of(cut: Cut, corners: Doubles) -> Doubles:
     )
     sides = ((low_x, low_y), (high_x, low_y), (high_x, high_y), (low_x, high_y))
     return np.array([np.array(cut.point) + x * across + y * up for x, y in sides])
-
-
-def peg_bars(cut: Cut, pegs: Pegs, corners: Doubles) -> list[Bar]:
-    """Return a peg in the middle of a cut's rectangle, for its size; the places of all are known once they are made.
-
-    Parameters
-    ----------
-    cut : Cut
-    pegs : Pegs
-    corners : (4, 3) float64
-        Of the rectangle.
-
-    Examples
-    --------
-    >>> square = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 2.0, 1.0]])
-    >>> peg_bars(Cut((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), Pegs(3, diameter=4.0, length=6.0), square)
-    [Bar(start=(1.0, 1.0, 1.0), end=(1.0, 1.0, -5.0), radius=2.0)]
-    """
-    middle = corners.mean(axis=0)
-    end = middle - pegs.length * HalfSpace(cut.point, cut.normal).unit
-    return [Bar(_point(middle), _point(end), pegs.diameter / 2)]
-
-
-def drain_bars(drain: Drain, vertices: NDArray[np.float32]) -> list[Bar]:
-    """Return the holes of a drain through a surface: to its nearest vertex, else at its lowest and highest.
-
-    Parameters
-    ----------
-    drain : Drain
-    vertices : (n, 3) float32
-        Of the surface.
-
-    Examples
-    --------
-    >>> surface = np.array([[0.0, 0.0, 0.0], [4.0, 0.0, 5.0], [0.0, 0.0, 9.0]], np.float32)
-    >>> drain_bars(Drain(2.0, (2.0, 0.0, 5.0)), surface)
-    [Bar(start=(2.0, 0.0, 5.0), end=(5.0, 0.0, 5.0), radius=1.0)]
-    >>> [bar.end for bar in drain_bars(Drain(2.0), surface)]
-    [(0.0, 0.0, -1.0), (0.0, 0.0, 10.0)]
-    """
-    radius, bars = drain.diameter / 2, []
-    if drain.point is None:
-        for number, up in ((int(vertices[:, 2].argmin()), -1.0), (int(vertices[:, 2].argmax()), 1.0)):
-            outward = np.array([0.0, 0.0, up])
-            bars.append(_bar(vertices[number] - drain.diameter * outward, outward, drain.diameter + radius, radius))
-        return bars
-    start = np.array(drain.point)
-    ways = vertices - start
-    way = ways[int((ways * ways).sum(axis=1).argmin())]
-    length = float(np.sqrt(dot(way, way)))
-    return [_bar(start, way / length, length + radius, radius)] if length else []
-
-
-def _bar(start: Doubles, direction: Doubles, length: float, radius: float) -> Bar:
-    return Bar(_point(start), _point(start + length * direction), radius)
 
 
 def _point(values: Doubles) -> Point:

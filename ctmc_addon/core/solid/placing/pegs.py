@@ -6,7 +6,8 @@ inside part a to where the half ball of the peg, which is smaller by the clearan
 
 Squares of the plane are parted again and again. The room at a point, its distance to whatever a hole must keep away
 from, changes by no more than the way between two points, so squares without room are dropped early. Along an axis the
-room is asked at samples a quarter of the needed room apart: between two of them it is at most 0.8 % less.
+room is asked at samples a quarter of the needed room apart: between two of them it is at most 0.8 % less. Every length
+here is a share of the peg's or of the solid's, so a solid of microns has the same pegs as one of meters.
 
 Distances are in mm, positive inside; points are (3, n) float64, RAS+ mm, and (2, n) in the plane.
 """
@@ -29,11 +30,12 @@ from ...progress import PAUSE, Steps
 from ..fields.depth import Depth
 from ..fields.shapes import Bar, HalfSpace, Shape, Union
 from ..request import Cut, Pegs, Point
+from .rounding import place_text, rounded_down, step_of
 
-MARGIN_MM = 1.0  # Material around a hole.
+MARGIN = 0.2  # Material around a hole, in diameters of the peg.
 FIRST_SQUARES = 16  # Along the longer side of the section's box.
-SIDE_MM = 1.0  # Part larger squares.
-LEAST_SIDE_MM = 0.1
+SIDE = 0.25  # In rooms that a peg needs: part larger squares.
+LEAST_SIDE, LEAST_TRIED = 0.025, 0.05  # Do not part squares of that side, nor larger ones for pegs that are offered.
 ENOUGH = 256  # Do not part squares of that side once as many places are found.
 MOST_SQUARES = 40000  # Do not part more.
 POINTS_AT_ONCE = 1 << 18
@@ -42,7 +44,7 @@ HALF_DIAGONAL = 0.7072
 FARTHEST_ROUNDS = 4  # Move each of a few pegs this often to where it is farthest from the others.
 FEW = 8
 REACH = 3.0  # Pegs in a hollow are no farther from the surface, in rooms that they need and one more.
-LEAST_DIAMETER = 10  # Tenths of a mm; smaller pegs break.
+LEAST_OFFERED = 0.2  # Of the diameter that was asked for.
 
 
 @dataclass(frozen=True)
@@ -74,11 +76,11 @@ def placed_pegs_steps(
     cut: Cut,
     pegs: Pegs,
     depth: Depth,
-    others: Sequence[HalfSpace],
+    sides: Sequence[HalfSpace],
     extent: NDArray[Any],
     beyond: float = 0.0,
-    margin: float = MARGIN_MM,
     avoid: Sequence[Shape] = (),
+    is_hollow: bool = False,
 ) -> Steps[PlacedPegs]:
     """Place the pegs of one cut: the deepest first, the others far from those placed.
 
@@ -88,15 +90,15 @@ def placed_pegs_steps(
     pegs : Pegs
     depth : Depth
         Below the surface of the solid.
-    others : sequence of HalfSpace
-        Of all other cuts.
+    sides : sequence of HalfSpace
+        The sides of all other cuts on which the pegs are.
     extent : (n, 3)
         Points such as a mesh's vertices; the solid keeps within their hull, grown by `beyond` mm.
     beyond : float
-    margin : float
-        Material to leave around a hole, mm.
     avoid : sequence of Shape
         Holes that are there, such as those of other cuts and drains.
+    is_hollow : bool
+        Whether pegs keep near the surface.
 
     Returns
     -------
@@ -109,12 +111,13 @@ def placed_pegs_steps(
         If the plane misses the solid, or no peg of this size fits.
     """
     plane = _Plane.of(cut, extent, beyond)
-    room = _Room(depth, others, avoid)
-    size = _Size.of(pegs, margin)
+    room = _Room(depth, sides, avoid, is_hollow)
+    size = _Size.of(pegs)
     at, space = yield from _places_steps(plane, room, size)
     if not len(space):
-        raise SettingsError((yield from _refusal_steps(cut, pegs, depth, plane, room, margin, extent, beyond)))
-    apart = pegs.diameter + 2 * pegs.clearance + margin
+        require_met(cut, extent, beyond)
+        raise SettingsError((yield from _refusal_steps(cut, pegs, plane, room)))
+    apart = pegs.diameter * (1 + MARGIN) + 2 * pegs.clearance
     chosen = _chosen(at, space, pegs.count, apart)
     yield PAUSE
     if len(chosen) < pegs.count:
@@ -123,8 +126,8 @@ def placed_pegs_steps(
     places = plane.points(at[:, chosen])
     unit = plane.unit
     starts, ends = places + unit * size.root, places - unit * size.reach
-    sides = list(zip(starts.T.tolist(), ends.T.tolist(), strict=True))
-    bars = [Bar(_point(start), _point(end), pegs.diameter / 2) for start, end in sides]
+    axes = list(zip(starts.T.tolist(), ends.T.tolist(), strict=True))
+    bars = [Bar(_point(start), _point(end), pegs.diameter / 2) for start, end in axes]
     holes = [replace(bar, radius=bar.radius + pegs.clearance) for bar in bars]
     note = f"{len(chosen)} of {pegs.count} pegs fit on the cut at {_numbers(cut.point)}; of thinner ones more may fit"
     notes = (note,) if len(chosen) < pegs.count else ()
@@ -143,22 +146,11 @@ def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
     if low < 0 < high:
         return
     unit = HalfSpace(cut.point, cut.normal).unit
-    middle = _numbers((np.array(cut.point) + unit * ((low + high) / 2)).tolist(), 1)
+    middle = np.array(cut.point) + unit * ((low + high) / 2)
     raise SettingsError(
-        f"the cut at {_numbers(cut.point)} misses the structure, which lies {low:.1f} to {high:.1f} mm along its "
-        f"normal from there; move its point, such as to {middle}"
+        f"the cut at {_numbers(cut.point)} misses the structure, which lies {low:.3g} to {high:.3g} mm along its "
+        f"normal from there; move its point, such as to {place_text(middle.tolist(), (high - low) / 10)}"
     )
-
-
-def beside_wall(depth: Depth, pegs: Pegs, margin: float = MARGIN_MM) -> Depth:
-    """Return a depth for pegs in a hollow: that of the solid near its surface, and falling again far below it."""
-    need = pegs.diameter / 2 + pegs.clearance + margin
-
-    def depth_steps(points: Doubles) -> Steps[Doubles]:
-        below = yield from depth(points)
-        return np.minimum(below, (2 + REACH) * need - below)
-
-    return depth_steps
 
 
 def bosses_steps(placed: PlacedPegs, pegs: Pegs, wall: float, surface: SignedSurface) -> Steps[Shape]:
@@ -176,7 +168,7 @@ def bosses_steps(placed: PlacedPegs, pegs: Pegs, wall: float, surface: SignedSur
     distances, faces = yield from surface.distances_steps(placed.places)
     ways = surface.nearest_on(np.ascontiguousarray(placed.places.T), faces).T - placed.places
     shares = np.clip(1.0 - wall / 2 / np.abs(distances), 0.01, 1.0)[:, None]
-    radius = pegs.diameter / 2 + pegs.clearance + MARGIN_MM
+    radius = pegs.diameter / 2 + pegs.clearance + MARGIN * pegs.diameter
     ends = placed.places + shares * ways
     ribs = [
         Bar(_point(start), _point(end), radius)
@@ -194,9 +186,9 @@ class _Size:
     room: float
 
     @classmethod
-    def of(cls, pegs: Pegs, margin: float) -> _Size:
+    def of(cls, pegs: Pegs) -> _Size:
         radius = pegs.diameter / 2
-        return cls(radius, pegs.length - radius, radius + pegs.clearance + margin)
+        return cls(radius, pegs.length - radius, radius + pegs.clearance + MARGIN * pegs.diameter)
 
     def samples(self) -> list[float]:
         """Return heights along the axis above the plane, those far from the plane first."""
@@ -207,16 +199,19 @@ class _Size:
 
 @dataclass(frozen=True)
 class _Room:
-    """Distance to what a hole keeps away from: the surface, other cuts, other holes."""
+    """Distance to what a hole keeps away from: the surface, other cuts, other holes, and the middle of a hollow."""
 
     depth: Depth
-    planes: Sequence[HalfSpace]
-    avoid: Sequence[Shape]
+    sides: Sequence[HalfSpace]
+    avoid: Sequence[Shape] = ()
+    is_hollow: bool = False
 
-    def at_steps(self, points: Doubles) -> Steps[Doubles]:
+    def at_steps(self, points: Doubles, needed: float) -> Steps[Doubles]:
         room = yield from self.depth(points)
-        for plane in self.planes:
-            room = np.minimum(room, np.abs(plane.at(points)))
+        if self.is_hollow:
+            room = np.minimum(room, (2 + REACH) * needed - room)
+        for plane in self.sides:
+            room = np.minimum(room, plane.at(points))
         for shape in self.avoid:
             room = np.minimum(room, -shape.at(points))
         return room
@@ -246,7 +241,7 @@ class _Plane:
 
     def first_squares(self) -> tuple[Doubles, float]:
         """Return the middles of squares that cover the box, (2, n), and their side."""
-        side = max(float(self.spans.max()) / FIRST_SQUARES, LEAST_SIDE_MM)
+        side = float(self.spans.max()) / FIRST_SQUARES
         counts = [max(1, math.ceil(span / side)) for span in self.spans.tolist()]
         rows = [(np.arange(count) - (count - 1) / 2) * side + at for count, at in zip(counts, self.middle, strict=True)]
         return np.stack([each.ravel() for each in np.meshgrid(*rows, indexing="ij")]), side
@@ -272,22 +267,25 @@ def _range_along(points: NDArray[Any], origin: Point, unit: Doubles) -> tuple[fl
 
 
 def _places_steps(plane: _Plane, room: _Room, size: _Size, enough: float = ENOUGH) -> Steps[tuple[Doubles, Doubles]]:
-    """Return the places where a peg fits, (2, n), and the room along its axis, (n,)."""
+    """Return the places where a peg fits, (2, n), and the room along its axis, (n,); with `enough` of 1 any will do."""
     at, side = plane.first_squares()
+    found = np.empty((2, 0)), np.empty(0)
     while True:
         bound = size.room - HALF_DIAGONAL * side
         space = np.full(at.shape[1], np.inf)
         for height in size.samples():
             if len(space):
-                here = yield from room.at_steps(plane.points(at) + plane.unit * height)
+                here = yield from room.at_steps(plane.points(at) + plane.unit * height, size.room)
                 space = np.minimum(space, here)
                 near = space >= bound
                 at, space = at[:, near], space[near]
-        fits = space >= size.room
-        done = fits.sum() >= enough and (side <= SIDE_MM or 4 * len(space) > MOST_SQUARES)
-        if done or not 0 < len(space) <= MOST_SQUARES or side / 2 < LEAST_SIDE_MM:
-            order = np.lexsort(at[:, fits])
-            return at[:, fits][:, order], space[fits][order]
+        fits = np.flatnonzero(space >= size.room)
+        if len(fits):
+            order = fits[np.lexsort(at[:, fits])]
+            found = at[:, order], space[order]
+        is_fine = enough == 1 or side <= SIDE * size.room or 4 * len(space) > MOST_SQUARES
+        if (len(fits) >= enough and is_fine) or not 0 < len(space) <= MOST_SQUARES or side / 2 < LEAST_SIDE * size.room:
+            return found
         at, side = _parted(at, side)
 
 
@@ -358,30 +356,43 @@ def _squared(at: Doubles, number: int) -> Doubles:
     return x * x + y * y
 
 
-def _refusal_steps(
-    cut: Cut, pegs: Pegs, depth: Depth, plane: _Plane, room: _Room, margin: float, extent: NDArray[Any], beyond: float
-) -> Steps[str]:
+def _refusal_steps(cut: Cut, pegs: Pegs, plane: _Plane, room: _Room) -> Steps[str]:
     """Return why no peg fits, and what does."""
-    require_met(cut, extent, beyond)
     where = f"the cut at {_numbers(cut.point)}"
-    met = yield from _places_steps(plane, _Room(depth, (), ()), _Size(0.0, 0.0, 1e-9))
+    nothing = _Size(0.0, 0.0, LEAST_OFFERED * pegs.diameter / 10)
+    met = yield from _places_steps(plane, _Room(room.depth, room.sides), nothing, 1)
     if not len(met[1]):
         return f"{where} runs between the pieces of the structure and meets none of them; move its point"
-    fits, misses = 0, math.ceil(pegs.diameter * 10 - 1e-9)  # tenths of a mm
-    while misses - max(fits, LEAST_DIAMETER - 1) > 1:
-        tried = (fits + misses) // 2 if fits else LEAST_DIAMETER
-        thinner = replace(pegs, diameter=tried / 10)
-        _, space = yield from _places_steps(plane, room, _Size.of(thinner, margin))
+    around = f"with {MARGIN * pegs.diameter:g} mm around it"
+    asked = f"no peg of {pegs.diameter:g} mm and {pegs.length:g} mm length fits on {where} {around}"
+    for is_shorter in (False, True):
+        fits = yield from _largest_steps(pegs, is_shorter, plane, room)
+        if fits is not None:
+            offered = f"{fits.diameter:g} {fits.length:g}"
+            return f"{asked}; give --peg-mm {offered} at most, or move the cut to where more is solid"
+    least = f"{LEAST_OFFERED * pegs.diameter:g}"
+    return f"{asked}, nor does one of {least} mm; make pegs much smaller, move the cut, or leave out --pegs"
+
+
+def _largest_steps(pegs: Pegs, is_shorter: bool, plane: _Plane, room: _Room) -> Steps[Pegs | None]:
+    """Return the thickest pegs that fit, shorter in the same ratio if need be; None if none of them does."""
+    step = step_of(pegs.diameter / 5, 2)
+    fits, misses = 0, math.ceil(pegs.diameter / step - 1e-6)
+    least = math.ceil(LEAST_OFFERED * pegs.diameter / step)
+    found = None
+    while misses - max(fits, least - 1) > 1:
+        tried = (fits + misses) // 2 if fits else least
+        diameter = float(f"{tried * step:.6g}")
+        length = rounded_down(pegs.length * diameter / pegs.diameter) if is_shorter else pegs.length
+        thinner = replace(pegs, diameter=diameter, length=max(length, diameter / 2))
+        _, space = yield from _places_steps(plane, room, _Size.of(thinner), 1)
         if len(space):
-            fits = tried
+            fits, found = tried, thinner
         elif fits:
             misses = tried
         else:
             break
-    asked = f"no peg of {pegs.diameter:g} mm and {pegs.length:g} mm length fits on {where} with {margin:g} mm around it"
-    if fits:
-        return f"{asked}; give --peg-mm {fits / 10:g} {pegs.length:g} at most, or move the cut to where more is solid"
-    return f"{asked}, nor does one of {LEAST_DIAMETER / 10:g} mm; make pegs shorter, move the cut, or leave out --pegs"
+    return found
 
 
 def _point(values: Sequence[float]) -> Point:
@@ -389,5 +400,5 @@ def _point(values: Sequence[float]) -> Point:
     return x, y, z
 
 
-def _numbers(values: Sequence[float], digits: int | None = None) -> str:
-    return " ".join(f"{value:g}" if digits is None else f"{value:.{digits}f}" for value in values)
+def _numbers(values: Sequence[float]) -> str:
+    return " ".join(f"{value:g}" for value in values)

@@ -12,6 +12,8 @@ LinearColor = tuple[float, float, float]
 HUES = ((213, 94, 0), (0, 114, 178), (240, 228, 66), (0, 158, 115), (204, 121, 167), (86, 180, 233), (230, 159, 0))
 LIGHTNESS = (1.0, 0.62, 1.35)  # The first seven labels, the next seven, the third; then all of them again.
 BONE: RGB = (226, 215, 191)  # The color of a surface by threshold.
+# Of five shades in turn two differ if their numbers differ by a power of 2, as those of parts on two sides of a cut do.
+SHADES = (0.0, 0.3, 0.15, 0.45, 0.22)
 
 
 def linear(rgb: RGB) -> LinearColor:
@@ -40,6 +42,28 @@ def label_rgb(label: int) -> RGB:
     red, green, blue = (
         round(level * factor if factor <= 1 else 255 - (255 - level) * (2 - factor)) for level in HUES[hue]
     )
+    return red, green, blue
+
+
+def part_rgb(rgb: RGB, number: int) -> RGB:
+    """Return the sRGB color of a part of a structure: the first has the structure's, others a lighter or darker shade.
+
+    Parameters
+    ----------
+    rgb : (red, green, blue) int
+        Of the structure; light colors get darker, dark ones lighter.
+    number : int
+        Of the part, from 0.
+
+    Examples
+    --------
+    >>> part_rgb((122, 28, 40), 0), part_rgb((122, 28, 40), 1), part_rgb((226, 215, 191), 1)
+    ((122, 28, 40), (162, 96, 104), (158, 150, 134))
+    """
+    red, green, blue = rgb
+    end = 0 if 2 * red + 5 * green + blue > 8 * 128 else 255  # Rec. 601's luma, roughly.
+    share = SHADES[number % len(SHADES)]
+    red, green, blue = (round(level + share * (end - level)) for level in rgb)
     return red, green, blue
 
 

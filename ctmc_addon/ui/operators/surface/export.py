@@ -140,7 +140,8 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
             raise OutputError("no surface is visible; show or select one first")
         if len(objects) > 1 and path.suffix.lower() not in SCENE_SUFFIXES:
             raise OutputError(
-                f"{path.name} can hold one surface, not {len(objects)}; choose the format GLB, or Active as Surfaces"
+                f"{path.name} can hold one surface, not {len(objects)}; choose the format 3MF or GLB, "
+                "or Active as Surfaces"
             )
         self.written = len(objects), export_together(objects, path, space=self.space, scene=context.scene)
 

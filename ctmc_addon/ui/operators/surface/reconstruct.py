@@ -31,13 +31,13 @@ from ....core.volume import require_labels
 from ... import jobs
 from ...properties.preferences import machine
 from ...properties.structures import called, chosen_opacity
-from ...state import cost_estimates, drawings, session, structures, surfaces, volumes
+from ...state import cost_estimates, drawings, session, solids, structures, surfaces, volumes
 from ...state.measurements import Measurement, measurement_steps
 from ...translations import translate, translate_sentence
 from ...viewport import preview
 from . import placing
 from .placing import MeasuredSurface, NewMesh, ObjectRequest
-from .solid import SolidParts, runs_of, solid_of
+from .solid import SolidParts
 
 JOB_STAGES = {"Reconstructing": 80, "Measuring": 17, "Adding the surface": 3}
 
@@ -82,8 +82,8 @@ class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):
     def plan(self, context: bpy.types.Context) -> Steps[jobs.Conclusion]:
         scene = context.scene
         loaded = volumes.require_loaded(scene)
-        solid = solid_of(scene)
-        runs = runs_of(scene, solid)
+        solid = solids.solid_of(scene)
+        runs = solids.runs_of(scene, solid)
         parts = surfaces.part_targets(context) if solid and not self.new else {}
         targets = {} if self.new or solid else surfaces.targets(context, runs)
         fingerprint, kind = loaded.statistics.fingerprint, loaded.volume.kind

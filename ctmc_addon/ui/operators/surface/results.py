@@ -16,10 +16,9 @@ from ....reporting.command_line import command_line
 from ... import jobs
 from ...properties.reading import options_of_scene
 from ...properties.structures import called
-from ...state import drawings, measurements, session, structures, surfaces, volumes
+from ...state import drawings, measurements, session, solids, structures, surfaces, volumes
 from ...state.measurements import measurement_steps
 from ...translations import translate
-from .solid import runs_of, solid_of
 
 
 class CTMC_OT_measure(jobs.LongOperator, bpy.types.Operator):
@@ -111,9 +110,9 @@ def command_text(scene: bpy.types.Scene) -> str:
     source = bpy.path.abspath(stored.volume_path)
     reading = loaded.reading if loaded is not None else options_of_scene(stored)
     name = loaded.volume.name if loaded is not None else Path(source).stem
-    solid = solid_of(scene)
+    solid = solids.solid_of(scene)
     lines = []
-    for settings in runs_of(scene, solid):
+    for settings in solids.runs_of(scene, solid):
         item = stored.structure_of(settings)
         output = file_name(name if settings.label is None else f"{name}_label_{settings.label}")
         output += ".3mf" if solid.cuts else ".stl"

@@ -14,16 +14,7 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
-from ....core import (
-    Budget,
-    Reconstruction,
-    ReconstructionSettings,
-    SettingsError,
-    Steps,
-    SurfaceRequest,
-    Volume,
-    length_text,
-)
+from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text
 from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
@@ -31,7 +22,6 @@ from ...needs import Needs
 from ...properties.kinds import choice
 from ...properties.preferences import machine
 from ...properties.solid import COMBININGS
-from ...properties.structures import LABEL, of_structure, structure_choices
 from ...state import session, surfaces, volumes
 from ...translations import translate
 from .placing import ObjectRequest
@@ -78,44 +68,6 @@ class SolidParts:
         name = part.label_name or own.structure or translate("Part")
         prefix = "" if part.settings.label is None else own.prefix  # That of a threshold is in the name of the part.
         return replace(own, settings=part.settings, part=name, prefix=prefix, target=self.targets.get(name))
-
-
-def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionSettings]:
-    """Return the settings of every surface of the panel, and of the labels that combinations of `solid_of` name.
-
-    Raises
-    ------
-    SettingsError
-        If settings contradict each other, no structure is ticked, or there are no structures to combine.
-    """
-    stored, names = scene.ctmc, {name for combination in solid.combinations for name in combination.of}
-    if solid and stored.simplifier == "decimate" and stored.to_settings().simplifies:
-        raise SettingsError("Decimate would move the cuts of a solid; choose Built-In, or remove the solid")
-    if not names:
-        runs: list[ReconstructionSettings] = stored.all_settings()
-        return runs
-    if not stored.use_label:
-        raise SettingsError("a threshold has no structures to combine; choose Structures, or remove the combinations")
-    settings = stored.to_settings()
-    return [
-        of_structure(item, settings)
-        for item in stored.labels
-        if item.chosen or (item.kind == LABEL and str(item.value) in names)
-    ]
-
-
-def solid_of(scene: bpy.types.Scene) -> SolidRequest:
-    """Return the panel's solid, whose combinations name labels by their numbers: the list may call them otherwise.
-
-    Raises
-    ------
-    SettingsError
-        If two settings contradict each other.
-    """
-    solid: SolidRequest = scene.ctmc_solid.to_request()
-    numbers = {key: str(item.value) for key, item in structure_choices(scene.ctmc)}
-    numbered = [replace(each, of=tuple(numbers.get(name, name) for name in each.of)) for each in solid.combinations]
-    return replace(solid, combinations=tuple(numbered))
 
 
 def makes_solid(scene: bpy.types.Scene) -> bool:

@@ -153,6 +153,7 @@ def test_a_surface_without_triangles_is_refused():
             surface_distance(*pair)
 
 
+@pytest.mark.once
 def test_steps_rise_and_can_be_closed_anywhere():
     mesh, reference = rough(6, 2), rough(6)
     fractions = [step.fraction for step in surface_distance_steps(mesh, ReferenceSurface(reference))]
@@ -164,6 +165,7 @@ def test_steps_rise_and_can_be_closed_anywhere():
         steps.close()
 
 
+@pytest.mark.once
 def test_specks_of_bone_that_simplification_removed_are_told_apart_from_the_distance(real):
     volume = read_volume(real("ircadb01_abdomen"))
     settings = ReconstructionSettings(threshold=200.0, stride=(2, 2, 1))

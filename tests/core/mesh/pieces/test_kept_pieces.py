@@ -280,6 +280,7 @@ def test_of_equal_components_the_first_stay(many_slabs, monkeypatch, layers, kee
     assert np.array_equal(kept.vertices[kept.faces], full.vertices[first])
 
 
+@pytest.mark.once
 def test_a_surface_that_is_simplified_as_it_comes_has_the_same_components(monkeypatch):
     values = nested()
     monkeypatch.setattr(grid, "UNIT_SAMPLES", 2 * values[0].size)

@@ -125,6 +125,7 @@ def test_a_triangle_that_lies_in_the_next_layer_ends_no_batch_before_it_is_known
     assert [batch.face_count for batch in batches_of((p for p in pieces), 2)] == [2, 2]
 
 
+@pytest.mark.once
 def test_a_mesh_in_no_order_is_cut_into_bands():
     mesh = foam(24)
     shuffled = np.random.default_rng(4).permutation(len(mesh.faces))
@@ -136,6 +137,7 @@ def test_a_mesh_in_no_order_is_cut_into_bands():
     assert_sound(first.mesh)
 
 
+@pytest.mark.once
 def test_up_to_whole_faces_a_surface_is_simplified_as_a_whole():
     mesh = foam(24)
     count = len(mesh.faces)
@@ -320,6 +322,7 @@ def test_a_component_across_a_seam_stays_one_piece():
     assert (result.components, result.euler) == (mesh.components, mesh.euler)
 
 
+@pytest.mark.once
 def test_what_is_done_is_handed_on_with_what_the_maker_returned():
     mesh = foam(32)
     steps, result = [], None
@@ -353,6 +356,7 @@ def test_closing_ends_the_maker_of_the_pieces():
     assert ended == [True]
 
 
+@pytest.mark.once
 def test_refusals_are_those_of_a_whole_mesh():
     mesh = foam(32)
     for work in (reduced, in_pieces):
@@ -377,6 +381,7 @@ def test_pieces_that_do_not_fit_are_refused():
         finish(simplified_pieces_steps((piece for piece in [first]), Goal(0.5)))
 
 
+@pytest.mark.once
 def test_a_layer_larger_than_a_batch_is_simplified_to_the_goal_all_the_same():
     values = np.random.default_rng(1).normal(size=(14, 14, 14))
     for axis in range(3):

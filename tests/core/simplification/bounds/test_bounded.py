@@ -119,6 +119,7 @@ def test_the_same_surface_cut_otherwise_is_near_everywhere():
     assert [len(found) for found in checked(flat, lifted, 1e-3)] == [2, len(flat.faces)]
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("edges", [0.5, 4.0])
 def test_memory_stays_within_what_is_asked_for_however_many_samples_a_triangle_gets(edges):
     mesh = icosphere(5)

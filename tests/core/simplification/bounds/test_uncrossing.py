@@ -121,6 +121,7 @@ def test_collapses_that_are_tested_leave_nothing_to_undo():
     assert crossings(mesh.mesh()) == 0
 
 
+@pytest.mark.once
 def test_batches_and_clusters_do_not_cross_and_threads_change_nothing():
     full = leaves(3, 24)
     budgets = [Budget(threads=threads, whole_faces=3000) for threads in (1, 3)]

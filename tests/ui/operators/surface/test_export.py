@@ -89,7 +89,7 @@ def test_several_selected_surfaces_go_to_the_file_of_a_script_that_does_not_say_
     size = max(1, round((tmp_path / "organs.glb").stat().st_size / 1000))
     path = tmp_path / "organs.glb"
     assert f"Info: Wrote {path}: 3 objects, {faces:,} triangles, {size} kB" in capfd.readouterr().out
-    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, not 3; choose the format GLB"):
+    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, not 3; choose the format 3MF or GLB"):
         bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"))
     for obj in bpy.context.scene.objects:
         obj.select_set(obj == active())
@@ -144,7 +144,7 @@ def test_several_surfaces_do_not_go_to_an_stl(scene, tmp_path):
     for item in scene.ctmc.labels:
         item.chosen = True
     bpy.ops.ctmc.reconstruct()
-    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, not 3; choose the format GLB"):
+    with pytest.raises(RuntimeError, match=r"a\.stl can hold one surface, not 3; choose the format 3MF or GLB"):
         bpy.ops.ctmc.export(filepath=str(tmp_path / "a.stl"), which="VISIBLE")
     assert not (tmp_path / "a.stl").exists()
 

@@ -12,15 +12,17 @@ from ui.drawing import drawn, meshes_in
 
 bpy = pytest.importorskip("bpy")
 
+from ctmc_addon.blender.colors import part_color
 from ctmc_addon.blender.surface import own_mesh, read_provenance
-from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
+from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, finish, make_surfaces_steps
 from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
+from ctmc_addon.ui.panels.solid import draw_places, draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
 from ctmc_addon.ui.properties.solid import _offered as offered
-from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state import session, solids
+from ctmc_addon.ui.viewport import solid_places
 from ctmc_addon.ui.viewport.solid import outline_of
 
 UP = (0.0, 0.0, 1.0)
@@ -41,7 +43,8 @@ def parts_steps(volume, requests, solid, budget=None, *, labels=None, maps=None,
         name = result.label_name or "ball"
         for number, letter in enumerate(letters):
             moved = TriangleMesh(mesh.vertices - np.float32(5 * number) * np.array(UP, np.float32), mesh.faces)
-            parts.append(replace(result, mesh=moved, surface=None, label_name=f"{name} {letter}".strip()))
+            title = f"{name} {letter}".strip()
+            parts.append(replace(result, mesh=moved, surface=None, label_name=title, part_number=number))
     return MadeParts(parts, [])
 
 
@@ -303,14 +306,14 @@ def test_structures_are_combined_by_name_or_number(labels):
     assert solid.to_request().combinations == (Combination(Combining.SUBTRACT, "left hip+2", ("left hip", "2")),)
     combination.title = "both"
     assert solid.to_request().combinations[0].name == "both"
-    runs = operators.runs_of(labels, operators.solid_of(labels))
+    runs = solids.runs_of(labels, solids.solid_of(labels))
     assert [run.label for run in runs] == [1, 2], "the second is not ticked, but named"
     words = shlex.split(command_text(labels))
     assert words[words.index("--subtract") + 1] == "both=1,2"
     assert "--label" not in words, "those of the combination"
     labels.ctmc.use_label = False
     with pytest.raises(SettingsError, match="a threshold has no structures to combine"):
-        operators.runs_of(labels, operators.solid_of(labels))
+        solids.runs_of(labels, solids.solid_of(labels))
 
 
 def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
@@ -321,7 +324,12 @@ def test_parts_of_labels_have_color_and_name_of_their_structure(labels):
     names = [obj.name for obj in meshes_in(labels)]
     assert names[:2] == ["left hip a", "left hip b"]
     assert len(names) == 4
-    assert meshes_in(labels)[3].data.materials[0].diffuse_color[:3] == pytest.approx((0.1, 0.9, 0.2))
+    colors = [obj.data.materials[0].diffuse_color[:3] for obj in meshes_in(labels)[2:]]
+    assert colors[0] == pytest.approx((0.1, 0.9, 0.2))
+    assert colors[1] == pytest.approx(part_color((0.1, 0.9, 0.2), 1))
+    labels.ctmc.labels[1].color = (0.5, 0.1, 0.1)
+    colors = [obj.data.materials[0].diffuse_color[:3] for obj in meshes_in(labels)[2:]]
+    assert colors == [pytest.approx((0.5, 0.1, 0.1)), pytest.approx(part_color((0.5, 0.1, 0.1), 1))], "both follow"
     labels.ctmc.labels[0].name = "hip"
     assert meshes_in(labels)[0].name == "left hip a", "a part keeps the name that it is found by"
 
@@ -336,7 +344,7 @@ def test_a_combination_offers_what_earlier_ones_make(labels):
     assert "both" in offered(second.of[0], None, "")
     assert "both" not in offered(first.of[0], None, "")
     second.title, second.of[0].structure, second.of[1].structure = "rest", "both", "2"
-    assert operators.solid_of(labels).combinations[1].of == ("both", "2")
+    assert solids.solid_of(labels).combinations[1].of == ("both", "2")
 
 
 def test_structures_that_cannot_be_made_are_reported_beside_those_that_are(labels, monkeypatch):
@@ -366,29 +374,60 @@ def test_the_outline_covers_the_structures_box(labels):
     assert np.ptp(plane, axis=0) == pytest.approx((17, 7, 0), abs=1e-4)
 
 
-def test_pegs_and_drains_have_outlines_and_drains_find_the_wall_once_there_is_one(solid, loaded):
+def test_pegs_and_drains_are_shown_where_they_are_made_once_they_are_found(solid, loaded):
     assert outline_of(loaded) is None
     cursor_at(*own_center(loaded))
     bpy.ops.ctmc.cut_add(direction="Z")
-    solid.use_pegs, solid.hollow = True, 1.0
     bpy.ops.ctmc.drain_add()
-    bpy.ops.ctmc.drain_add(auto=True)
+    solid.use_pegs, solid.hollow, solid.peg_diameter, solid.peg_length, solid.peg_count = True, 1.5, 1.0, 1.5, 3
     outline = outline_of(loaded)
-    [peg], [(_, radius)] = outline.pegs, outline.places
-    assert (peg.radius, radius) == (2.5, 2.0)
-    assert peg.start[2] - peg.end[2] == pytest.approx(5.0)
-    assert outline.drains == []
-    bpy.ops.ctmc.solid_reset()
-    bpy.ops.ctmc.reconstruct()
-    solid.hollow = 1.0
-    bpy.ops.ctmc.drain_add()
-    bpy.ops.ctmc.drain_add(auto=True)
+    assert (outline.pegs, outline.holes, outline.drains) == ([], [], [])
+    assert [radius for _, radius in outline.places] == [2.0]
+    assert solid_places.is_looking(loaded)
+    assert "Looking for places of pegs and drains" in drawn(draw_places).texts
+    finish(solid_places.placing_steps(loaded.session_uid))
+    assert not solid_places.is_looking(loaded)
     outline = outline_of(loaded)
-    assert outline.places == []
-    drain, lowest, highest = outline.drains
-    length = np.linalg.norm(np.subtract(drain.end, drain.start))
-    assert length == pytest.approx(6.0 + drain.radius, abs=0.4), "from the middle of the ball through its wall"
-    assert highest.end[2] - lowest.end[2] == pytest.approx(12.0 + 4.0, abs=0.4)
+    [drain] = outline.drains
+    assert (len(outline.pegs), outline.places) == (3, [])
+    assert [hole.radius for hole in outline.holes] == pytest.approx([0.7] * 3)
+    middle = np.array(own_center(loaded))
+    for peg in outline.pegs:  # Beside the wall, 4.5 to 6 mm from the middle, down from the cut.
+        across = np.linalg.norm((np.array(peg.start) - middle)[:2])
+        assert 3.0 < across < 6.0
+        assert peg.start[2] - peg.end[2] == pytest.approx(1.5)
+    assert np.linalg.norm(np.subtract(drain.end, middle)) > 6.0
+
+
+def test_places_are_found_again_for_other_settings_alone(solid, loaded, monkeypatch):
+    cursor_at(*own_center(loaded))
+    bpy.ops.ctmc.cut_add(direction="Z")
+    solid.use_pegs, solid.peg_diameter, solid.peg_length, solid.peg_count = True, 2.0, 2.0, 1
+    assert solid_places.ask(loaded)
+    assert not solid_places.ask(loaded), "asked before"
+    finish(solid_places.placing_steps(loaded.session_uid))
+    [first] = outline_of(loaded).pegs
+    solid.cuts[0].position += 1.0
+    assert outline_of(loaded).pegs == []
+    assert solid_places.ask(loaded)
+    finish(solid_places.placing_steps(loaded.session_uid))
+    [second] = outline_of(loaded).pegs
+    assert second.start[2] - first.start[2] == pytest.approx(1.0, abs=1e-4)
+    monkeypatch.setattr(solid_places, "placed_cuts_pegs_steps", None)
+    solid.cuts[0].position -= 1.0
+    solid.base = 3.0  # Moves no peg.
+    assert outline_of(loaded).pegs == [first], "kept"
+    solid_places.clear()
+    assert outline_of(loaded).pegs == []
+
+
+def test_what_does_not_fit_is_said_in_the_panel(solid, loaded):
+    cursor_at(*own_center(loaded))
+    bpy.ops.ctmc.cut_add(direction="Z")
+    solid.use_pegs, solid.peg_diameter, solid.peg_length = True, 11.0, 40.0
+    finish(solid_places.placing_steps(loaded.session_uid))
+    assert outline_of(loaded).pegs == []
+    assert any("No peg of 11 mm" in text for text in drawn(CTMC_PT_surface).texts)
 
 
 def test_the_outline_leaves_out_what_makes_no_sense_yet(labels):

@@ -1,0 +1,209 @@
+# SPDX-License-Identifier: GPL-3.0-or-later
+"""Whether parts stand: their centers of mass, what they rest on, and pieces that hang above.
+
+Lengths are in mm, places RAS+ mm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ...arrays import Doubles
+from ...mesh.labels.label_complex import ComplexMesh, bordering
+from ...mesh.topology import FACES_PER_STEP, compacted, component_numbers_steps, components_of_vertices
+from ...mesh.triangle_mesh import TriangleMesh
+from ...progress import PAUSE, Steps
+from ..fields.lattice import Lattice
+from ..fields.shapes import Bar, HalfSpace
+from ..request import Point
+from .foot import Foot, foot_steps, outline_of
+from .rounding import rounded_up
+
+LEVEL = 1 - 1e-6  # The upward part of a level plane's normal; 0.08 degrees are level.
+RESTING = 0.05  # What lies no higher than this share of a step above the lowest point rests on the ground.
+
+
+@dataclass(frozen=True, eq=False)
+class Pieces:
+    """The components of a closed mesh, cavities among them.
+
+    Parameters
+    ----------
+    of_vertex : (v,) int32
+        Number of each vertex's component.
+    volumes : (n,) float64
+        Below 0 for a cavity.
+    low, high : (n,) float64
+        From where to where each goes along z.
+    center : (x, y, z) float
+        Center of mass of all.
+    """
+
+    of_vertex: NDArray[np.int32]
+    volumes: Doubles
+    low: Doubles
+    high: Doubles
+    center: Point
+
+
+def pieces_steps(mesh: TriangleMesh) -> Steps[Pieces]:
+    """Measure the components of a closed mesh with at least one triangle."""
+    component = yield from component_numbers_steps(mesh.faces, len(mesh.vertices))
+    count = int(component.max()) + 1
+    middle = mesh.vertices.mean(axis=0, dtype=np.float64)
+    sums = np.zeros((4, count))  # six volumes, and 24 volumes times the distance of their middle
+    for start in range(0, len(mesh.faces), FACES_PER_STEP):
+        block = slice(start, start + FACES_PER_STEP)
+        a, b, c = (mesh.vertices[mesh.faces[block, corner]].T - middle[:, None] for corner in range(3))
+        sixfold = (
+            a[0] * (b[1] * c[2] - b[2] * c[1]) + a[1] * (b[2] * c[0] - b[0] * c[2]) + a[2] * (b[0] * c[1] - b[1] * c[0])
+        )
+        for row, weights in enumerate([sixfold, *(sixfold * (a + b + c))]):
+            sums[row] += np.bincount(component[block], weights, count)
+        yield PAUSE
+    of_vertex = components_of_vertices(mesh.faces, component, len(mesh.vertices))
+    heights = mesh.vertices[:, 2].astype(np.float64)
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, of_vertex, heights)
+    np.maximum.at(high, of_vertex, heights)
+    total = np.cumsum(sums, axis=1)[:, -1]
+    x, y, z = (middle + total[1:] / (4 * total[0] or 1.0)).tolist()
+    return Pieces(of_vertex, sums[0] / 6, low, high, (x, y, z))
+
+
+def _beside_rest(vertices: NDArray[np.float32], center: Point, near: float) -> float:
+    """Return how far a center of mass lies beside the vertices (v, 3) that are `near` the lowest; below 0 within."""
+    heights = vertices[:, 2]
+    resting = vertices[heights <= heights.min() + near, :2].T.astype(np.float64)
+    return float((outline_of(np.array(center[:2])[:, None]) - outline_of(resting)).max())
+
+
+@dataclass(frozen=True, eq=False)
+class Feet:
+    """The feet of parts, by the number of the part.
+
+    Parameters
+    ----------
+    lattice : Lattice
+    shapes : dict of int to Foot
+    level : dict of int to float
+        Height of the level cuts that other parts stand on without a foot.
+    """
+
+    lattice: Lattice
+    shapes: dict[int, Foot]
+    level: dict[int, float]
+
+
+def feet_steps(
+    mesh: ComplexMesh,
+    base: float,
+    lattice: Lattice,
+    sides: Callable[[int], Iterable[tuple[HalfSpace, float]]],
+    holes: Callable[[int], Iterable[Bar]],
+    alone: bool,
+) -> Steps[Feet]:
+    """Make a foot for every part, but none for one that stands on a level cut.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        Parts without feet and pegs.
+    base : float
+        Height of a foot, mm.
+    lattice : Lattice
+    sides : callable
+        Return the planes that bound a part, each with 1.0 if it lies above it along its normal, else -1.0.
+    holes : callable
+        Return the drains of a part.
+    alone : bool
+        Whether they are of one structure.
+    """
+    feet = Feet(lattice, {}, {})
+    for part in mesh.labels:
+        own = mesh.of_label(part)
+        pieces = yield from pieces_steps(own)
+        foot = yield from foot_steps(own, pieces.center, base, lattice, alone)
+        near = RESTING * lattice.shortest_mm
+        is_level = any(
+            sign * plane.unit[2] > LEVEL and abs(plane.point[2] - foot.low) < near for plane, sign in sides(part)
+        )
+        if is_level and _beside_rest(own.vertices, pieces.center, near) < 0:
+            feet.level[part] = float(pieces.low.min())
+        else:
+            feet.shapes[part] = foot.with_holes(holes(part))
+    return feet
+
+
+def stood_steps(
+    mesh: ComplexMesh, feet: Feet, names: Mapping[int, str]
+) -> Steps[tuple[ComplexMesh, NDArray[np.intp], dict[int, list[str]]]]:
+    """Remove pieces that others cut off from feet, and say which parts have no foot or do not stand.
+
+    Parameters
+    ----------
+    mesh : ComplexMesh
+        The parts, with feet and pegs.
+    feet : Feet
+    names : mapping of int to str
+        Of the parts.
+
+    Returns
+    -------
+    mesh : ComplexMesh
+    kept : (f,) int
+        Which of the triangles are left, rising.
+    notes : dict of int to list of str
+        By the number of the part.
+    """
+    sides, notes = mesh.sides.copy(), {}
+    for part, name in names.items():
+        border = bordering(mesh.faces, mesh.sides, part)
+        vertices = mesh.vertices[border.used]
+        pieces = yield from pieces_steps(TriangleMesh(vertices, border.faces))
+        foot, near = feet.shapes.get(part), RESTING * feet.lattice.shortest_mm
+        loose = np.zeros(len(pieces.volumes), np.bool_)
+        if foot is not None:
+            loose = (pieces.volumes > 0) & (pieces.low >= foot.low - near) & (pieces.high <= foot.high + near)
+            loose[pieces.volumes.argmax()] = False
+            numbers = np.flatnonzero((mesh.sides == part).any(axis=1))[loose[pieces.of_vertex[border.faces[:, 0]]]]
+            sides[numbers] = np.where(mesh.sides[numbers] == part, 0, sides[numbers])
+        yield PAUSE
+        resting = vertices[~loose[pieces.of_vertex]]
+        beside = _beside_rest(resting, pieces.center, near)
+        notes[part] = list(_notes(name, pieces, beside, feet, part))
+    kept = np.flatnonzero(sides[:, 0] != sides[:, 1])
+    if len(kept) < len(sides):
+        used, faces = compacted(mesh.faces[kept], len(mesh.vertices))
+        mesh = ComplexMesh(mesh.vertices[used], faces, sides[kept])
+    return mesh, kept, notes
+
+
+def _notes(name: str, pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
+    """Yield what a user should know about how a part stands."""
+    foot = feet.shapes.get(part)
+    low = feet.level[part] if foot is None else foot.low
+    rest = "level cut" if foot is None else "foot"
+    below = low - float(pieces.low.min())
+    if below > feet.lattice.shortest_mm / 2:
+        yield (
+            f"{name}: its pegs reach {below:.3g} mm below its {rest}; "
+            "turn the normal of the cut round, so the other has them"
+        )
+    elif foot is None:
+        yield f"{name}: it stands on its level cut and has no foot"
+    elif beside > 0:
+        yield (
+            f"{name}: it does not stand, because its center of mass lies {beside:.3g} mm beside its foot, for which a "
+            "cut or another part leaves no more room; lay it on its cut, or make the cut level"
+        )
+    top = low + RESTING * feet.lattice.shortest_mm if foot is None else foot.high
+    hanging = pieces.low[(pieces.volumes > 0) & (pieces.low > top)]
+    if len(hanging):
+        what = "1 piece hangs" if len(hanging) == 1 else f"{len(hanging)} pieces hang"
+        reach = rounded_up(float(hanging.max()) - low + feet.lattice.shortest_mm / 4)
+        yield f"{name}: {what} above its {rest}; --base {reach:g} reaches all, --keep-parts 1 leaves out small ones"
