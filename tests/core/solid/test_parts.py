@@ -361,3 +361,13 @@ def test_a_drain_at_a_cut_is_told_with_the_distance_that_helps():
     move = float(note.rsplit(" ", 2)[1])
     far = Cut((11.5, 11.5, 11.5 - move), (0, 0, 1))
     assert not solid_parts(BALL, GRAY, SolidRequest(hollow=2.0, drains=(drain,), cuts=(far,)))[0].notes
+
+
+def test_a_foot_that_touches_a_rough_surface_leaves_no_crossing():
+    """Where the foot ends, its plane crosses the structure beside cells of Marching Cubes and changes no part there."""
+    rough = np.random.default_rng(6).normal(size=(12, 16, 16))
+    for axis in range(3):
+        for _ in range(2):
+            rough = (rough + np.roll(rough, 1, axis) + np.roll(rough, -1, axis)) / 3
+    settings = ReconstructionSettings(threshold=0.05)
+    made(gray(rough), settings, base=2.0, cuts=[Cut((7.5, 7.5, 5.0), (0.3, 0.2, 1.0))])

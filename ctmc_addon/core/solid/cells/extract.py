@@ -306,12 +306,12 @@ class _Extraction:
     def _cut_steps(self) -> Steps[None]:
         """Cut the rims' cells into tetrahedra and these into pieces; join them to the other cells."""
         self.cut: CutRims | None = None
-        self.middles: dict[int, tuple[int, int]] = {}
+        self.chains: dict[tuple[int, int], list[int]] = {}
         if not len(self.rims):
             return
         words = self.words.reshape(-1)
         self.cut = yield from cut_rims_steps(self.fields, self.table, words, self.rims, self.corners, self.threads)
-        self.faces, self.sides, self.middles = stitched(self.faces, self.sides, self.cut, self.keys, self.in_use)
+        self.faces, self.sides, self.chains = stitched(self.faces, self.sides, self.cut, self.keys, self.in_use)
 
     def _placed_steps(self) -> Steps[ComplexMesh]:
         """Place the vertices in use, and move them to RAS+ mm."""
@@ -424,8 +424,8 @@ class _Extraction:
             for axis in range(3):
                 at[:, axis] += cut.weights[:, corner] * (codes[:, corner - 1] >> axis & 1) * sides[:, axis]
         places[first:] = at
-        if self.middles:
-            straighten(places, nodes, self.middles, lowest, sides)
+        if self.chains:
+            straighten(places, nodes, self.chains, lowest, sides)
 
     def _index(self, flat: NDArray[np.intp]) -> Doubles:
         """Return the places of samples in index space, (n, 3)."""

@@ -228,22 +228,25 @@ def _part_crowded(nodes: Nodes, weights: Doubles, at_zero: NDArray[np.intp]) -> 
 
 
 def straighten(
-    places: Doubles, nodes: Nodes, middles: dict[int, tuple[int, int]], lowest: Doubles, sides: Doubles
+    places: Doubles, nodes: Nodes, chains: dict[tuple[int, int], list[int]], lowest: Doubles, sides: Doubles
 ) -> None:
-    """Place the nodes on diagonals of faces where the segments between vertices of cells cross these, in place.
+    """Place the nodes between vertices of cells on the segments between these, in place.
+
+    One on the diagonal of a face goes to where the segment crosses it.
 
     Parameters
     ----------
     places : (n, 3) float64
         Vertices in index space, those of nodes last.
     nodes : Nodes
-    middles : mapping of int to (int, int)
+    chains : mapping of (int, int) to list of int
         As in `Stitched`.
     lowest, sides : (m, 3) float64
         Places of the nodes' lowest samples, and sides of the cells there.
     """
     first = len(places) - len(nodes.keys)
-    vertices, ends = np.array(list(middles)), np.array(list(middles.values()))  # (n,), (n, 2)
+    vertices = np.array([node for chain in chains.values() for node in chain])  # (n,)
+    ends = np.array([ends for ends, chain in chains.items() for _ in chain])  # (n, 2)
     own = vertices - first
     codes = nodes.codes[own]
     axes = AXES_OF_FACE[codes[:, 0]]  # (n, 2), -1 for no face
@@ -259,6 +262,20 @@ def straighten(
     places[vertices] = lowest[own]
     shares = np.clip(along, NEAREST, 1 - NEAREST)
     places[vertices[:, None], axes] += shares[:, None] * sides[own[:, None], axes]
+    for (start, end), chain in chains.items():
+        if len(chain) > 1:
+            places[chain] = _along(places[start], places[end], places[chain])
+
+
+def _along(start: Doubles, end: Doubles, between: Doubles) -> Doubles:
+    """Return places (n, 3) moved to the segment between two others, in their order."""
+    way = end - start
+    shares = ((between - start) * way).sum(axis=1) / (way * way).sum()
+    gap = min(1 / 64, 1 / (2 * len(shares) + 2))
+    for number, share in enumerate(shares.tolist()):
+        before = 0.0 if number == 0 else shares[number - 1]
+        shares[number] = min(max(share, before + gap), 1 - gap * (len(shares) - number))
+    return np.asarray(start + shares[:, None] * way)
 
 
 def beside(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:

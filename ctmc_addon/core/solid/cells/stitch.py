@@ -26,13 +26,13 @@ class Stitched(NamedTuple):
     faces : (f, 3) int32
         Vertices: those of cells, then those of nodes.
     sides : (f, 2) unsigned
-    middles : mapping of int to (int, int)
-        Nodes on a face's diagonal, by their vertex number, that lie on a segment between two vertices.
+    chains : mapping of (int, int) to list of int
+        Nodes on the segment between two vertices of cells, from the first to the second, by the numbers of vertices.
     """
 
     faces: NDArray[np.int32]
     sides: NDArray[Any]
-    middles: dict[int, tuple[int, int]]
+    chains: dict[tuple[int, int], list[int]]
 
 
 def stitched(
@@ -63,13 +63,12 @@ def stitched(
     own = number[cut.faces]
     chains = _chains(own, len(keys))
     added_faces, added_sides, split = _split(faces, sides, chains, len(keys))
-    middles = {chain[0]: ends for ends, chain in chains.items() if len(chain) == 1}
     every = np.ones(len(faces), bool)
     every[split] = False
     return Stitched(
         np.concatenate([faces[every], added_faces, own.astype(np.int32)]),
         np.concatenate([sides[every], added_sides, cut.sides]),
-        middles,
+        chains,
     )
 
 
