@@ -16,6 +16,8 @@ from batches import FLAGS, ball, in_place_of_a_case, states, wait_until, whole, 
 from ctmc_addon.cli.batch.files import unfinished_folder
 from ctmc_addon.core.files.temporary_names import temporary_name
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).resolve().parents[3]
 RECORDS = Path(__file__).resolve().parent / "old_records"
 # A batch that waits as soon as its summary has a case that is done, one that runs and one that waits.
@@ -23,8 +25,6 @@ WAITING = """
 import sys, time
 from ctmc_addon.cli import main
 from ctmc_addon.cli.batch import command
-
-pytestmark = pytest.mark.once
 write = command.write_summary
 def write_and_wait(folder, rows, *rest):
     write(folder, rows, *rest)

@@ -120,8 +120,10 @@ class CollapsingComplex(CollapsingMesh):
     def second_stays(self, first: Ints, second: Ints) -> Flags:
         """Return of which edges the second end has the higher rank, is locked, or is on more flats."""
         rank, locked = self.junctions.rank, self.locked
-        more = (self.on_flats[second] & ~self.on_flats[first]) != 0
-        return more | (rank[second] > rank[first]) | (locked[second] & ~locked[first])
+        stays = (rank[second] > rank[first]) | (locked[second] & ~locked[first])
+        if self.flats:
+            stays |= (self.on_flats[second] & ~self.on_flats[first]) != 0
+        return stays
 
     def merged(self, first: Ints, second: Ints) -> tuple[EdgeQuadric, Floats, Floats]:
         """As of `CollapsingMesh`; ends on flats that are not locked go to a place on these."""

@@ -262,7 +262,7 @@ def _collapsed_steps(mesh: ComplexMesh, removed: Flags) -> Steps[Collapsed]:
 
 def _parts(mesh: ComplexMesh, flats: Sequence[Flat]) -> list[_Part]:
     """The parts of a complex that share no label and no vertex, in the order of their lowest labels."""
-    flat = on_flats(flats, mesh.vertices.T) != 0
+    flat = on_flats(flats, mesh.vertices.T) != 0 if flats else None
     labels, interface = interfaces_of(mesh.sides)
     names, number = np.unique(labels, return_inverse=True)
     larger, other = number.reshape(labels.shape).astype(np.int32)
@@ -279,8 +279,8 @@ def _parts(mesh: ComplexMesh, flats: Sequence[Flat]) -> list[_Part]:
     for lowest in np.unique(of_interface):
         own = of_interface == lowest
         faces = np.flatnonzero(own[interface])
-        isolated = own.sum() == 1 and labels[1, own][0] == 0 and not flat[mesh.faces[faces]].any()
-        parts.append(_Part(faces, bool(isolated)))
+        is_free = flat is None or not flat[mesh.faces[faces]].any()
+        parts.append(_Part(faces, bool(own.sum() == 1 and labels[1, own][0] == 0 and is_free)))
     return parts
 
 
