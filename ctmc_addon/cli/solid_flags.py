@@ -289,8 +289,8 @@ def _structure_of(
         raise UsageError(f"{flag} names {name!r}, which {later[_plain(name)]} makes after it; give that one first")
     if not found:
         raise AbsentLabelError(
-            f"{flag} names {name!r}, but the structures are {', '.join(left)}; add --label {name}, or leave out "
-            "--label to take those that are combined"
+            f"{flag} names {name!r}, but the structures are {', '.join(left)}; add it with --label if the file "
+            "has it, or leave out --label to take those that are combined"
         )
     if len(found) > 1:
         raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(found)} are called; give a number")

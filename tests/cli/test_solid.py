@@ -222,7 +222,10 @@ def test_a_combination_takes_its_labels_and_one_file(stub, ctmc, case, tmp_path)
 def test_a_combination_of_other_labels_is_refused(stub, refused, case, tmp_path):
     words = ("--label", "1", "--merge", "both=1,2", "-o", tmp_path / "both.stl")
     sentence = refused("reconstruct", case / "boxes.nii", *words)
-    assert "--merge both names '2', but the structures are 1; add --label 2, or leave out --label" in sentence
+    assert (
+        "--merge both names '2', but the structures are 1; add it with --label if the file has it, or leave out --label"
+        in sentence
+    )
     assert list(tmp_path.iterdir()) == []
 
 
@@ -242,7 +245,10 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
             ("--merge", "a=1,2", "--intersect", "b=1,3"),
             "--intersect b names '1', which an earlier combination has taken; combine liver, a",
         ),
-        (("--subtract", "a=1,spleen"), "--subtract a names 'spleen', but the structures are 1, 2, liver; add --label"),
+        (
+            ("--subtract", "a=1,spleen"),
+            "--subtract a names 'spleen', but the structures are 1, 2, liver; add it with --label",
+        ),
     ],
 )
 def test_a_name_that_is_not_one_structure_is_refused(words, sentence):

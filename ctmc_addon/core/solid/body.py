@@ -24,7 +24,7 @@ from .fields.lattice import Lattice
 from .fields.lattice_edges import edge_vertices_steps, inside_steps
 from .fields.lattice_fields import StructureField
 
-REMEDY = "choose a region, or a thicker hollow, wider drains and wider pegs, which allow longer steps"
+REMEDY = "choose a region or a larger stride"
 OnEdges = tuple[NDArray[np.int64], Floats]
 
 

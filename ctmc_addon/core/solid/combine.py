@@ -136,6 +136,7 @@ def _joined_steps(
     values: Floats | None = None
     for _, body in members:
         own = yield from body.distances_steps(0.0)
+        body.forget_distances(0.0)
         if values is None:
             values = own.copy()
         elif combination.how is Combining.MERGE:
@@ -153,7 +154,7 @@ def _joined_steps(
         why = f"{' and '.join(names)} do not overlap"
         if combination.how is Combining.SUBTRACT:
             why = f"{names[0]} lies within {' and '.join(names[1:])}"
-        raise MeshError(f"nothing is left of {combination.name}, as {why}; choose other structures")
+        raise MeshError(f"nothing is left of {combination.name}, because {why}; choose other structures")
     first = members[0][0]
     notes = [note for structure, _ in members for note in structure.notes]
     joined = Structure(

@@ -63,7 +63,7 @@ def finished_parts_steps(
     if simplified is not None and simplified.self_intersections != 0:
         pairs = yield from stages.run(LOOKING, self_intersections_steps(final.vertices, final.faces))
     parts: dict[int, Reconstruction] = {}
-    for number, border in borders_of(final.faces, final.sides).items():
+    for number, border in (full_borders if simplified is None else borders_of(final.faces, final.sides)).items():
         mesh_of_part = TriangleMesh(final.vertices[border.used], border.faces)
         own = yield from stages.run(AVERAGING, averaged_steps(mesh_of_part))
         own_crossings = int((final.sides[pairs] == number).any(axis=(1, 2)).sum())

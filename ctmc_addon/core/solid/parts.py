@@ -101,6 +101,7 @@ class PartsMaking:
     def _keep(self, structures: Sequence[Structure], bodies: Sequence[Body]) -> None:
         """Go on with some structures, and with these bodies of them."""
         self.structures, self.bodies = list(structures), list(bodies)
+        self.walls = {structure: shape for structure, shape in self.walls.items() if structure in self.structures}
         base = self.solid.base and self.solid.base + STEPS_UNDER_CENTER * max(self.lattice.sides_mm)
         growth = max(self.thicken, 0.0) + base + self.solid.least_wall
         self.together = Together(self.bodies, self.lattice, growth, self.budget, has_feet=base > 0)
@@ -177,7 +178,7 @@ class PartsMaking:
         def remade_steps(structure: Structure, _: Body) -> Steps[None]:
             own = meshes.pop(structure)
             if not len(own.faces):
-                raise MeshError(f"nothing is left of {structure.name} after --thicken; give a smaller distance")
+                raise MeshError(f"nothing is left of {structure.name} after --thicken; give a distance closer to 0")
             thickened.append((yield from self._body_steps(own)))
 
         yield from self._each_steps(remade_steps)
@@ -281,9 +282,11 @@ class PartsMaking:
             if found.refused and not found.placed:
                 for at, why in found.refused:
                     yield from tried_steps([self.structures[at]], _raising_steps(why), self.all_needed)
-            elif found.refused:
-                where = " ".join(f"{at:g}" for at in cut.point)
-                notes.append((self.structures[0], [f"Some joints at the cut at {where} have no peg."]))
+            where = " ".join(f"{each:g}" for each in cut.point)
+            some = f"Some joints at the cut at {where} have no peg; thinner pegs may fit."
+            of_placed = {at for at, _ in found.placed}
+            refused = {at: some if at in of_placed else str(why) for at, why in found.refused if of_placed}
+            notes += [(self.structures[at], [note]) for at, note in refused.items()]
             holes: list[Shape] = [placed.holes for _, placed in found.placed]
             avoid += holes
             if not holes:
@@ -311,7 +314,7 @@ class PartsMaking:
 
     def _stood_steps(self, mesh: ComplexMesh, feet: Feet) -> Steps[ComplexMesh]:
         """Return the parts without what others cut off from their feet; say how they stand."""
-        stood, kept, self.standing = yield from stood_steps(mesh, feet, self._names(mesh))
+        stood, kept, self.standing = yield from stood_steps(mesh, feet)
         left = np.isin(self.crossings, kept).all(axis=1)
         self.crossings = np.searchsorted(kept, self.crossings[left])
         return stood
@@ -320,20 +323,15 @@ class PartsMaking:
         """Return the structure that a part is of, by its number."""
         return self.structures[(part - 1) >> len(self.planes)]
 
-    def _names(self, mesh: ComplexMesh) -> dict[int, str]:
-        """Return the names of all parts."""
-        names: dict[int, str] = {}
-        for structure in self.structures:
-            names |= part_names(structure.name, [part for part in mesh.labels if self._owner(part) is structure])
-        return names
-
     def _finished_steps(self, mesh: ComplexMesh) -> Steps[None]:
         """Simplify all parts together, and describe them."""
         described: dict[int, Reconstruction] = {}
         for structure in self.structures:
             own = [part for part in mesh.labels if self._owner(part) is structure]
             if not own:
-                error = MeshError(f"nothing is left of {structure.name}; give smaller lengths or drains")
+                error = MeshError(
+                    f"nothing is left of {structure.name}; move the surface inward by less, or give smaller drains"
+                )
                 yield from tried_steps([structure], _raising_steps(error), self.all_needed)
                 continue
             notes = (*structure.result.notes, *structure.notes)

@@ -17,7 +17,7 @@ class PartRule:
     """What parts are, by numbers of fields.
 
     The first field is above 0 in all structures. Of several, further fields tell a structure from those behind it.
-    Structures that are far from each other may count as one.
+    Structures that are far from each other count as one here, a slot (`together.py`).
 
     Parameters
     ----------
@@ -25,7 +25,7 @@ class PartRule:
     hollow : int or None
         Above 0 in the hollows of all structures.
     added : dict of int to int
-        Above 0 in what belongs to a structure too, by its number from 0 on.
+        Above 0 in what belongs to a slot too, by its number from 0 on.
     drains : int or None
     cuts : list of int
         Above 0 on the side of part a.
@@ -34,7 +34,7 @@ class PartRule:
     bosses : int or None
         Above 0 in what is not hollow, around pegs.
     feet : dict of int to int
-        Above 0 in the foot of a part, by its number.
+        Above 0 in the feet of parts, by the number that such a part of its slot has.
     """
 
     structures: int

@@ -22,7 +22,7 @@ from ..volume.volume import Volume
 from .body import Body, OnEdges
 from .cells.extract import Recipe, extract_parts_steps
 from .fields.depth import depth_below
-from .fields.lattice import Lattice, lattice_around, steps_in
+from .fields.lattice import Lattice, lattice_around, steps_in, with_box
 from .fields.lattice_fields import Field
 from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
@@ -91,7 +91,9 @@ class Structure:
             for axis, (low, high) in enumerate(scope.region):
                 if (index[:, axis] < low - 1e-3).any() or (index[:, axis] > high - 1 + 1e-3).any():
                     where = "volume" if result.settings.region is None else "region"
-                    self.notes.append(f"The surface is closed at the border of the {where}, as a solid needs that.")
+                    self.notes.append(
+                        f"The surface is closed at the border of the {where}, because a solid must be closed."
+                    )
                     return
 
 
@@ -118,7 +120,7 @@ def check_cuts(structures: Sequence[Structure], solid: SolidRequest) -> None:
         if structures and len(missed) == len(structures):
             require_met(cut, structures[0].mesh.vertices, beyond)
         for structure in missed:
-            structure.notes.append(f"The cut at {' '.join(f'{at:g}' for at in cut.point)} misses {structure.name}.")
+            structure.notes.append(f"The cut at {' '.join(f'{at:g}' for at in cut.point)} misses this structure.")
 
 
 def share_drains_steps(structures: Sequence[Structure], solid: SolidRequest) -> Steps[None]:
@@ -158,6 +160,8 @@ def lattice_of(structures: Sequence[Structure], solid: SolidRequest) -> Lattice:
     scope = scope_of(volume, replace(settings, close_border=True))
     steps = max(structure.result.slice_steps for structure in structures)
     points = np.concatenate([structure.mesh.vertices for structure in structures])
+    if solid.base:  # A foot goes straight down, and from one side to another.
+        points = with_box(points)
     longest = longest_step(sides_of(structures), solid)
     return lattice_around(volume, settings.stride, steps, scope.region, points, margin_of(solid), longest)
 
@@ -222,7 +226,7 @@ def extracted_steps(
     extracted = yield from extract_parts_steps(recipe, body.budget)
     mesh = extracted.mesh.of_label(1)
     if not len(mesh.faces):
-        raise MeshError(f"nothing is left of {name} after {flag}; give a smaller distance")
+        raise MeshError(f"nothing is left of {name} after {flag}; give a distance closer to 0")
     return (yield from body_steps(mesh, body.lattice, body.budget))
 
 

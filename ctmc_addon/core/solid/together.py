@@ -23,7 +23,7 @@ from ..volume.affine import to_index
 from .body import Body, OnEdges, edges_of
 from .cells.extract import MOST_FIELDS
 from .fields.distances import distances_bytes
-from .fields.lattice import Lattice
+from .fields.lattice import Lattice, with_box
 from .fields.lattice_fields import Field, HeldField
 
 LEAST_BLOCK = 2  # Samples along a side of a block; more where triangles are larger.
@@ -57,7 +57,8 @@ class Together:
         self, bodies: Sequence[Body], lattice: Lattice, growth: float, budget: Budget, has_feet: bool = False
     ) -> None:
         self.bodies, self.lattice, self.budget = list(bodies), lattice, budget
-        surfaces = [_samples_at(body.mesh.vertices, lattice) for body in bodies]
+        points = [with_box(body.mesh.vertices) if has_feet else body.mesh.vertices for body in bodies]
+        surfaces = [_samples_at(each, lattice) for each in points]
         self.block = max(
             LEAST_BLOCK, *(_longest(samples, body.mesh.faces) for samples, body in zip(surfaces, bodies, strict=True))
         )

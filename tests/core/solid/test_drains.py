@@ -150,7 +150,7 @@ def test_a_spike_below_a_cavity_is_not_drilled_from_end_to_end():
     found = placed(extracted(depth, 29.0, 1.0), [Drain(3.0)], 2.5)
     low, high = found.bars
     assert found.notes == (
-        "the drain at the lowest place goes the shortest way out, not straight through more material",
+        "The drain at the lowest point takes the shortest way out; the straight way passes through more material.",
     )
     assert low.end[2] > -16
     assert high.end[2] > 13

@@ -45,7 +45,7 @@ def made(volume=BALL, settings=GRAY, labels=(), **solid):
 
 
 def standing_notes(part):
-    return [note for note in part.notes if note.startswith(f"{part.label_name}: ")]
+    return [note for note in part.notes if re.search("stand|pegs reach|hang", note)]
 
 
 def beside(mesh):
@@ -115,7 +115,7 @@ def test_a_foot_of_any_height_is_flat_below(base, turn):
 def test_a_part_on_a_level_cut_has_no_foot_and_says_so():
     parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, 1))])
     plain = made(cuts=[Cut(MIDDLE, (0, 0, 1))])
-    assert standing_notes(parts["part a"]) == ["part a: it stands on its level cut and has no foot"]
+    assert standing_notes(parts["part a"]) == ["The part stands on its level cut and has no foot."]
     assert not standing_notes(parts["part b"])
     assert parts["part a"].mesh.volume == pytest.approx(plain["part a"].mesh.volume, rel=1e-6)
     assert parts["part b"].mesh.volume > plain["part b"].mesh.volume + 100
@@ -135,8 +135,8 @@ def test_a_part_that_leans_over_its_level_cut_has_a_foot():
 def test_beside_a_slanted_cut_a_note_says_how_far_the_center_of_mass_is_off():
     parts = made(base=2.0, cuts=[Cut(MIDDLE, (1, 0, 2))])
     (note,) = standing_notes(parts["part a"])
-    assert "it does not stand, because its center of mass lies" in note
-    told = float(re.search(r"lies ([\d.]+) mm beside its foot", note)[1])
+    assert "The part does not stand: its center of mass lies" in note
+    told = float(re.search(r"lies ([\d.]+) mm outside its foot", note)[1])
     assert told == pytest.approx(beside(parts["part a"].mesh), abs=0.15)
     # The center of half a ball is 3/8 of its radius from its flat side, whose rim is lowest at 2 / sqrt(5) of it.
     assert told == pytest.approx((2 - 3 / 8) / np.sqrt(5) * RADIUS, abs=0.5)
@@ -169,10 +169,10 @@ def test_a_drain_goes_on_through_a_foot():
 def test_pegs_below_a_foot_are_told():
     parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, 1))], pegs=Pegs(1, 4.0, 5.0, 0.2))
     (note,) = standing_notes(parts["part a"])
-    assert "below its level cut; turn the normal of the cut round, so the other has them" in note
-    assert float(re.search(r"its pegs reach ([\d.]+) mm", note)[1]) == pytest.approx(5, abs=0.05)
+    assert "below the level cut; flip the normal of the cut, so that the other part has the pegs." in note
+    assert float(re.search(r"The pegs reach ([\d.]+) mm", note)[1]) == pytest.approx(5, abs=0.05)
     parts = made(base=2.0, cuts=[Cut(MIDDLE, (0, 0, -1))], pegs=Pegs(1, 4.0, 5.0, 0.2))
-    assert standing_notes(parts["part b"]) == ["part b: it stands on its level cut and has no foot"]
+    assert standing_notes(parts["part b"]) == ["The part stands on its level cut and has no foot."]
 
 
 def test_a_piece_above_its_foot_is_told_with_the_base_that_reaches_it():
@@ -182,7 +182,7 @@ def test_a_piece_above_its_foot_is_told_with_the_base_that_reaches_it():
     part = made(gray(depth), base=2.0)["part"]
     assert part.mesh.components == 2
     note = standing_notes(part)[-1]
-    assert "1 piece hangs above its foot" in note
+    assert "1 piece hangs above the foot" in note
     base = float(re.search(r"--base ([\d.]+) reaches all", note)[1])
     assert base == pytest.approx(10.25, abs=0.1)
     assert made(gray(depth), base=base)["part"].mesh.components == 1
@@ -205,3 +205,25 @@ def test_pieces_are_measured():
     np.testing.assert_allclose(pieces.center, center, atol=1e-4)
     assert pieces.volumes == pytest.approx([4 / 3 * np.pi * 125], rel=0.01)
     assert (pieces.low[0], pieces.high[0]) == pytest.approx((2, 12), abs=0.02)
+
+
+@pytest.mark.parametrize("degrees", [8, 20, 45])
+def test_a_foot_below_a_leaning_volume_is_whole(degrees):
+    turned = np.eye(4)
+    cosine, sine = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
+    turned[1:3, 1:3] = [[cosine, -sine], [sine, cosine]]
+    rods = np.zeros((20, 60, 24), np.uint8)
+    rods[5:13, 5:55, 5:11], rods[5:13, 5:55, 11:17] = 1, 2
+    volume = Volume(rods, turned, name="rods", kind="label")
+    for labels in ([1], [1, 2]):
+        parts = solid_parts(volume, ReconstructionSettings(), SolidRequest(base=3.0), labels)
+        assert_parts([part.mesh for part in parts])
+        assert not any("does not stand" in note for note in parts[0].notes)
+
+
+def test_a_part_on_a_level_cut_has_no_foot_where_pegs_divide_steps():
+    ball = Volume(BALL.values, np.diag([3.0, 3.0, 3.0, 1.0]), name="ball")
+    cut = Cut((34.5, 34.5, 34.5), (0, 0, 1))
+    parts = solid_parts(ball, GRAY, SolidRequest(cuts=(cut,), pegs=Pegs(2, 3, 5), base=4.0))
+    wide = parts[0].mesh.vertices[:, 0].max() - parts[0].mesh.vertices[:, 0].min()
+    assert wide == pytest.approx(6 * 9.3, abs=1.0)

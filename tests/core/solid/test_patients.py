@@ -183,7 +183,7 @@ def test_a_part_stands_on_its_foot_or_a_note_says_by_how_much_it_does_not(labels
     for part, corners in zip(parts, written(parts), strict=True):
         assert_sound(corners)
         beside = center_beside_rest(corners.astype(np.float64))
-        told = [re.search(r"lies ([\d.]+) mm beside its foot", note) for note in part.notes]
+        told = [re.search(r"lies ([\d.]+) mm outside its foot", note) for note in part.notes]
         numbers = [float(found[1]) for found in told if found]
         assert len(numbers) == (beside > 0)
         assert not numbers or numbers[0] == pytest.approx(beside, rel=0.01, abs=0.2)

@@ -120,7 +120,7 @@ def test_fewer_pegs_are_placed_where_no_more_fit():
     placed = place(slab((6.0, 3.3, 10)), count=4)
     assert len(placed.places) == 2
     assert distances_between(placed.places)[0] >= 5.2
-    assert placed.notes == ("2 of 4 pegs fit on the cut at 0 0 0; of thinner ones more may fit",)
+    assert placed.notes == ("Only 2 of 4 pegs fit on the cut at 0 0 0; thinner pegs may leave room for more",)
 
 
 def test_pegs_that_fit_only_away_from_the_deepest_place_are_all_found():

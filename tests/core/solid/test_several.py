@@ -54,7 +54,7 @@ def test_nothing_made_at_all_is_an_error_with_the_first_reason():
 @pytest.mark.parametrize(
     ("solid", "made", "left", "reason"),
     [
-        ({"thicken": -1.5}, ["box", "block"], "plate", "nothing is left of plate; give smaller lengths"),
+        ({"thicken": -1.5}, ["box", "block"], "plate", "nothing is left of plate; move the surface inward"),
         ({"thicken": -1.5, "hollow": 1.0}, ["box", "block"], "plate", "nothing is left of plate after --thicken"),
         ({"cuts": [UP], "pegs": Pegs(1, 4, 3)}, ["box a", "box b", "plate"], "block", "no peg of 4 mm and 3 mm length"),
     ],
@@ -113,3 +113,22 @@ def test_a_combination_may_use_the_name_of_an_earlier_one():
     assert not left_out
     whole = several((1, 2), combinations=asked[:1])[0]["both"]
     assert parts["rest"].volume == pytest.approx(whole.volume, rel=1e-3)
+
+
+def test_thickened_walls_of_a_structure_without_pegs_do_not_stop_the_others():
+    cut = Cut((8, 8, 15), (0, 0, 1))  # Through the plate alone.
+    parts, left_out = several((1, 2), cuts=(cut,), pegs=Pegs(2, 5.0, 5.0), least_wall=6.0)
+    assert list(parts) == ["box"]
+    assert "no peg of 5 mm" in left_out[0]
+
+
+def test_one_of_two_that_touch_is_cut_without_pegs_with_a_note():
+    cut = Cut((8, 8, 8), (1, 0, 0))
+    requests = [SurfaceRequest(ReconstructionSettings(label=label)) for label in (1, 2)]
+    parts, left_out = finish(solid_parts_steps(boxes(), requests, SolidRequest(cuts=(cut,), pegs=Pegs(2, 4.0, 4.0))))
+    assert_parts([part.mesh for part in parts])
+    assert left_out == []
+    notes = {part.label_name: [note for note in part.notes if "no peg" in note] for part in parts}
+    assert notes["box a"] == notes["box b"] == []
+    assert len(notes["plate a"]) == len(notes["plate b"]) == 1
+    assert notes["plate a"][0].startswith("no peg of 4 mm and 4 mm length fits on the cut at 8 8 8")

@@ -69,7 +69,8 @@ class Recipe:
         count = len(self.fields)
         if count > MOST_FIELDS:
             raise SettingsError(
-                f"{count} surfaces and cuts are more than {MOST_FIELDS}; make fewer structures or cuts at once"
+                f"{count} surfaces and cuts are more than {MOST_FIELDS}; "
+                "make fewer structures or cuts at once, or leave out --base"
             )
         words = np.arange(1 << count)
         parts = self.part_of([(words >> bit & 1).astype(bool) for bit in range(count)])

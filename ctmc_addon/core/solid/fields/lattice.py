@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Doubles
-from ...volume.affine import to_index, transform_points
+from ...volume.affine import cofactors, determinant, to_index, transform_points
 from ...volume.volume import Volume
 from .shapes import Box
 
@@ -70,12 +70,11 @@ class Lattice:
 
     def around(self, points: NDArray[np.float32], margin_mm: float) -> Lattice:
         """Return the part of the lattice that holds points (n, 3), and more around them."""
-        low, high = _range_of(points, self.affine)
-        margins = margin_mm / np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
+        low, high = _range_of(points, self.affine, margin_mm)
         along = []
         for axis, positions in enumerate((self.x, self.y, self.z)):
-            start = int(np.searchsorted(positions, low[axis] - margins[axis])) - AROUND
-            stop = int(np.searchsorted(positions, high[axis] + margins[axis])) + AROUND
+            start = int(np.searchsorted(positions, low[axis])) - AROUND
+            stop = int(np.searchsorted(positions, high[axis])) + AROUND
             along.append(positions[max(0, start) : stop])
         return Lattice(along[0], along[1], along[2], self.affine)
 
@@ -95,15 +94,14 @@ class Lattice:
 
         `longest_mm` is the length that no step exceeds there.
         """
-        corners = np.array([[box[at >> axis & 1][axis] for axis in range(3)] for at in range(8)])
-        index = to_index(self.affine, corners)
+        index = to_index(self.affine, corners_of(box))
         scale = np.sqrt((self.affine[:3, :3] ** 2).sum(axis=0))
         low, high = index.min(axis=0), index.max(axis=0)
         x, y, z = (
             _divided(positions, longest_mm / scale[axis], low[axis], high[axis])
             for axis, positions in enumerate((self.x, self.y, self.z))
         )
-        return Lattice(x, y, z, self.affine)
+        return self if (len(z), len(y), len(x)) == self.shape else Lattice(x, y, z, self.affine)
 
     def points(self, x: NDArray[np.intp], y: NDArray[np.intp], z: NDArray[np.intp]) -> Doubles:
         """Return the places of samples by their numbers, three (n,), as RAS+ mm (3, n)."""
@@ -137,14 +135,11 @@ def lattice_around(
     longest_mm : float
         Longer steps are divided.
     """
-    low, high = _range_of(points, np.asarray(volume.affine))
+    low, high = _range_of(points, np.asarray(volume.affine), margin_mm)
     along = []
     for axis, ((start, stop), side, spacing) in enumerate(zip(region, stride, volume.spacing, strict=True)):
         steps = slice_steps if axis == 2 else 1
-        margin = margin_mm / spacing
-        positions = _positions(
-            start * steps, (stop - 1) * steps, side, (low[axis] - margin) * steps, (high[axis] + margin) * steps
-        )
+        positions = _positions(start * steps, (stop - 1) * steps, side, low[axis] * steps, high[axis] * steps)
         parts = steps_in(side * spacing / steps, longest_mm)
         along.append(_parted(positions, np.full(len(positions) - 1, parts)) / steps)
     x, y, z = along
@@ -156,13 +151,26 @@ def steps_in(side_mm: float, longest_mm: float) -> int:
     return max(1, math.ceil(side_mm / longest_mm - 1e-6))
 
 
-def _range_of(points: NDArray[np.float32], affine: Doubles) -> tuple[Doubles, Doubles]:
-    """Return the lowest and the highest place of points (n, 3) along every axis of index space."""
+def corners_of(box: Box) -> Doubles:
+    """Return the corners of a box, (8, 3)."""
+    return np.array([[box[at >> axis & 1][axis] for axis in range(3)] for at in range(8)])
+
+
+def with_box(points: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Return points (n, 3) and behind them the corners of the box around them."""
+    box = points.min(axis=0).astype(np.float64), points.max(axis=0).astype(np.float64)
+    return np.concatenate([points, corners_of(box).astype(np.float32)])
+
+
+def _range_of(points: NDArray[np.float32], affine: Doubles, margin_mm: float) -> tuple[Doubles, Doubles]:
+    """Return the lowest and the highest place near points (n, 3) along every axis of index space."""
     low, high = np.full(3, np.inf), np.full(3, -np.inf)
     for start in range(0, len(points), 1 << 18):
         index = to_index(affine, points[start : start + (1 << 18)].astype(np.float64))
         low, high = np.minimum(low, index.min(axis=0)), np.maximum(high, index.max(axis=0))
-    return low, high
+    inverse = cofactors(affine)[:3, :3].T / determinant(affine)
+    margins = margin_mm * np.sqrt((inverse * inverse).sum(axis=1))
+    return low - margins, high + margins
 
 
 def _positions(first: int, last: int, side: int, low: float, high: float) -> Doubles:

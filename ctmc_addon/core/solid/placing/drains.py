@@ -83,18 +83,20 @@ def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]
     --------
     >>> cut, drain = HalfSpace((0.0, 0.0, 1.0), (0.0, 0.0, 1.0)), Bar((5.0, 0.0, 3.0), (9.0, 0.0, 3.0), 2.5)
     >>> notes_at_cuts([drain], [cut])
-    ['The drain at 5 0 3 meets the cut at 0 0 1; move one of them by 0.5 mm.']
+    ['The drain at 5 0 3 meets the cut at 0 0 1; move the cut along its normal by -0.5 mm.']
     """
     notes = []
     for bar in bars:
         ends = np.array([bar.start, bar.end]).T
         for plane in planes:
-            first, last = plane.at(ends).tolist()
-            nearest = 0.0 if first * last < 0 else min(abs(first), abs(last))
-            if nearest < bar.radius:
-                where = place_text(bar.start, bar.radius)
-                cut, move = _numbers(plane.point), rounded_up(bar.radius - nearest, 2)
-                notes.append(f"The drain at {where} meets the cut at {cut}; move one of them by {move:g} mm.")
+            low, high = sorted(plane.at(ends).tolist())
+            up, down = high + bar.radius, bar.radius - low  # Ways to where the cut is beyond the drain.
+            if up > 0 and down > 0:
+                where, cut = place_text(bar.start, bar.radius), _numbers(plane.point)
+                move = rounded_up(up, 2) if up < down else -rounded_up(down, 2)
+                notes.append(
+                    f"The drain at {where} meets the cut at {cut}; move the cut along its normal by {move:g} mm."
+                )
     return notes
 
 
@@ -290,7 +292,8 @@ def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str
             start = yield from _start_steps(point, surface, solid.thicken, radius)
             place = "highest" if up > 0 else "lowest"
             notes.append(
-                f"the drain at the {place} place goes the shortest way out, not straight through more material"
+                f"The drain at the {place} point takes the shortest way out; "
+                "the straight way passes through more material."
             )
         else:
             start = _Start(point, way, length, surface)

@@ -35,7 +35,7 @@ from .rounding import place_text, rounded_down, step_of
 MARGIN = 0.2  # Material around a hole, in diameters of the peg.
 FIRST_SQUARES = 16  # Along the longer side of the section's box.
 SIDE = 0.25  # In rooms that a peg needs: part larger squares.
-LEAST_SIDE, LEAST_TRIED = 0.025, 0.05  # Do not part squares of that side, nor larger ones for pegs that are offered.
+LEAST_SIDE = 0.025  # Do not part squares of that side.
 ENOUGH = 256  # Do not part squares of that side once as many places are found.
 MOST_SQUARES = 40000  # Do not part more.
 POINTS_AT_ONCE = 1 << 18
@@ -129,7 +129,10 @@ def placed_pegs_steps(
     axes = list(zip(starts.T.tolist(), ends.T.tolist(), strict=True))
     bars = [Bar(_point(start), _point(end), pegs.diameter / 2) for start, end in axes]
     holes = [replace(bar, radius=bar.radius + pegs.clearance) for bar in bars]
-    note = f"{len(chosen)} of {pegs.count} pegs fit on the cut at {_numbers(cut.point)}; of thinner ones more may fit"
+    note = (
+        f"Only {len(chosen)} of {pegs.count} pegs fit on the cut at {_numbers(cut.point)}; "
+        "thinner pegs may leave room for more"
+    )
     notes = (note,) if len(chosen) < pegs.count else ()
     return PlacedPegs(Union(bars), Union(holes), np.ascontiguousarray(places.T), notes, tuple(bars))
 

@@ -6,7 +6,7 @@ Lengths are in mm, places RAS+ mm.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -128,20 +128,18 @@ def feet_steps(
         own = mesh.of_label(part)
         pieces = yield from pieces_steps(own)
         foot = yield from foot_steps(own, pieces.center, base, lattice, alone)
-        near = RESTING * lattice.shortest_mm
+        near, lowest = RESTING * lattice.shortest_mm, float(pieces.low.min())
         is_level = any(
-            sign * plane.unit[2] > LEVEL and abs(plane.point[2] - foot.low) < near for plane, sign in sides(part)
+            sign * plane.unit[2] > LEVEL and abs(plane.point[2] - lowest) < near for plane, sign in sides(part)
         )
         if is_level and _beside_rest(own.vertices, pieces.center, near) < 0:
-            feet.level[part] = float(pieces.low.min())
+            feet.level[part] = lowest
         else:
             feet.shapes[part] = foot.with_holes(holes(part))
     return feet
 
 
-def stood_steps(
-    mesh: ComplexMesh, feet: Feet, names: Mapping[int, str]
-) -> Steps[tuple[ComplexMesh, NDArray[np.intp], dict[int, list[str]]]]:
+def stood_steps(mesh: ComplexMesh, feet: Feet) -> Steps[tuple[ComplexMesh, NDArray[np.intp], dict[int, list[str]]]]:
     """Remove pieces that others cut off from feet, and say which parts have no foot or do not stand.
 
     Parameters
@@ -149,8 +147,6 @@ def stood_steps(
     mesh : ComplexMesh
         The parts, with feet and pegs.
     feet : Feet
-    names : mapping of int to str
-        Of the parts.
 
     Returns
     -------
@@ -161,7 +157,7 @@ def stood_steps(
         By the number of the part.
     """
     sides, notes = mesh.sides.copy(), {}
-    for part, name in names.items():
+    for part in mesh.labels:
         border = bordering(mesh.faces, mesh.sides, part)
         vertices = mesh.vertices[border.used]
         pieces = yield from pieces_steps(TriangleMesh(vertices, border.faces))
@@ -175,7 +171,7 @@ def stood_steps(
         yield PAUSE
         resting = vertices[~loose[pieces.of_vertex]]
         beside = _beside_rest(resting, pieces.center, near)
-        notes[part] = list(_notes(name, pieces, beside, feet, part))
+        notes[part] = list(_notes(pieces, beside, feet, part))
     kept = np.flatnonzero(sides[:, 0] != sides[:, 1])
     if len(kept) < len(sides):
         used, faces = compacted(mesh.faces[kept], len(mesh.vertices))
@@ -183,7 +179,7 @@ def stood_steps(
     return mesh, kept, notes
 
 
-def _notes(name: str, pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
+def _notes(pieces: Pieces, beside: float, feet: Feet, part: int) -> Iterator[str]:
     """Yield what a user should know about how a part stands."""
     foot = feet.shapes.get(part)
     low = feet.level[part] if foot is None else foot.low
@@ -191,19 +187,19 @@ def _notes(name: str, pieces: Pieces, beside: float, feet: Feet, part: int) -> I
     below = low - float(pieces.low.min())
     if below > feet.lattice.shortest_mm / 2:
         yield (
-            f"{name}: its pegs reach {below:.3g} mm below its {rest}; "
-            "turn the normal of the cut round, so the other has them"
+            f"The pegs reach {below:.3g} mm below the {rest}; "
+            "flip the normal of the cut, so that the other part has the pegs."
         )
     elif foot is None:
-        yield f"{name}: it stands on its level cut and has no foot"
+        yield "The part stands on its level cut and has no foot."
     elif beside > 0:
         yield (
-            f"{name}: it does not stand, because its center of mass lies {beside:.3g} mm beside its foot, for which a "
-            "cut or another part leaves no more room; lay it on its cut, or make the cut level"
+            f"The part does not stand: its center of mass lies {beside:.3g} mm outside its foot, and a cut or another "
+            "part leaves no room for a wider one; lay it on its cut, or make the cut level."
         )
     top = low + RESTING * feet.lattice.shortest_mm if foot is None else foot.high
     hanging = pieces.low[(pieces.volumes > 0) & (pieces.low > top)]
     if len(hanging):
-        what = "1 piece hangs" if len(hanging) == 1 else f"{len(hanging)} pieces hang"
         reach = rounded_up(float(hanging.max()) - low + feet.lattice.shortest_mm / 4)
-        yield f"{name}: {what} above its {rest}; --base {reach:g} reaches all, --keep-parts 1 leaves out small ones"
+        more = f"above the {rest}; --keep-parts 1 leaves out small pieces, --base {reach:g} reaches all."
+        yield f"1 piece hangs {more}" if len(hanging) == 1 else f"{len(hanging)} pieces hang {more}"

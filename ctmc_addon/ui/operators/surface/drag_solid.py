@@ -38,7 +38,7 @@ class CTMC_OT_solid_drag(Needs, bpy.types.Operator):
     )
     bl_options = {"UNDO", "INTERNAL"}  # noqa: RUF012  (Blender reads it from the class)
 
-    what: choice("Handle", "Which handle", items=list(HANDLES), options={"HIDDEN", "SKIP_SAVE"})
+    what: choice("Handle", "Handle to drag", items=list(HANDLES), options={"HIDDEN", "SKIP_SAVE"})
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
 
     needs = (jobs.idle,)

@@ -116,7 +116,7 @@ def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
 def _has_room_for_cut(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether another cut is possible, with the reason if not."""
     if len(context.scene.ctmc_solid.cuts) >= MOST_CUTS:
-        operator.poll_message_set("There are as many cuts as possible; remove one")
+        operator.poll_message_set("A solid has at most 6 cuts; remove one")
         return False
     return True
 
@@ -247,7 +247,7 @@ class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
     """Reset the panel's solid."""
 
     bl_idname = "ctmc.solid_reset"
-    bl_label = "Make No Solid"
+    bl_label = "Reset Solid"
     bl_description = "Reset the part Solid, so that the next surfaces are as they were extracted"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
