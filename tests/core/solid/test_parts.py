@@ -357,9 +357,9 @@ def test_a_drain_at_a_cut_is_told_with_the_distance_that_helps():
         for part in solid_parts(BALL, GRAY, SolidRequest(hollow=2.0, drains=(drain,), cuts=(Cut(MIDDLE, (0, 0, 1)),)))
         for note in part.notes
     }
-    assert "meets the cut at 11.5 11.5 11.5; move one of them by" in note
+    assert "meets the cut at 11.5 11.5 11.5; move the cut along its normal by -" in note
     move = float(note.rsplit(" ", 2)[1])
-    far = Cut((11.5, 11.5, 11.5 - move), (0, 0, 1))
+    far = Cut((11.5, 11.5, 11.5 + move), (0, 0, 1))
     assert not solid_parts(BALL, GRAY, SolidRequest(hollow=2.0, drains=(drain,), cuts=(far,)))[0].notes
 
 
