@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from solids import together
 
 from ctmc_addon.core import ReconstructionSettings, TriangleMesh, finish, reconstruct
 from ctmc_addon.core.mesh.distance.signed_distance import SignedSurface
@@ -124,13 +125,7 @@ class Trial:
 
 def require_sound(meshes: list[TriangleMesh]) -> None:
     """Raise an `AssertionError` for a part that is open, or turned, or crosses itself or another."""
-    points = np.concatenate([mesh.vertices for mesh in meshes])
-    starts = np.cumsum([0, *(len(mesh.vertices) for mesh in meshes[:-1])])
-    faces = np.concatenate([mesh.faces + start for mesh, start in zip(meshes, starts, strict=True)])
-    vertices, number = np.unique(points, axis=0, return_inverse=True)
-    faces = number.reshape(-1)[faces].astype(np.int32)
-    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
-    crossings = len(self_intersections(vertices.astype(np.float32), faces[np.sort(first)]))
+    crossings = len(self_intersections(*together(meshes)))
     if crossings or not all(mesh.closed and mesh.volume > 0 for mesh in meshes):
         raise AssertionError(f"{crossings} crossings, closed: {[mesh.closed for mesh in meshes]}")
 

@@ -58,7 +58,7 @@ def as_label(estimate):
 def test_triangles_and_memory_are_near_those_of_the_parts(estimate, solid):
     predicted = solid_cost([as_label(estimate)], solid, SIZE * SIZE * SIZE)
     tracemalloc.start()
-    parts = solid_parts(BALL, GRAY, solid)
+    parts = solid_parts(BALL, GRAY, solid, budget=Budget(threads=1))
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     made = sum(part.full_faces for part in parts)

@@ -112,7 +112,7 @@ class Foot:
         return Bar(bar.end, (x, y, z), bar.radius)
 
 
-def foot_steps(mesh: TriangleMesh, center: Point, base: float, lattice: Lattice, alone: bool = True) -> Steps[Foot]:
+def foot_steps(mesh: TriangleMesh, center: Point, base: float, lattice: Lattice, alone: bool) -> Steps[Foot]:
     """Make the foot of a part.
 
     Parameters

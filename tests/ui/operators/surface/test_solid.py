@@ -9,20 +9,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from ui.drawing import drawn, meshes_in
+from ui.places import cursor_at, own_center
 
 bpy = pytest.importorskip("bpy")
 
 from ctmc_addon.blender.colors import part_color
 from ctmc_addon.blender.surface import own_mesh, read_provenance
-from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, finish, make_surfaces_steps
+from ctmc_addon.core import MadeSurface, SettingsError, TriangleMesh, make_surfaces_steps
 from ctmc_addon.core.solid import MOST_CUTS, Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.ui.operators.surface import solid as operators
 from ctmc_addon.ui.operators.surface.results import command_text
-from ctmc_addon.ui.panels.solid import draw_places, draw_solid, draw_solid_line
+from ctmc_addon.ui.panels.solid import draw_solid, draw_solid_line
 from ctmc_addon.ui.panels.surface import CTMC_PT_surface
 from ctmc_addon.ui.properties.solid import _offered as offered
 from ctmc_addon.ui.state import session, solids
-from ctmc_addon.ui.viewport import solid_places
 from ctmc_addon.ui.viewport.solid import outline_of
 
 UP = (0.0, 0.0, 1.0)
@@ -54,10 +54,6 @@ def solid(loaded, monkeypatch):
     monkeypatch.setattr(operators, "solid_parts_steps", parts_steps)
     bpy.context.window_manager.ctmc_page = "SURFACE"
     return loaded.ctmc_solid
-
-
-def cursor_at(*mm):
-    bpy.context.scene.cursor.location = [value * 0.01 for value in mm]
 
 
 @pytest.mark.usefixtures("loaded")
@@ -374,62 +370,6 @@ def test_the_outline_covers_the_structures_box(labels):
     assert np.ptp(plane, axis=0) == pytest.approx((17, 7, 0), abs=1e-4)
 
 
-def test_pegs_and_drains_are_shown_where_they_are_made_once_they_are_found(solid, loaded):
-    assert outline_of(loaded) is None
-    cursor_at(*own_center(loaded))
-    bpy.ops.ctmc.cut_add(direction="Z")
-    bpy.ops.ctmc.drain_add()
-    solid.use_pegs, solid.hollow, solid.peg_diameter, solid.peg_length, solid.peg_count = True, 1.5, 1.0, 1.5, 3
-    outline = outline_of(loaded)
-    assert (outline.pegs, outline.holes, outline.drains) == ([], [], [])
-    assert [radius for _, radius in outline.places] == [2.0]
-    assert solid_places.is_looking(loaded)
-    assert "Looking for places of pegs and drains" in drawn(draw_places).texts
-    finish(solid_places.placing_steps(loaded.session_uid))
-    assert not solid_places.is_looking(loaded)
-    outline = outline_of(loaded)
-    [drain] = outline.drains
-    assert (len(outline.pegs), outline.places) == (3, [])
-    assert [hole.radius for hole in outline.holes] == pytest.approx([0.7] * 3)
-    middle = np.array(own_center(loaded))
-    for peg in outline.pegs:  # Beside the wall, 4.5 to 6 mm from the middle, down from the cut.
-        across = np.linalg.norm((np.array(peg.start) - middle)[:2])
-        assert 3.0 < across < 6.0
-        assert peg.start[2] - peg.end[2] == pytest.approx(1.5)
-    assert np.linalg.norm(np.subtract(drain.end, middle)) > 6.0
-
-
-def test_places_are_found_again_for_other_settings_alone(solid, loaded, monkeypatch):
-    cursor_at(*own_center(loaded))
-    bpy.ops.ctmc.cut_add(direction="Z")
-    solid.use_pegs, solid.peg_diameter, solid.peg_length, solid.peg_count = True, 2.0, 2.0, 1
-    assert solid_places.ask(loaded)
-    assert not solid_places.ask(loaded), "asked before"
-    finish(solid_places.placing_steps(loaded.session_uid))
-    [first] = outline_of(loaded).pegs
-    solid.cuts[0].position += 1.0
-    assert outline_of(loaded).pegs == []
-    assert solid_places.ask(loaded)
-    finish(solid_places.placing_steps(loaded.session_uid))
-    [second] = outline_of(loaded).pegs
-    assert second.start[2] - first.start[2] == pytest.approx(1.0, abs=1e-4)
-    monkeypatch.setattr(solid_places, "placed_cuts_pegs_steps", None)
-    solid.cuts[0].position -= 1.0
-    solid.base = 3.0  # Moves no peg.
-    assert outline_of(loaded).pegs == [first], "kept"
-    solid_places.clear()
-    assert outline_of(loaded).pegs == []
-
-
-def test_what_does_not_fit_is_said_in_the_panel(solid, loaded):
-    cursor_at(*own_center(loaded))
-    bpy.ops.ctmc.cut_add(direction="Z")
-    solid.use_pegs, solid.peg_diameter, solid.peg_length = True, 11.0, 40.0
-    finish(solid_places.placing_steps(loaded.session_uid))
-    assert outline_of(loaded).pegs == []
-    assert any("No peg of 11 mm" in text for text in drawn(CTMC_PT_surface).texts)
-
-
 def test_the_outline_leaves_out_what_makes_no_sense_yet(labels):
     solid = labels.ctmc_solid
     for direction in "XZ":
@@ -439,14 +379,6 @@ def test_the_outline_leaves_out_what_makes_no_sense_yet(labels):
     solid.use_pegs, solid.peg_length, solid.peg_diameter = True, 1.0, 5.0
     outline = outline_of(labels)
     assert (len(outline.planes), outline.pegs) == (1, [])
-
-
-def own_center(scene):
-    """The middle of the CT, which is the ball's, mm."""
-    from ctmc_addon.core.volume import volume_box
-    from ctmc_addon.ui.state import volumes
-
-    return volume_box(volumes.current_full(scene)).mean(axis=0)
 
 
 def test_core_makes_the_parts_of_a_hollow_ball(loaded):
