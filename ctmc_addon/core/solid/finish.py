@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.flats import Flat
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents

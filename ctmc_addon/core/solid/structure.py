@@ -11,10 +11,10 @@ import numpy as np
 
 from ..errors import CtmcError, MeshError, SettingsError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
 from ..surfaces.each_label import without_traceback
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
