@@ -135,6 +135,11 @@ def test_every_file_fits_a_few_screens():
     assert {name: lines for name, lines in lengths.items() if lines > 450} == {}
 
 
+def test_every_folder_holds_one_subject():
+    counts = {named(folder): len(list(folder.glob("*.py"))) for folder in {path.parent for path in SOURCES}}
+    assert {name: count for name, count in counts.items() if count > 15} == {}
+
+
 NUMBERED_SOCKET = re.compile(r"\.(inputs|outputs)\[-?\d")
 
 

@@ -376,7 +376,7 @@ def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
         If there is no readable volume.
     """
     if path.is_dir() and not folder_format(path):
-        from .dicom.series.series import estimate_voxels as dicom_voxels
+        from .dicom.series.folder import estimate_voxels as dicom_voxels
 
         voxels = dicom_voxels(path)
         if voxels:

@@ -107,7 +107,7 @@ def measure_structures(
     Examples
     --------
     >>> import numpy as np
-    >>> from .surfaces.labels import reconstruct_labels
+    >>> from ..surfaces.labels import reconstruct_labels
     >>> labels = np.zeros((8, 8, 20), np.uint8)
     >>> labels[2:6, 2:6, 2:6] = 1
     >>> labels = Volume(labels, np.eye(4), kind="label", label_names={1: "box"})

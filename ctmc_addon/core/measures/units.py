@@ -118,7 +118,7 @@ def one_way_text(way: OneWayDistance) -> str:
 
     Examples
     --------
-    >>> from .mesh.distance.surface_distance import OneWayDistance
+    >>> from ..mesh.distance.surface_distance import OneWayDistance
     >>> one_way_text(OneWayDistance(0.05, 0.194, 0.5824)), one_way_text(OneWayDistance(largest=0.0123))
     ('0.582 mm (95 %: 0.194)', '12.3 um (95 %: 0)')
     """
@@ -132,7 +132,7 @@ def distance_phrases(distance: SurfaceDistance) -> list[str]:
 
     Examples
     --------
-    >>> from .mesh.distance.surface_distance import LostComponents, OneWayDistance, SurfaceDistance
+    >>> from ..mesh.distance.surface_distance import LostComponents, OneWayDistance, SurfaceDistance
     >>> ways = OneWayDistance(0.05, 0.194, 0.5824), OneWayDistance(0.1, 0.39, 3.8)
     >>> for phrase in distance_phrases(SurfaceDistance(*ways, LostComponents(562, 1.9))):
     ...     print(phrase)

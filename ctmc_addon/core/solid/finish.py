@@ -22,7 +22,7 @@ from ..simplification.policy import SOLIDS
 from ..simplification.whole import Simplification
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
-from .cells.extract import Recipe
+from .cells.recipe import Recipe
 from .fields.lattice_fields import LEAST, ShapeField
 
 WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}

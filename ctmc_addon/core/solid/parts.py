@@ -19,7 +19,8 @@ from ..mesh.labels.label_complex import ComplexMesh
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Stages, Steps
 from .body import Body
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .cost import RATIOS, require_memory
 from .fields.depth import depth_below
 from .fields.lattice import Lattice

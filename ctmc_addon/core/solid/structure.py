@@ -20,7 +20,8 @@ from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around, steps_in, with_box
 from .fields.lattice_fields import Field

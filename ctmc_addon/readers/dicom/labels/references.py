@@ -18,7 +18,8 @@ from ....core import ReadError, Steps
 from ....core.files.input_files import add_inputs
 from ....core.volume import SPACING_LIMITS, is_spacing
 from ..header import ImageFile, Slice
-from ..series.series import headers_steps, one_geometry
+from ..series.folder import headers_steps
+from ..series.one_stack import one_geometry
 from ..series.stack_geometry import stack_up
 from ..series.times import times_of
 from .slice_grid import SliceGrid, grid_of_ct

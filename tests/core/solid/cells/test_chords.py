@@ -10,7 +10,8 @@ from ctmc_addon.core import finish
 from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.solid import Lattice
 from ctmc_addon.core.solid.cells.chords import depths_steps, gradients_steps
-from ctmc_addon.core.solid.cells.extract import Recipe, extract_parts_steps
+from ctmc_addon.core.solid.cells.extract import extract_parts_steps
+from ctmc_addon.core.solid.cells.recipe import Recipe
 from ctmc_addon.core.solid.fields.lattice_fields import HeldField
 from ctmc_addon.core.solid.rule import PartRule
 

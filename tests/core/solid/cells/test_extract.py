@@ -14,7 +14,8 @@ from ctmc_addon.core import MeshError, finish
 from ctmc_addon.core.machine.budget import Budget
 from ctmc_addon.core.mesh.intersections import self_intersections
 from ctmc_addon.core.solid import Bar, HalfSpace, Lattice
-from ctmc_addon.core.solid.cells.extract import Recipe, extract_parts_steps
+from ctmc_addon.core.solid.cells.extract import extract_parts_steps
+from ctmc_addon.core.solid.cells.recipe import Recipe
 from ctmc_addon.core.solid.fields.lattice_fields import ShapeField
 from ctmc_addon.core.solid.fields.shapes import Union
 from ctmc_addon.core.solid.rule import PartRule
