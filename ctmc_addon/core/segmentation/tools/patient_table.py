@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """The table that a patient lies on: what is behind the body and does not belong to it, in a CT in HU.
 
-The body is what is thick: of the samples that are not air those farther than `CORE_MM` from it, in components as large
-as of an arm (a tenth of a liter, or `ARM_MM2` through a short scan), and what lies as near to these. A table top is
-thinner, where it touches the skin too. Behind means towards the patient's back: in a column of samples through the body
-beyond its last one there or in a column beside; elsewhere beyond the last one of the nearest column. It is looked for
-on samples some 2.5 mm apart.
+The body is anything thick: samples that are not air and lie farther than `CORE_MM` from it, in components at least
+as large as of an arm (a tenth of a liter, or `ARM_MM2` through a short scan), and the samples near these. A table top
+is thinner, also where it touches the skin. Behind means towards the patient's back: in a column of samples through the
+body or beside one, beyond the last sample of the body there; elsewhere beyond the last one of the nearest column. The
+table is looked for on samples some 2.5 mm apart.
 """
 
 from __future__ import annotations
