@@ -263,13 +263,13 @@ def _second_number(line: str) -> int | None:
 
 
 def _windows_available() -> int | None:
-    class Status(ctypes.Structure):
+    class MemoryStatus(ctypes.Structure):
         # MEMORYSTATUSEX, winbase.h
         _fields_ = [("length", ctypes.c_ulong), ("load", ctypes.c_ulong)] + [
             (name, ctypes.c_ulonglong)
             for name in ("total", "available", "page_total", "page_free", "virtual_total", "virtual_free", "extended")
         ]
 
-    status = Status(length=ctypes.sizeof(Status))
+    status = MemoryStatus(length=ctypes.sizeof(MemoryStatus))
     kernel32 = getattr(ctypes, "windll").kernel32  # noqa: B009  (exists on Windows only)
     return int(status.available) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None
