@@ -19,8 +19,8 @@ ENDLESS = 1e30  # Every value lies below this and above its negative; NaN does n
 RIM = 0.72  # Share of the lightness at the rim: it shows form, and its color is not in the ramp.
 
 
-class Shown(Protocol):
-    """What a material must know of a map."""
+class ShownMap(Protocol):
+    """The properties of a map that its material needs."""
 
     @property
     def name(self) -> str:
@@ -39,7 +39,7 @@ class Shown(Protocol):
         """Of `RAMPS`."""
 
 
-def map_material(shown: Shown) -> bpy.types.Material:
+def map_material(shown: ShownMap) -> bpy.types.Material:
     """Return a material in the colors of a map, unlit but slightly darker at the rim."""
     material = bpy.data.materials.new(f"CTMC {shown.name}")
     material[MAP] = shown.name
@@ -60,7 +60,7 @@ def blocks_of(material: bpy.types.Material) -> list[bpy.types.ID]:
     return [material, material.node_tree.nodes[MAP].node_tree]
 
 
-def set_colors(material: bpy.types.Material, shown: Shown) -> None:
+def set_colors(material: bpy.types.Material, shown: ShownMap) -> None:
     """Give a material of `map_material` the range and the ramp that a map has now."""
     group = material.node_tree.nodes[MAP]
     for called, value in zip(_range_names(shown.unit), shown.range, strict=True):
@@ -73,7 +73,7 @@ def _range_names(unit: str) -> tuple[str, str]:
     return f"Low{behind}", f"High{behind}"
 
 
-def map_nodes(shown: Shown) -> bpy.types.NodeTree:
+def map_nodes(shown: ShownMap) -> bpy.types.NodeTree:
     """Return a new node group that gives the color of a map: of its value between two inputs, gray without a value."""
     tree: Any = bpy.data.node_groups.new(shown.name, "ShaderNodeTree")
     low, high = (

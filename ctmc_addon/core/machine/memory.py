@@ -243,7 +243,7 @@ def _half_of_physical() -> int | None:
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a small file; none where it is missing or closed to us."""
+    """Return the lines of a small file; none where it is missing or closed to us."""
     try:
         return path.read_text("ascii").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -257,7 +257,7 @@ def _number(path: Path) -> int | None:
 
 
 def _second_number(line: str) -> int | None:
-    """The number after a name; None where a line has none."""
+    """Return the number after a name; None where a line has none."""
     words = line.split()
     return int(words[1]) if len(words) > 1 and words[1].isdigit() else None
 

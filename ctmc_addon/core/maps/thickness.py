@@ -122,9 +122,7 @@ def _diameters_steps(surface: MappedSurface, side: int, limit: float) -> Steps[F
     count = len(mesh.vertices)
     at_vertex = (tree.order < count) & tree.normals.any(axis=0)
     threads = surface.budget.thread_count
-    radii = yield from stages.run(
-        measuring, TangentBalls(tree, gap, search / 2, slope).radii_steps(at_vertex, threads)
-    )
+    radii = yield from stages.run(measuring, TangentBalls(tree, gap, search / 2, slope).radii_steps(at_vertex, threads))
     values = np.full(count, np.nan, np.float32)
     values[tree.order[at_vertex]] = 2 * radii[at_vertex]
     return np.minimum(values, np.float32(limit))  # NaN stays NaN.

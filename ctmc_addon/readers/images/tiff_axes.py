@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 from ...core import ReadError
 from ..length_units import in_mm
-from .imagej_calibration import Calibration, calibration_of
+from .imagej_calibration import ImageJCalibration, calibration_of
 from .tiff_page import PageLayout
 
 PIXELS = ("pixel", "pixels")  # ImageJ's units of a picture without scale
@@ -84,13 +84,13 @@ class TiffMetadata(NamedTuple):
         Millimeters.
     notes : tuple of str
         What was assumed about the spacing.
-    calibration : Calibration
+    calibration : ImageJCalibration
         From stored numbers to gray values.
     """
 
     spacing: tuple[float, float, float] | None = None
     notes: tuple[str, ...] = ()
-    calibration: Calibration = Calibration()
+    calibration: ImageJCalibration = ImageJCalibration()
 
 
 def metadata_of_tiff(tiff: Any, layout: PageLayout, several: bool) -> TiffMetadata:

@@ -22,7 +22,7 @@ HALF_DIAGONAL = 0.8661
 CLOSE = 2.0**-12  # Depths are exact to this share of the longest side, unless many points are nearly as deep.
 MOST_PARTED = 1024  # Divide at most this many cubes at a time, those with the greatest depth.
 EVERY = slice(None)
-EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # (3, 8).
+EIGHTHS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)]).T  # Shape (3, 8).
 
 
 @dataclass(frozen=True)
