@@ -36,8 +36,8 @@ def text_curve(body: str, size: float) -> Any:
     blenders = curve.font
     curve.font, curve.font_bold = font(), blenders
     curve.body, curve.size = body, EM * size
-    for character, looks in zip(body, curve.body_format, strict=True):
-        looks.use_bold = character not in CHARACTERS
+    for character, settings in zip(body, curve.body_format, strict=True):
+        settings.use_bold = character not in CHARACTERS
     return curve
 
 
