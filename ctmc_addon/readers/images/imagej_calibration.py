@@ -33,7 +33,7 @@ FUNCTIONS = {
     21: "uncalibrated optical density",
     22: "custom",
 }
-SIGNED_16_BIT_OFFSET = 1 << 15  # ImageJ adds it to signed 16 bits when it opens them, before it calibrates
+SIGNED_16_BIT_OFFSET = 1 << 15  # ImageJ adds it to signed 16 bit values when it opens them, before calibration.
 
 
 class ImageJCalibration(NamedTuple):

@@ -12,7 +12,7 @@ from typing import Any
 
 FILE = Path(__file__).with_name("ctmc-letters.woff2")
 CAP = 0.729  # Height of a capital letter, as a share of the em.
-EM = 1.2660  # Blender's size of letters over theirs: it takes the font's lowest to its highest outline for the size
+EM = 1.2660  # Blender's size of letters over the em, because Blender measures from the lowest to the highest outline.
 CHARACTERS = frozenset(
     chr(code)
     for codes in (

@@ -87,13 +87,13 @@ def at_samples_steps(
         points = lattice.points(x, y, z).T
         if inside is not None:
             unsigned = tree.tree if isinstance(tree, SignedSurface) else tree
-            found = yield from equal_part(unsigned.distances_steps(points, limit, threads), number, len(parts))
-            out[part] = np.where(inside[z, y, x], found, -found)
+            distances = yield from equal_part(unsigned.distances_steps(points, limit, threads), number, len(parts))
+            out[part] = np.where(inside[z, y, x], distances, -distances)
             continue
         if not isinstance(tree, SignedSurface) or not tree.closed:
             raise MeshError("an open surface has no inside; close its border")
-        found, _ = yield from equal_part(tree.distances_steps(points, threads), number, len(parts))
-        out[part] = -found
+        distances, _ = yield from equal_part(tree.distances_steps(points, threads), number, len(parts))
+        out[part] = -distances
     return out
 
 
@@ -388,15 +388,15 @@ def _has_open_steps(state: Bytes) -> Steps[dict[int, tuple[Flags, Flags]]]:
             parts.append(reduced if last else reduced[: layers // 2])
             yield PAUSE
     any_open, all_open = np.concatenate(any_parts), np.concatenate(all_parts)
-    found = {2: (any_open, all_open)}
+    flags_by_edge = {2: (any_open, all_open)}
     for edge in (4, 8):
         for axis in range(3):
             starts = np.arange(0, any_open.shape[axis], 2)
             any_open = np.logical_or.reduceat(any_open, starts, axis=axis)
             all_open = np.logical_and.reduceat(all_open, starts, axis=axis)
             yield PAUSE
-        found[edge] = any_open, all_open
-    return found
+        flags_by_edge[edge] = any_open, all_open
+    return flags_by_edge
 
 
 def _halved(flags: Flags, axis: int, of_two: np.ufunc) -> Flags:
