@@ -150,7 +150,7 @@ if TYPE_CHECKING:
         compare_labels as compare_labels,
         compare_labels_steps as compare_labels_steps,
     )
-    from .change.limits import ChangeLimits as ChangeLimits, Status as Status
+    from .change.limits import ChangeLimits as ChangeLimits, ChangeStatus as ChangeStatus
     from .change.table import (
         CHANGE_HEADS as CHANGE_HEADS,
         change_cells as change_cells,

@@ -290,14 +290,14 @@ def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
         return masks_in_files
     labels = [file for file in files if label_class(file)]
     doses = [file for file in files if object_class(file) == DOSE]
-    for found, what in ((labels, "segmentations or structure sets"), (doses, "doses")):
-        if len(found) == 1:
-            return (yield from open_volume_steps(found[0]))
-        if found:
-            names = ", ".join(file.relative_to(folder).as_posix() for file in found[:5])
+    for candidates, what in ((labels, "segmentations or structure sets"), (doses, "doses")):
+        if len(candidates) == 1:
+            return (yield from open_volume_steps(candidates[0]))
+        if candidates:
+            names = ", ".join(file.relative_to(folder).as_posix() for file in candidates[:5])
             raise ReadError(
-                f"the folder {folder.name} has {len(found)} {what} ({names}"
-                f"{' and more' if len(found) > 5 else ''}); choose one of them"
+                f"the folder {folder.name} has {len(candidates)} {what} ({names}"
+                f"{' and more' if len(candidates) > 5 else ''}); choose one of them"
             )
     volumes += sorted(file.name for file in folder.iterdir() if suffix(file) in VOLUME_SUFFIXES)
     folders = [entry.name for entry in inner if image_folder.images_in(entry)]

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Flags for maps, made from the list of quantities, and the files that they name."""
+"""Make the flags for maps from the list of quantities, and open the files that they name."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ KINDS = {kind.flag: kind for kind in QUANTITIES}
 
 @dataclass(frozen=True)
 class AskedMaps:
-    """The maps that flags or a manifest ask for, as plain data.
+    """The maps requested by flags or a manifest, as plain data.
 
     Parameters
     ----------
     quantities : tuple of (flag, text)
-        In the order in which they were given; the text is empty for a flag without a value.
+        In the given order; the text is empty for a flag without a value.
     options : mapping
         Options of quantities, by name.
     limits : tuple of (name, low, high)
@@ -46,27 +46,27 @@ class AskedMaps:
     ramp: str | None = None
 
     def __bool__(self) -> bool:
-        """Return whether any map is asked for."""
+        """Whether any map is requested."""
         return bool(self.quantities)
 
     def of_case(self, own: AskedMaps) -> AskedMaps:
-        """Return these maps and those that a case asks for itself, whose options and limits win."""
+        """Return these maps with those of a case, whose options and limits win."""
         names = {name for name, _, _ in own.limits}
         limits = (*(limit for limit in self.limits if limit[0] not in names), *own.limits)
         options = {**self.options, **own.options}
         return replace(self, quantities=(*self.quantities, *own.quantities), options=options, limits=limits)
 
     def in_folder(self, folder: Path) -> AskedMaps:
-        """Return the same maps with absolute paths, for files that are named from a folder."""
+        """Return the same maps with absolute paths; relative ones begin at the folder."""
         return replace(self, quantities=tuple((flag, _in_folder(flag, text, folder)) for flag, text in self.quantities))
 
     def named(self) -> dict[str, Any]:
-        """Return plain data in which files have their names alone."""
+        """Return plain data with the names of files instead of their paths."""
         quantities = [[flag, _in_folder(flag, text, None)] for flag, text in self.quantities]
         return {**self.plain(), "quantities": quantities}
 
     def state_of_files(self) -> list[list[Any]]:
-        """Return name, bytes and time of every file that is named, by which a change is seen."""
+        """Return the name, bytes and time of every named file, to detect changes."""
         state: list[list[Any]] = []
         for flag, text in self.quantities:
             path = Path(_parts_of(flag, text)[1] or ".")
@@ -83,7 +83,7 @@ class AskedMaps:
 
     @classmethod
     def from_plain(cls, plain: Mapping[str, Any]) -> AskedMaps:
-        """Return what `plain` was made from."""
+        """Return the maps from the data of `plain`."""
         pairs = tuple((flag, text) for flag, text in plain["quantities"])
         limits = tuple((name, low, high) for name, low, high in plain["limits"])
         between = None if plain["range"] is None else (plain["range"][0], plain["range"][1])
@@ -115,7 +115,7 @@ NO_MAPS = AskedMaps()
 
 
 def _in_folder(flag: str, text: str, folder: Path | None) -> str:
-    """Return the text of a quantity with its file's absolute path; without a folder with its name."""
+    """Return the text of a quantity with the absolute path of its file, or with its name if `folder` is None."""
     name, path = _parts_of(flag, text)
     if not path:
         return text
@@ -128,16 +128,16 @@ def _in_folder(flag: str, text: str, folder: Path | None) -> str:
 
 
 def _parts_of(flag: str, text: str) -> tuple[str, str]:
-    """Return what stands before the path of a quantity, 'dose=' of 'dose=a.nii', and the path; empty without one."""
+    """Split the text of a quantity into prefix and path: 'dose=' and 'a.nii'; the path is empty without a file."""
     name, equals, path = text.partition("=") if KINDS[flag].metavar.startswith("NAME=") else ("", "", text)
     return name + equals, path.strip()
 
 
 class _AddQuantity(argparse.Action):
-    """A flag of a quantity, kept in the order in which all of them were given."""
+    """Store the flags of quantities in the order in which they were given."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
-        """Keep the flag and its value."""
+        """Store a flag and its value."""
         flag = str(self.option_strings[0]).removeprefix("--")
         text = values if isinstance(values, str) else ""
         namespace.maps = [*(namespace.maps or ()), (flag, text)]
@@ -152,7 +152,7 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
     shown : bool
         Whether the command shows a map in colors.
     without : sequence of str
-        Flags of quantities that the command has for something else.
+        Flags of quantities that the command uses for something else.
     """
     repeated = "--paint, --distance-to and --map-limit may be repeated"
     group = parser.add_argument_group("maps", f"values on the vertices of every surface; {repeated}")
@@ -191,7 +191,7 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
 
 
 def asked_maps(args: argparse.Namespace, manifest: bool = False) -> AskedMaps:
-    """Return the maps that the flags ask for; with a manifest its rows may ask for more.
+    """Return the maps requested by flags; the rows of a manifest may request more.
 
     Raises
     ------
@@ -213,7 +213,7 @@ def asked_maps(args: argparse.Namespace, manifest: bool = False) -> AskedMaps:
 
 
 def limit_of(text: str) -> tuple[str, float | None, float | None]:
-    """Return the limit that a manifest's cell holds: 'thickness_mm 1 none'.
+    """Return the limit in a cell of a manifest, such as 'thickness_mm 1 none'.
 
     Raises
     ------
@@ -239,7 +239,7 @@ def _limit(text: str) -> float | None:
 
 
 class _MapInputs(readers.MapFiles):
-    """The files that quantities name, which no output replaces."""
+    """The files that quantities name; outputs must not replace them."""
 
     def volume_steps(self, path: str) -> Steps[Volume]:
         """Read a volume."""
@@ -247,6 +247,6 @@ class _MapInputs(readers.MapFiles):
         return (yield from super().volume_steps(path))
 
     def surface_steps(self, path: str) -> Steps[TriangleMesh]:
-        """Read a surface, or make that of a label volume; RAS+ mm."""
+        """Return the surface of a file or of a label volume, RAS+ mm."""
         add_inputs([Path(path)])
         return (yield from super().surface_steps(path))

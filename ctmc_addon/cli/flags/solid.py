@@ -18,7 +18,7 @@ from .arguments import UsageError, flags_checked, given_settings, label_choices,
 from .described import Numbers, add_flag, given, is_number, separated, value_reader
 
 Values = Mapping[str, Any]
-"""What flags or the cells of a manifest give, by the names of the flags with underscores."""
+"""Values of flags or of a manifest's cells, by the names of the flags with underscores."""
 
 AUTO = "auto"
 NONE = "none"
@@ -97,31 +97,31 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
 
 
 def asked_solid(args: argparse.Namespace) -> SolidRequest:
-    """Return the solid that the flags ask for.
+    """Return the solid of the flags.
 
     Raises
     ------
     UsageError
-        For flags that make no solid.
+        For flags that cannot make a solid.
     """
     with flags_checked():
         return solid_of(given_solid(args))
 
 
 def given_solid(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the values that flags give, by their names."""
+    """Return the values of the given flags by name."""
     flags = vars(args)
     own = ("drain", "cut", "pegs", "peg_mm", "clearance", "combinations")
     return {**given(args, SolidRequest), **{name: flags[name] for name in own if name in flags}}
 
 
 def solid_of(values: Values) -> SolidRequest:
-    """Return the solid of values of flags or of cells.
+    """Return the solid from values of flags or cells.
 
     Raises
     ------
     SettingsError
-        For values that make no solid.
+        For values that cannot make a solid.
     """
     scalars = {name: value for name, value in values.items() if name in DESCRIBED}
     diameter = auto_diameter(values.get("hollow", 0.0))
@@ -136,7 +136,7 @@ def solid_of(values: Values) -> SolidRequest:
 
 
 def overridden_solid(common: Values, own: Values) -> dict[str, Any]:
-    """Return what flags give for all cases, of which the cells of a case win, column by column."""
+    """Return the values of flags for all cases, replaced by those of a case's cells, column by column."""
     merged = {**common, **own}
     if "combinations" in own:
         ways = own["combinations"]
@@ -148,24 +148,24 @@ def overridden_solid(common: Values, own: Values) -> dict[str, Any]:
 def settings_labels_and_solid(
     args: argparse.Namespace,
 ) -> tuple[ReconstructionSettings, tuple[int | str, ...], SolidRequest]:
-    """Return the settings, the labels that they choose, and the solid; without labels those that it combines.
+    """Return the settings, the selected labels, and the solid; without labels, those that the solid combines.
 
     Raises
     ------
     UsageError
-        For flags that do not fit together.
+        For flags that exclude each other.
     """
     solid = asked_solid(args)
     if solid.combinations and given_settings(args).get("threshold") is not None:
         how = solid.combinations[0].how.value
         raise UsageError(f"--{how} combines labels, and a threshold has a single structure; leave out --threshold")
-    settings, choices = settings_and_labels(args, lambda chosen: labels_of(chosen, solid))
+    settings, choices = settings_and_labels(args, lambda given: labels_of(given, solid))
     require_built_in(solid, settings)
     return settings, choices, solid
 
 
 def require_built_in(solid: SolidRequest, settings: ReconstructionSettings) -> None:
-    """Raise `UsageError` where Blender would simplify a solid: that moves cuts and pegs, after walls are measured."""
+    """Raise `UsageError` if Blender would simplify a solid, which moves cuts and pegs after walls are measured."""
     if solid != NOTHING and settings.simplifies and settings.simplifier == "decimate":
         raise UsageError("solids are simplified by the built-in simplifier; leave out --simplifier decimate")
 
@@ -176,7 +176,7 @@ def may_have_parts(solid: SolidRequest) -> bool:
 
 
 def require_room_for_parts(solid: SolidRequest, output: str) -> None:
-    """Raise `OutputError` where the parts of a cut are to go to a file that holds one surface."""
+    """Raise `OutputError` if the parts of a cut would go to a file that holds one surface."""
     path = Path(output)
     if solid.cuts and path.suffix.lower() in SUFFIXES:
         raise OutputError(
@@ -186,7 +186,7 @@ def require_room_for_parts(solid: SolidRequest, output: str) -> None:
 
 
 def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
-    """Return the labels that combinations name, each once, without structures that other combinations make.
+    """Return the labels that combinations name, each once, without structures made by other combinations.
 
     Examples
     --------
@@ -196,13 +196,13 @@ def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
     """
     choices: list[int | str] = []
     for each in solid.combinations:
-        others = {_plain(other.name) for other in solid.combinations if other is not each}
-        choices += [choice for name in each.of if _plain(name) not in others for choice in label_choices(name)]
+        combined = {_plain(second.name) for second in solid.combinations if second is not each}
+        choices += [choice for name in each.of if _plain(name) not in combined for choice in label_choices(name)]
     return tuple(dict.fromkeys(choices))
 
 
 def labels_of(choices: Sequence[int | str], solid: SolidRequest) -> tuple[int | str, ...]:
-    """Return chosen labels; a structure that combinations make stands for the labels that they name, as no choice does.
+    """Return the labels of choices; a combined structure, or no choice, stands for all labels of the combinations.
 
     Raises
     ------
@@ -218,11 +218,11 @@ def labels_of(choices: Sequence[int | str], solid: SolidRequest) -> tuple[int | 
     named = combined_labels(solid)
     out: list[int | str] = []
     for choice in choices:
-        made = [at for at, each in enumerate(solid.combinations) if _plain(each.name) == _plain(str(choice))]
-        if not made:
+        makers = [at for at, each in enumerate(solid.combinations) if _plain(each.name) == _plain(str(choice))]
+        if not makers:
             out.append(choice)
             continue
-        for later in solid.combinations[made[-1] + 1 :]:
+        for later in solid.combinations[makers[-1] + 1 :]:
             if any(_plain(name) == _plain(str(choice)) for name in later.of):
                 flag = f"--{later.how.value} {later.name}"
                 raise UsageError(f"--label {choice} names a structure that {flag} takes; give --label {later.name}")
@@ -231,15 +231,15 @@ def labels_of(choices: Sequence[int | str], solid: SolidRequest) -> tuple[int | 
 
 
 def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[int, str]) -> tuple[SolidRequest, int]:
-    """Return a solid whose combinations name structures as they are called, and how many structures it leaves.
+    """Return a solid whose combinations have the exact names of structures, and the number of structures left.
 
-    A combination takes its structures away. Case, spaces and underscores of names make no difference.
+    A combination consumes its structures. Case, spaces and underscores of names do not matter.
 
     Parameters
     ----------
     solid : SolidRequest
     labels : sequence of int
-        Labels to make the solid of.
+        Labels to make the solid from.
     names : mapping of int to str
         Names of labels.
 
@@ -262,41 +262,41 @@ def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[i
     called = [
         name if name and alike[file_key(name)] == 1 else str(label) for label, name in zip(labels, named, strict=True)
     ]
-    known: dict[str, list[str]] = {}
+    names_of: dict[str, list[str]] = {}
     for label, name, own in zip(labels, named, called, strict=True):
         for word in {str(label), _plain(name) or str(label)}:
-            known.setdefault(word, []).append(own)
+            names_of.setdefault(word, []).append(own)
     left = dict.fromkeys(called)
     combinations = []
     for number, each in enumerate(solid.combinations):
         flag = f"--{each.how.value} {each.name}"
-        later = {_plain(other.name): f"--{other.how.value} {other.name}" for other in solid.combinations[number + 1 :]}
-        of = [_structure_of(name, flag, known, left, later) for name in each.of]
+        later = {_plain(next_.name): f"--{next_.how.value} {next_.name}" for next_ in solid.combinations[number + 1 :]}
+        of = [_structure_of(name, flag, names_of, left, later) for name in each.of]
         for name in of:
             left.pop(name, None)
-        known[_plain(each.name)] = [each.name]
+        names_of[_plain(each.name)] = [each.name]
         left[each.name] = None
         combinations.append(replace(each, of=tuple(of)))
     return replace(solid, combinations=tuple(combinations)), len(left)
 
 
 def _structure_of(
-    name: str, flag: str, known: Mapping[str, Sequence[str]], left: Mapping[str, None], later: Mapping[str, str]
+    name: str, flag: str, names_of: Mapping[str, Sequence[str]], left: Mapping[str, None], later: Mapping[str, str]
 ) -> str:
-    """Return what a structure that a combination names is called; `later` are the flags that make others after it."""
-    found = known.get(_plain(name), ())
-    if not found and _plain(name) in later:
+    """Return the exact name of a structure in a combination; `later` holds the flags of combinations after it."""
+    matches = names_of.get(_plain(name), ())
+    if not matches and _plain(name) in later:
         raise UsageError(f"{flag} names {name!r}, which {later[_plain(name)]} makes after it; give that one first")
-    if not found:
+    if not matches:
         raise AbsentLabelError(
             f"{flag} names {name!r}, but the structures are {', '.join(left)}; add it with --label if the file "
             "has it, or leave out --label to take those that are combined"
         )
-    if len(found) > 1:
-        raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(found)} are called; give a number")
-    if found[0] not in left:
+    if len(matches) > 1:
+        raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(matches)} are called; give a number")
+    if matches[0] not in left:
         raise UsageError(f"{flag} names {name!r}, which an earlier combination has taken; combine {', '.join(left)}")
-    return found[0]
+    return matches[0]
 
 
 def _pegs_of(values: Values) -> Pegs | None:
@@ -312,10 +312,10 @@ def _pegs_of(values: Values) -> Pegs | None:
 
 
 class _AddCombination(argparse.Action):
-    """A combination, kept in the order in which all of them were given."""
+    """Store combinations in the order in which they were given."""
 
     def __call__(self, parser: Any, namespace: Any, values: Any, option_string: Any = None) -> None:
-        """Keep the combination."""
+        """Store a combination."""
         namespace.combinations = [*getattr(namespace, "combinations", ()), values]
 
 
@@ -326,7 +326,7 @@ def _add_numbers(group: Any, name: str, most: int, reader: Callable[[str], Any],
 
 
 def _numbers(text: str, count: int, what: str) -> list[float]:
-    """Return the numbers of a text; a cell of a manifest may have commas between them."""
+    """Return the numbers in a text; a cell of a manifest may separate them by commas."""
     words = separated(text)
     if len(words) != count or not all(map(is_number, words)):
         raise argparse.ArgumentTypeError(f"write {what}, not {text!r}")
@@ -387,7 +387,7 @@ def _reader_of(how: Combining) -> Callable[[str], Combination]:
 
 
 def _several(read: Callable[[str], Any]) -> Callable[[str], list[Any]]:
-    """Return what reads a cell with several values; 'none' takes away those of all cases."""
+    """Return a function that reads a cell with several values; 'none' removes those for all cases."""
 
     def read_all(cell: str) -> list[Any]:
         if cell.strip().lower() == NONE:
@@ -410,15 +410,15 @@ COLUMNS: dict[str, Callable[[str], Any]] = {
     "clearance": _clearance,
     **{name: _several(_reader_of(how)) for name, how in COMBINING.items()},
 }
-"""What reads the cells of a manifest's columns."""
+"""Functions that read the cells of a manifest's columns."""
 
 
 def cells_of(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Return the cells of a row as `overridden_solid` takes them: combinations by their kind."""
+    """Return the cells of a row for `overridden_solid`, with combinations by their kind."""
     ways = {name: cell for name, cell in values.items() if name in COMBINING}
     return {name: cell for name, cell in values.items() if name not in ways} | ({"combinations": ways} if ways else {})
 
 
 def _plain(name: str) -> str:
-    """Return a name as labels are looked for, without case and underscores."""
+    """Return a name without case and underscores, as labels are compared."""
     return " ".join(name.casefold().replace("_", " ").split())

@@ -129,7 +129,7 @@ def measure_structures_steps(
     names: Sequence[str] = (),
     doses: Sequence[float] = (),
 ) -> Steps[list[StructureRow]]:
-    """`measure_structures` as steps."""
+    """Do what `measure_structures` does, in steps."""
     rows = []
     called = names or structure_names(results)
     stages = Stages(dict.fromkeys(called, 1))

@@ -21,7 +21,7 @@ from ..value_kind import scaled_steps
 from .grid import grid_slices
 from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header_errors, mended, mended_notes
 
-HEADER = 348  # bytes
+HEADER = 348  # A header has this many bytes.
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
 MODULE = "nibabel.spm2analyze"
 MOST_OFFSET = 1 << 24  # Bytes before the values.

@@ -232,6 +232,6 @@ def placed(
     if spacing is None:
         notes.append("the file has a direction but no spacing: 1 mm is assumed along x, y and z")
     notes += turned_notes(next((key for key in SPACING if key.lower() in fields), ""), lengths[:3])
-    lengths_mm, said = in_mm([fields.get("distanceunits", "")])
+    lengths_mm, unit_notes = in_mm([fields.get("distanceunits", "")])
     affine[:3] *= lengths_mm[0]
-    return affine, directions, (*notes, *said)
+    return affine, directions, (*notes, *unit_notes)

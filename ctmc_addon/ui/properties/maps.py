@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Define the settings of the map that the active surface shows: `scene.ctmc_map`, kept with the mesh.
+"""Define the settings of the map that the active surface shows, `scene.ctmc_map`; the mesh stores them.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -21,7 +21,7 @@ RAMP_NAMES = tuple(RAMPS)
 
 
 def _shown(properties: Any) -> Any:
-    """Return the map shown; `maps` holds bpy and is looked up only when asked."""
+    """Return the shown map; `maps` imports bpy, so it is looked up when needed."""
     from ..state.results import maps
 
     return maps.active_map(properties.id_data)
@@ -119,7 +119,7 @@ class CTMCMap(PropertyGroup):
 
 
 def register() -> None:
-    """Give every scene the settings of the map shown."""
+    """Give every scene the settings of the shown map."""
     register_class(CTMCMap)
     Scene.ctmc_map = PointerProperty(type=CTMCMap, name="CTMC Map")
 

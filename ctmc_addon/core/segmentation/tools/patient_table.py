@@ -26,8 +26,8 @@ from ...volume.volume import Volume
 from .islands import islands_steps
 from .margin import margin_steps
 
-NOT_AIR = -300.0  # HU; at and above it a sample may belong to the body
-AIR = -1000.0  # HU that what is removed gets
+NOT_AIR = -300.0  # A sample of at least this many HU may belong to the body.
+AIR = -1000.0  # Removed samples get this many HU.
 COARSE_MM = 2.5  # Look at samples this far apart.
 CORE_MM = 6.0  # Distance from air: the body has places so far inside, a table top has none.
 BODY_MM3, ARM_MM2 = 100_000.0, 600.0  # A core smaller than this, as of a rail, is not part of the body.

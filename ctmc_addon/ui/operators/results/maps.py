@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Add, show and remove maps of the active surface: values on its vertices, such as the thickness of its wall."""
+"""Add, show and remove maps of the active surface: values on its vertices, such as wall thickness."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ def _sentence(text: str) -> str:
 
 
 def _structure_items(_operator: Any, context: bpy.types.Context) -> list[tuple[str, str, str]]:
-    """Return the labels of the list, and a file last."""
+    """Return the labels of the list, followed by a file."""
     _items.clear()
     _items.extend((key, item.name or key, "") for key, item in structure_choices(context.scene.ctmc))
     _items.append((FROM_FILE, translate("File"), ""))
@@ -107,12 +107,12 @@ class _MapAdder(jobs.LongOperator):
         obj, kind = context.view_layer.objects.active, kind_of(self.quantity)
         require_editable(obj)
         about = {} if kind.options is None else descriptions(kind.options)
-        chosen = [field for field in about if self.properties.is_property_set(field)]
-        given = {field: as_typed(getattr(self, field), about[field]) for field in chosen}
+        options = [field for field in about if self.properties.is_property_set(field)]
+        given = {field: as_typed(getattr(self, field), about[field]) for field in options}
         return added_steps(obj, context.scene, kind, self.text_of(kind), given)
 
     def text_of(self: Any, kind: type[Quantity]) -> str:
-        """Return the value that the quantity's flag would have on the command line."""
+        """Return the value of the quantity's flag on the command line."""
         path = bpy.path.abspath(self.filepath)
         if kind.metavar == NAME_AND_FILE:
             if not self.filepath:
@@ -155,7 +155,7 @@ CTMC_OT_map_add = type(
 def added_steps(
     obj: bpy.types.Object, scene: bpy.types.Scene, kind: type[Quantity], value: str, options: Mapping[str, Any]
 ) -> Steps[jobs.Conclusion]:
-    """Work a quantity out on an object's own mesh, in the patient's millimeters; write and show it at the end.
+    """Calculate a quantity on an object's mesh, in millimeters of the patient; write and show it at the end.
 
     Parameters
     ----------
@@ -163,9 +163,9 @@ def added_steps(
     scene : bpy.types.Scene
     kind : type of Quantity
     value : str
-        As that of the flag.
+        Value of the quantity's flag.
     options : mapping
-        Of the quantity.
+        Options of the quantity.
     """
     uid, provenance, mesh, budget = obj.session_uid, require_provenance(obj), own_mesh(obj), machine().budget
     result = reconstruction_of(mesh, None, provenance.settings, provenance)
@@ -196,15 +196,15 @@ def added_steps(
 def _surfaces_of(
     scene: bpy.types.Scene, result: Reconstruction, full: Reconstruction | None, budget: Budget
 ) -> Callable[[ReconstructionSettings], Steps[TriangleMesh]]:
-    """Return the maker of other surfaces of the scene's CT; the full surface of the last run is not made again."""
+    """Return a function that makes surfaces of the scene's CT; it reuses the full surface of the last run."""
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         if full is not None and settings == result.settings.without(SIMPLIFICATION):
             return full.mesh
         source, request = structures.require_volume_of(scene, settings), SurfaceRequest(settings)
-        [made] = yield from make_surfaces_steps(source, [request], budget, all_needed=True)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        return made.result.mesh
+        [surfaces] = yield from make_surfaces_steps(source, [request], budget, all_needed=True)
+        assert isinstance(surfaces, MadeSurface), "an error is raised"
+        return surfaces.result.mesh
 
     return surface_steps
 

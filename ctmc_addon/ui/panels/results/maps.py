@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the part Maps of the page Results: the maps of the active surface, and the one that is shown."""
+"""Draw the part Maps of the page Results: the maps of the active surface, and the shown map."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ STATISTICS = (
     ("95 %", "percentile_95"),
     ("Maximum", "maximum"),
 )
-"""Names of the numbers of a map, and their fields."""
+"""Labels of the statistics of a map, and their fields."""
 SHARES = (("Without Value", "share_without"), ("Below Limit", "share_below"), ("Above Limit", "share_above"))
-"""Names of the shares of the area, and their fields."""
+"""Labels of the shares of the area, and their fields."""
 
 
 def draw_maps(room: Any, context: bpy.types.Context) -> None:
-    """Draw the button that adds a map, the list, and the settings and numbers of the one that is shown."""
+    """Draw the button that adds a map, the list, and the settings and statistics of the shown map."""
     layout, obj = block(room), surfaces.surface_of_results(context)
     layout.operator_menu_enum("ctmc.map_add", "quantity", text="Add Map", icon="ADD")
     if obj is None or obj.data.is_editmode:
@@ -74,7 +74,7 @@ def _draw_shown(layout: Any, context: bpy.types.Context, shown: StoredMap) -> No
 
 
 def facts_of(shown: StoredMap) -> list[tuple[str, str]]:
-    """Return the numbers of a map with their names; shares of the area are left out where they are 0 or unknown."""
+    """Return the statistics of a map with their labels, without shares of the area that are 0 or unknown."""
     numbers = [(translate(name), getattr(shown.statistics, field)) for name, field in STATISTICS]
     facts = [
         (name, UNKNOWN if value is None else f"{number_text(value)} {shown.unit}".rstrip()) for name, value in numbers

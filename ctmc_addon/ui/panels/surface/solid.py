@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Draw the fold Solid of the page Surface: what is done to structures before their surfaces are made, for 3D print."""
+"""Draw the fold Solid of the page Surface: operations on structures for 3D print."""
 
 from __future__ import annotations
 
@@ -104,10 +104,10 @@ def _draw_remove(row: Any, kind: str, index: int) -> None:
 
 
 def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
-    """Draw what the solid does to the next surfaces, where they are made, with a button that resets it."""
+    """Draw the solid's operations on the next surfaces, with a button that resets them."""
     try:
         text = solid_text(context.scene.ctmc_solid.to_request())
-    except SettingsError:  # Said below, with its remedy.
+    except SettingsError:  # Shown below, with its remedy.
         text = translate("Makes a solid")
     if text:
         row = layout.row(align=True)
@@ -116,13 +116,13 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
 
 
 def draw_places(layout: Any, context: bpy.types.Context) -> None:
-    """Say what of the pegs and drains in the viewport does not fit, or that they are looked for."""
-    found = solid_places.places_of(context.scene)
+    """Draw notes on pegs and drains that do not fit, or that they are still being placed."""
+    placed = solid_places.places_of(context.scene)
     if solid_places.is_looking(context.scene):
         draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
-    if found is None:
+    if placed is None:
         return
-    for note in found.notes:
+    for note in placed.notes:
         draw_text(layout, context, translate_sentence(note), "ERROR")
-    if found.coarse and (found.drains.bars or (found.pegs and found.pegs.bars)):
+    if placed.coarse and (placed.drains.bars or (placed.pegs and placed.pegs.bars)):
         draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Define the solid that Reconstruct makes: `scene.ctmc_solid`, with defaults and limits of `core.solid`.
+"""Define the solid that Reconstruct makes, `scene.ctmc_solid`, with the defaults and limits of `core.solid`.
 
 As in settings.py, this module must not hold `bpy` itself, nor anything that does.
 """
@@ -31,7 +31,7 @@ from ..kinds import boolean, choice, collection, decimal, decimals, integer, tex
 from .structures import structure_choices
 
 ABOUT = descriptions(SolidRequest)
-LEAST_MM = 0.1  # Of what must be above 0.
+LEAST_MM = 0.1  # Least length of properties that must be above 0.
 COMBININGS = (
     (Combining.MERGE, "Merge", "Make one structure of all that lies in any of them"),
     (Combining.SUBTRACT, "Subtract", "Take the others away from the first structure"),
@@ -41,12 +41,12 @@ COMBININGS = (
 
 
 def _own(name: str, **options: Any) -> Any:
-    """Return a length of `SolidRequest`, which says name, text and limits."""
+    """Return the property of a length of `SolidRequest`, with its name, text and limits."""
     return property_of(ABOUT[name], defaults(SolidRequest)[name], unit="CAMERA", soft_max=20.0, precision=2, **options)
 
 
 def _length(name: str, description: str, default: float = 0.0, low: float = 0.0, **options: Any) -> Any:
-    """Return a length, which Blender shows in mm at any unit scale of the scene."""
+    """Return the property of a length, shown in mm at any unit scale of the scene."""
     limits = {"default": default, "min": low, "max": LARGEST_MM, "soft_max": 20.0, **options}
     return decimal(name, description, unit="CAMERA", precision=2, **limits)
 
@@ -68,7 +68,7 @@ class CTMCDrain(PropertyGroup):
     point: _place("Point", "Set where the hole begins, inside the solid [mm]")
 
     def to_request(self) -> Drain:
-        """Return the drain as core takes it."""
+        """Return the drain for `core`."""
         return Drain(as_written(self.diameter), None if self.auto else _numbers(self.point))
 
 
@@ -93,7 +93,7 @@ class CTMCCut(PropertyGroup):
     )
 
     def to_request(self) -> Cut:
-        """Return the cut as core takes it.
+        """Return the cut for `core`.
 
         Raises
         ------
@@ -104,7 +104,7 @@ class CTMCCut(PropertyGroup):
 
 
 def _offered(operand: Any, _context: Any, _typed: str) -> list[str]:
-    """Return the names or numbers of the labels of the list, and the names of what earlier combinations make."""
+    """Return the names or numbers of the labels of the list, and the names of structures from earlier combinations."""
     offered = [key for key, _ in structure_choices(operand.id_data.ctmc)]
     for combination in operand.id_data.ctmc_solid.combinations:
         if any(each == operand for each in combination.of):
@@ -132,14 +132,14 @@ class CTMCOperand(PropertyGroup):
 
 
 class CTMCCombination(PropertyGroup):
-    """Several structures made one."""
+    """Several structures combined into one."""
 
     how: choice("Combine", "How to combine", items=[(how.value, name, about) for how, name, about in COMBININGS])
     title: text("Name", "Name the new structure")
     of: collection("Structures", "Structures that are combined", type=CTMCOperand)
 
     def to_request(self) -> Combination:
-        """Return the combination as core takes it; without a name it is named after its structures.
+        """Return the combination for `core`; without a name, it is named after its structures.
 
         Raises
         ------
@@ -155,7 +155,7 @@ class CTMCCombination(PropertyGroup):
 
 
 class CTMCSolid(PropertyGroup):
-    """What is done to structures before the next surfaces are made."""
+    """Operations on structures before the next surfaces are made."""
 
     thicken: _own("thicken", soft_min=-20.0)
     hollow: _own("hollow")
@@ -175,7 +175,7 @@ class CTMCSolid(PropertyGroup):
     bed: property_of(ABOUT["bed"], ABOUT["bed"].start, precision=1, step=100)
 
     def pegs_request(self) -> Pegs | None:
-        """Return the pegs as core takes them; None without any, or without a cut.
+        """Return the pegs for `core`; None without pegs or cuts.
 
         Raises
         ------
@@ -186,7 +186,7 @@ class CTMCSolid(PropertyGroup):
         return Pegs(self.peg_count, *sizes) if self.use_pegs and len(self.cuts) else None
 
     def to_request(self) -> SolidRequest:
-        """Return the solid as core takes it, checked.
+        """Return the solid for `core`, checked.
 
         Raises
         ------

@@ -16,7 +16,7 @@ from ...translations import translate
 ATTRIBUTE, USUAL = "VERTEX", "MATERIAL"
 WITH_MATERIALS = ("MATERIAL", "RENDERED")
 """Kinds of shading that show the material of a map."""
-_before: dict[int, str] = {}  # Earlier colors of each viewport, by its address.
+_before: dict[int, str] = {}  # Earlier kind of colors of each viewport, by its address.
 
 
 def _shadings() -> list[Any]:
@@ -24,7 +24,7 @@ def _shadings() -> list[Any]:
     return [area.spaces.active.shading for area in session.viewports()]
 
 
-def shows_colors(shading: Any) -> bool:
+def _shows_colors(shading: Any) -> bool:
     """Return whether a viewport shows the colors of maps."""
     return shading.type in WITH_MATERIALS or (shading.type == "SOLID" and shading.color_type == ATTRIBUTE)
 
@@ -32,7 +32,7 @@ def shows_colors(shading: Any) -> bool:
 def show() -> None:
     """Show maps in every viewport: those that show neither materials nor attributes change to attributes."""
     for shading in _shadings():
-        if not shows_colors(shading):
+        if not _shows_colors(shading):
             _before[shading.as_pointer()] = f"{shading.type} {shading.color_type}"
             shading.type, shading.color_type = "SOLID", ATTRIBUTE
 
@@ -48,9 +48,9 @@ def hide() -> None:
 
 
 def draw(context: bpy.types.Context) -> None:
-    """Draw the legend of the active surface, if its map is seen."""
+    """Draw the legend of the active surface if its map is visible."""
     stored = shown_map(context.view_layer.objects.active)
-    if stored is not None and shows_colors(context.space_data.shading):
+    if stored is not None and _shows_colors(context.space_data.shading):
         scale = scale_of([stored])
         title = translate(scale.title.capitalize())
         draw_legend(title, scale, translate("No value") if scale.gaps else "")

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Show the panel's solid in the viewport while the page Surface is open: planes of cuts, pegs and drains."""
+"""Show the cuts, pegs and drains of the panel's solid in the viewport while the page Surface is open."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ from . import solid_places
 PAGE = "SURFACE"
 CUT_COLOR, CUT_TINT = (0.95, 0.45, 0.1, 1.0), (0.95, 0.45, 0.1, 0.15)
 PEG_COLOR, HOLE_COLOR, DRAIN_COLOR = (0.95, 0.45, 0.1, 1.0), (0.95, 0.45, 0.1, 0.4), (0.2, 0.7, 1.0, 1.0)
-LINE = 1.5  # Pixels.
+LINE = 1.5  # Width of lines, pixels.
 SIDES = ((0, 1), (1, 2), (2, 3), (3, 0))
 Wire = tuple[NDArray[np.float64], Any]
 
 
 @dataclass(frozen=True)
 class SolidOutline:
-    """What the viewport shows of a solid, RAS+ mm.
+    """Outline of a solid in the viewport, RAS+ mm.
 
     Parameters
     ----------
@@ -35,7 +35,7 @@ class SolidOutline:
         Rectangles of the cuts.
     pegs, holes, drains : list of Bar
     places : list of ((x, y, z), radius)
-        Drains whose direction is not known yet.
+        Points and radii of drains that are not placed yet.
     """
 
     planes: list[NDArray[np.float64]]
@@ -46,7 +46,7 @@ class SolidOutline:
 
 
 def outline_of(scene: bpy.types.Scene) -> SolidOutline | None:
-    """Return the outline of the panel's solid; None without one. Lines that make no sense yet are left out."""
+    """Return the outline of the panel's solid; None without a solid. Incomplete cuts are left out."""
     stored = scene.ctmc_solid
     if not len(stored.cuts) and not len(stored.drains):
         return None
@@ -54,18 +54,18 @@ def outline_of(scene: bpy.types.Scene) -> SolidOutline | None:
     if box is None:
         return None
     planes = [rectangle_of(cut.to_request(), box) for cut in stored.cuts if any(cut.normal)]
-    found = solid_places.places_of(scene)
-    if found is None:
+    placed = solid_places.places_of(scene)
+    if placed is None:
         drains = [drain.to_request() for drain in stored.drains]
         unknown = [(drain.point, drain.diameter / 2) for drain in drains if drain.point is not None]
         return SolidOutline(planes, [], [], [], unknown)
-    pegs = [] if found.pegs is None else list(found.pegs.bars)
+    pegs = [] if placed.pegs is None else list(placed.pegs.bars)
     holes = [Bar(peg.start, peg.end, peg.radius + stored.clearance) for peg in pegs]
-    return SolidOutline(planes, pegs, holes, list(found.drains.bars), [])
+    return SolidOutline(planes, pegs, holes, list(placed.drains.bars), [])
 
 
 def shows(context: bpy.types.Context) -> bool:
-    """Return whether the solid is shown now."""
+    """Return whether the page of the solid is open."""
     return bool(context.window_manager.ctmc_page == PAGE)
 
 
@@ -84,13 +84,13 @@ def draw(context: bpy.types.Context, size: tuple[float, float]) -> None:
 
 
 def _whole(bar: Bar) -> Wire:
-    """Return the cylinder of a bar with the length of its round end."""
+    """Return the cylinder of a bar, longer by its round end."""
     along = np.subtract(bar.end, bar.start)
     return cylinder(bar.start, bar.end + along * (bar.radius / np.linalg.norm(along)), bar.radius)
 
 
 def _draw_wires(wires: Iterable[Wire], color: Any, size: tuple[float, float], scale: float) -> None:
-    """Draw wires together, as each call takes its time."""
+    """Draw all wires with one call, because each call is slow."""
     points, pairs, count = [], [], 0
     for own, joined in wires:
         points.append(own)

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Handles of the panel's solid in the viewport: an arrow moves a cut, the ring before it turns it, a ring a drain.
+"""Handles of the panel's solid in the viewport: an arrow moves a cut, a ring on it turns it, a ring moves a drain.
 
-They start `ctmc.solid_drag`, which is one step to undo.
+They start `ctmc.solid_drag`, which is undone as one step.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from ...state.surface import solids
 from . import solid
 
 MOST_DRAINS = 12
-"""Drains with a handle."""
-LENGTH, RING = 0.6, 1.0  # Reach of the arrow, and place of the ring, in sizes of Blender's gizmos.
+"""At most this many drains have a handle."""
+LENGTH, RING = 0.6, 1.0  # Length of the arrow and position of the ring, in sizes of Blender's gizmos.
 HIGHLIGHT = (1.0, 1.0, 0.6)
 
 
 def middle_of(scene: bpy.types.Scene, index: int) -> NDArray[np.float64] | None:
-    """Return the middle of a cut's rectangle, (3,) mm; None for one that is not shown."""
+    """Return the middle of a cut's rectangle, (3,) mm; None for a cut that is not shown."""
     box, cuts = solids.box_of(scene), scene.ctmc_solid.cuts
     if box is None or not 0 <= index < len(cuts) or not any(cuts[index].normal):
         return None
@@ -34,7 +34,7 @@ def middle_of(scene: bpy.types.Scene, index: int) -> NDArray[np.float64] | None:
 
 
 def _matrix_of_cut(scene: bpy.types.Scene, index: int) -> Matrix | None:
-    """Return the matrix of a cut's handles: at its middle, z along its normal; None for one that is not shown."""
+    """Return the matrix of a cut's handles, at its middle with z along its normal; None for a cut that is not shown."""
     middle = middle_of(scene, index)
     if middle is None:
         return None
@@ -44,7 +44,7 @@ def _matrix_of_cut(scene: bpy.types.Scene, index: int) -> Matrix | None:
 
 
 def _matrix_of_drain(scene: bpy.types.Scene, index: int) -> Matrix | None:
-    """Return the matrix of a drain's handle; None for one without a point."""
+    """Return the matrix of a drain's handle; None for a drain without a point."""
     drains = scene.ctmc_solid.drains
     if not 0 <= index < len(drains) or drains[index].auto:
         return None
@@ -89,7 +89,7 @@ class CTMC_GGT_solid(bpy.types.GizmoGroup):
         return handle
 
     def draw_prepare(self, context: bpy.types.Context) -> None:
-        """Move the handles to the present cuts and drains, and hide the others."""
+        """Move the handles to the present cuts and drains, and hide unused ones."""
         handles = list(self.gizmos)
         matrices = [_matrix_of_cut(context.scene, index // 2) for index in range(2 * MOST_CUTS)]
         matrices += [_matrix_of_drain(context.scene, index) for index in range(MOST_DRAINS)]

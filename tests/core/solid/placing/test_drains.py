@@ -185,7 +185,7 @@ def test_the_deepest_place_is_found():
 
 def test_cavities_fill_the_volume_that_they_have():
     found = finish(cavities_steps(depth_of(BALL), 4.0, CENTER - 20, CENTER + 20))
-    assert found.others == 0
+    assert found.further == 0
     assert found.points.shape[1] * found.side**3 == pytest.approx(4 / 3 * np.pi * 16**3, rel=0.01)
 
 

@@ -61,7 +61,7 @@ def beside(mesh):
 
 def foot_of(mesh, base):
     center = finish(pieces_steps(mesh)).center
-    return finish(foot_steps(mesh, center, base, LATTICE, alone=True))
+    return finish(foot_steps(mesh, center, base, LATTICE, is_single=True))
 
 
 def test_the_foot_of_a_ball_is_a_disc():

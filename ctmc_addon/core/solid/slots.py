@@ -1,9 +1,9 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Structures that are made together: the fields that tell them from each other and from what is around.
+"""Separate structures that touch from each other and from the outside, by a few fields.
 
-Structures that are far from each other share a slot, so that dozens need a few fields: of touching organs, each borders
-on some others alone. A region of every structure, in blocks of the lattice, holds all of its parts; regions of a slot
-do not overlap, so that the place of a triangle tells whose it is.
+Structures far from each other share a slot, so that dozens of touching organs need only a few fields. Each structure
+has a region, in blocks of the lattice, that holds all its parts. The regions in one slot do not overlap, so a triangle
+belongs to the structure in whose region it lies.
 """
 
 from __future__ import annotations
@@ -26,24 +26,24 @@ from .fields.distances import distances_bytes
 from .fields.lattice import Lattice, with_box
 from .fields.lattice_fields import Field, HeldField
 
-LEAST_BLOCK = 2  # Samples along a side of a block; more where triangles are larger.
-OUTSIDE = np.float32(-1e6)  # The depth where a structure is far away, mm.
+LEAST_BLOCK = 2  # A block has at least this many samples along a side, more if triangles are larger.
+OUTSIDE = np.float32(-1e6)  # Depth far from all structures, mm.
 POINTS_AT_ONCE = 1 << 18
 
 
-class Together:
+class StructureSlots:
     """The slots of several bodies on one lattice, and their fields.
 
     Parameters
     ----------
     bodies : sequence of Body
-        Each on the lattice or on a part of it.
+        Bodies on the lattice or on parts of it.
     lattice : Lattice
     growth : float
-        By how much their parts may be larger than the bodies, mm.
+        How far parts may reach beyond the bodies, mm.
     budget : Budget
     has_feet : bool
-        Whether parts stand on feet, which go from one side of a body to another.
+        Whether parts stand on feet, which reach from one side of a body to the opposite one.
 
     Attributes
     ----------
@@ -73,12 +73,12 @@ class Together:
 
     @property
     def is_alone(self) -> bool:
-        """Whether there is one body, and its fields are those of the whole lattice."""
+        """Whether there is only one body, on the whole lattice."""
         return len(self.bodies) == 1 and self.bodies[0].lattice is self.lattice
 
     @property
     def needed_bytes(self) -> int:
-        """Bytes that the fields and the distances that they are made of take."""
+        """Bytes of the fields and of the distances that they are made from."""
         return self._bytes_besides + 4 * self.lattice.samples * (self.count + 2)
 
     @property
@@ -88,7 +88,7 @@ class Together:
         return largest + sum(5 * body.lattice.samples for body in self.bodies)
 
     def require_memory(self) -> None:
-        """Raise a `MemoryLimitError` that says how many structures would fit if their fields do not."""
+        """Raise a `MemoryLimitError` if the fields do not fit, with the number of structures that would."""
         if self.is_alone:
             return
 
@@ -98,34 +98,34 @@ class Together:
 
         self.budget.require(self.needed_bytes, f"the fields of {len(self.bodies)} structures that touch", remedy)
 
-    def require_fields(self, others: int) -> None:
-        """Raise a `SettingsError` that says how many structures would fit if one extraction cannot have all fields.
+    def require_fields(self, further: int) -> None:
+        """Raise a `SettingsError` if one extraction cannot have all fields, with the number of structures that fit.
 
-        `others` are the fields beside those of the slots.
+        `further` is the number of fields that do not belong to slots.
         """
-        most = MOST_FIELDS - others
+        most = MOST_FIELDS - further
         if len(self.bodies) > 1 and most < self.count:
             raise SettingsError(
-                f"{len(self.bodies)} structures touch and need {self.count + others} fields, more than {MOST_FIELDS}; "
+                f"{len(self.bodies)} structures touch and need {self.count + further} fields, more than {MOST_FIELDS}; "
                 f"choose at most {max(1, most)} of them at once, or set interfaces to separate"
             )
 
     def fields_steps(self, thicken: float) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
-        """Return the fields of the slots, as `PartRule` takes them, and where they are 0 on edges of the lattice."""
+        """Return the fields of the slots for a `PartRule`, and their zeros on edges of the lattice."""
         if thicken not in self._fields:
             if self.is_alone:
                 self._fields[thicken] = [(yield from self.bodies[0].field_steps(-thicken))]
             else:
                 self._fields[thicken] = yield from self._slots_steps(thicken)
-        known = None if thicken else edges_of(self.bodies)
+        on_edges = None if thicken else edges_of(self.bodies)
         fields = list(self._fields[thicken])
-        return fields, {} if known is None else dict.fromkeys(range(len(fields)), known)
+        return fields, {} if on_edges is None else dict.fromkeys(range(len(fields)), on_edges)
 
     def _slots_steps(self, thicken: float) -> Steps[list[Field]]:
         """Return the fields of several slots.
 
-        Depths are exact near a surface alone. Where two structures are far, the later one counts as the farther, so
-        that no sign changes there.
+        Depths are exact only near surfaces. Where two structures are far, the later one counts as farther, so that no
+        sign changes there.
         """
         lattice = self.lattice
         far, later = 2 * sum(lattice.sides_mm), lattice.shortest_mm / 8
@@ -146,7 +146,7 @@ class Together:
         return [HeldField(lattice, behind, keeps_volume=thicken != 0), *reversed(fields)]
 
     def hollow_steps(self, level: float) -> Steps[Field]:
-        """Return the field of what is deeper than a level in any of the bodies."""
+        """Return the field that is above 0 deeper than a level in any body."""
         if self._hollow is None and self.is_alone:
             self._hollow = yield from self.bodies[0].field_steps(level)
         elif self._hollow is None:
@@ -160,7 +160,7 @@ class Together:
         return self._hollow
 
     def with_owners(self, mesh: ComplexMesh, sides: int) -> ComplexMesh:
-        """Return a mesh whose parts are numbered by structures, `sides` each, instead of by slots."""
+        """Return the mesh with parts numbered by structures instead of slots; each structure has `sides` parts."""
         if self.count == len(self.bodies) and self.slots == list(range(self.count)):
             return mesh
         numbers = np.zeros_like(mesh.sides)
@@ -174,14 +174,14 @@ class Together:
                 assert (owner >= 0)[part > 0].all(), "regions hold all parts"
                 numbers[block, column] = np.where(part > 0, 1 + owner * sides + side, 0)
         faces = mesh.faces
-        turned = numbers[:, 0] < numbers[:, 1]  # Behind is the larger, as before.
+        turned = numbers[:, 0] < numbers[:, 1]  # The part behind has the larger number.
         faces = np.where(turned[:, None], faces[:, ::-1], faces)
         numbers[turned] = numbers[turned][:, ::-1]
         return ComplexMesh(mesh.vertices, np.ascontiguousarray(faces), numbers, mesh.normals)
 
 
 def _samples_at(vertices: Floats, lattice: Lattice) -> Indices:
-    """Return the samples at places in RAS+ mm (n, 3), or the next ones, (3, n) along x, y and z."""
+    """Return the indices (3, n) along x, y and z of the first samples at or after positions (n, 3) in RAS+ mm."""
     out = np.empty((3, len(vertices)), np.int64)
     for start in range(0, len(vertices), POINTS_AT_ONCE):
         block = slice(start, start + POINTS_AT_ONCE)
@@ -193,7 +193,7 @@ def _samples_at(vertices: Floats, lattice: Lattice) -> Indices:
 
 
 def _longest(samples: Indices, faces: NDArray[np.int32]) -> int:
-    """Return over how many samples a triangle goes along an axis, at most."""
+    """Return the largest extent of a triangle along an axis, in samples."""
     longest = 0
     for start in range(0, len(faces), POINTS_AT_ONCE):
         corners = samples[:, faces[start : start + POINTS_AT_ONCE]]  # (3, n, 3)
@@ -202,16 +202,16 @@ def _longest(samples: Indices, faces: NDArray[np.int32]) -> int:
 
 
 def _region(surface: Indices, lattice: Lattice, growth: float, block: int, is_box: bool) -> Flags:
-    """Return the blocks that may hold a part of a body, (z, y, x), by those of its vertices, (3, n) from x to z."""
+    """Return whether each block (z, y, x) may hold a part of a body, by the blocks of its vertices, (3, n) x to z."""
     at_surface = np.zeros([-(-size // block) for size in lattice.shape], bool)
     if is_box:
         x, y, z = (slice(int(along.min()), int(along.max()) + 1) for along in surface)
         at_surface[z, y, x] = True
     at_surface[surface[2], surface[1], surface[0]] = True
-    for axis in range(3):  # A triangle goes into the blocks beside those of its corners at most.
+    for axis in range(3):  # A triangle reaches at most one block beyond those of its corners.
         at_surface = _wider(at_surface, axis)
     region = np.ones(at_surface.shape, bool)
-    for axis in range(3):  # What is between two blocks of the surface along each axis holds the inside.
+    for axis in range(3):  # The inside lies between two blocks of the surface along each axis.
         after = np.logical_or.accumulate(at_surface, axis=axis)
         before = np.flip(np.logical_or.accumulate(np.flip(at_surface, axis), axis=axis), axis)
         region &= after & before
@@ -222,7 +222,7 @@ def _region(surface: Indices, lattice: Lattice, growth: float, block: int, is_bo
 
 
 def _wider(region: Flags, axis: int) -> Flags:
-    """Return a region with the blocks beside it along an axis."""
+    """Return a region with its neighbors along an axis."""
     wider = region.copy()
     grown, own = np.moveaxis(wider, axis, 0), np.moveaxis(region, axis, 0)
     grown[1:] |= own[:-1]
@@ -231,7 +231,7 @@ def _wider(region: Flags, axis: int) -> Flags:
 
 
 def _slots(regions: Sequence[Flags]) -> list[int]:
-    """Return a slot for every region: those of one slot do not overlap; the largest come first."""
+    """Return a slot for every region, the largest first, so that regions in a slot do not overlap."""
     order = sorted(range(len(regions)), key=lambda at: (-int(np.count_nonzero(regions[at])), at))
     slots, taken = [0] * len(regions), list[Flags]()
     for at in order:

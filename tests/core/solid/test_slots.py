@@ -10,8 +10,8 @@ from solids import assert_parts
 from ctmc_addon.core import Budget, MemoryLimitError, ReconstructionSettings, SettingsError, Volume, reconstruct_labels
 from ctmc_addon.core.solid import Cut, SolidRequest, solid_parts
 from ctmc_addon.core.solid.body import Body
-from ctmc_addon.core.solid.structure import Structure, lattice_of
-from ctmc_addon.core.solid.together import Together
+from ctmc_addon.core.solid.slots import StructureSlots
+from ctmc_addon.core.solid.structure import SolidStructure, lattice_of
 
 SETTINGS = ReconstructionSettings(label=1)
 COUNT = 6
@@ -39,13 +39,13 @@ def vertices_of(mesh):
     return set(map(tuple, mesh.vertices))
 
 
-def together(volume, budget=None):
+def slots_of(volume, budget=None):
     """All labels on one lattice."""
     made = reconstruct_labels(volume, SETTINGS).surfaces
-    lattice = lattice_of([Structure("", result, volume) for result in made], SolidRequest())
+    lattice = lattice_of([SolidStructure("", result, volume) for result in made], SolidRequest())
     budget = budget or Budget()
     bodies = [Body(result.mesh, lattice.around(result.mesh.vertices, 0.0), budget, lattice) for result in made]
-    return Together(bodies, lattice, 0.0, budget)
+    return StructureSlots(bodies, lattice, 0.0, budget)
 
 
 @pytest.mark.parametrize("solid", [{}, {"hollow": 2.0}, {"base": 1.0}], ids=["cut", "hollow", "base"])
@@ -68,16 +68,16 @@ def test_all_structures_that_touch_share_walls_after_a_cut(solid):
 
 
 def test_structures_that_are_far_from_each_other_share_a_slot():
-    group = together(row())
+    group = slots_of(row())
     assert group.count <= 3
     for slot in range(group.count):
         own = [at for at, other in enumerate(group.slots) if other == slot]
         assert all(second - first > 1 for first, second in pairwise(own)), "neighbors have different ones"
-    assert together(square()).count == 4, "all of them meet"
+    assert slots_of(square()).count == 4, "all of them meet"
 
 
 def test_more_fields_than_one_extraction_has_are_refused_with_the_number_that_fits():
-    group = together(square())
+    group = slots_of(square())
     group.require_fields(16)
     with pytest.raises(SettingsError) as caught:
         group.require_fields(17)
@@ -87,10 +87,12 @@ def test_more_fields_than_one_extraction_has_are_refused_with_the_number_that_fi
 
 def test_fields_that_do_not_fit_are_refused_with_the_number_that_fits():
     """Each slot takes 4 bytes for a sample of the lattice."""
-    group = together(square())
+    group = slots_of(square())
     with pytest.raises(MemoryLimitError, match="the fields of 4 structures that touch") as caught:
-        together(square(), Budget(bytes=1 << 20)).require_memory()
+        slots_of(square(), Budget(bytes=1 << 20)).require_memory()
     assert str(caught.value).endswith("choose a region")
     needed = group.needed_bytes
     with pytest.raises(MemoryLimitError, match="choose at most 3 at once, or a region"):
-        Together(group.bodies, group.lattice, 0.0, Budget(bytes=needed - 4 * group.lattice.samples)).require_memory()
+        StructureSlots(
+            group.bodies, group.lattice, 0.0, Budget(bytes=needed - 4 * group.lattice.samples)
+        ).require_memory()
