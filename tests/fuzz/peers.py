@@ -327,7 +327,8 @@ def by_pydicom_of_dose(dataset: Any) -> Peer:
     affine[:3, 0], affine[:3, 1], affine[:3, 2] = x * column_mm, y * row_mm, np.cross(x, y) * offsets[1]
     affine[:3, 3] = dataset.ImagePositionPatient
     affine[:2] *= -1  # LPS to RAS
-    return Peer(dataset.pixel_array * float(dataset.DoseGridScaling), affine)
+    stored = dataset.pixel_array[: int(dataset.NumberOfFrames)]  # pydicom returns more where there are bytes for them.
+    return Peer(stored * float(dataset.DoseGridScaling), affine)
 
 
 def by_pydicom(path: Path, volume: Volume) -> Peer:
