@@ -281,7 +281,7 @@ def _with_blender_steps(surfaces: Surfaces, outputs: Outputs, temporaries: Mappi
                 colors = None if outputs.thumbnail else scale_shown(shown, outputs.map_shown_of(shown))
                 how = {
                     "names": names,
-                    "chosen": chosen,
+                    "opacities": chosen,
                     "own_process": not outputs.thumbnail,
                     "colors": colors,
                     "explode": outputs.explode,
