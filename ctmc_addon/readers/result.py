@@ -402,7 +402,7 @@ def unreadable(path: Path, error: OSError) -> ReadError:
 
 def out_of_memory(path: Path) -> MemoryLimitError:
     """Return the error for a file whose unpacking takes more memory than is left."""
-    return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
+    return MemoryLimitError(f"{path.name} needs more memory than is available; check the file, or close other programs")
 
 
 def checked_budget(budget: Budget | None) -> Budget:
