@@ -102,7 +102,7 @@ class CaseProcess:
             self.messages.put((self, None))
 
     def begin(self, task: Task, reserved_bytes: int = 0) -> None:
-        """Let the process make a case with so much memory."""
+        """Let the process make a case with `reserved_bytes` of memory."""
         self.task, self.reserved_bytes, self.asked_bytes = task, reserved_bytes, 0
         self.start = time.perf_counter()
         self.say({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})

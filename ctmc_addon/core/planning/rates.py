@@ -1,8 +1,8 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Predict the seconds of surfaces that are made at once: a sum over stages, each corrected by finished surfaces.
 
-The amount of work comes from counts. Its seconds are multiples of what a unit of work takes in this process on a small
-ball, until a stage has run: from then on they are those of its last run, in proportion to the work.
+The amount of work comes from counts. Until a stage has run, its seconds are multiples of the time of a unit of work on
+a small ball in this process; afterwards they are those of its last run, in proportion to the work.
 """
 
 from __future__ import annotations

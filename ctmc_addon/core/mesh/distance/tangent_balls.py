@@ -19,7 +19,7 @@ normal m, so the ball that touches both planes counts:
 
 unless it touches the plane of q far from q, as at a sharp edge.
 
-Neighbors have nearly the same answer: samples are asked from coarse to fine, and begin with what was found beside them.
+Neighbors have nearly the same answer, so samples are searched from coarse to fine and begin with that of a neighbor.
 A ball may be too large by `TOLERANCE` before it meets its tangent plane. Positions and results in one unit.
 """
 
@@ -33,13 +33,13 @@ from ...progress import PAUSE, Steps
 from ..vectors import dot
 from .patch_tree import BRANCH, PATCH, PatchTree
 
-SLOPE = 0.12  # About 7 degrees: normals of a field are off by so much.
-TRIANGLE_SLOPE = 0.3  # About 17 degrees: so much those are off that are means of triangles.
+SLOPE = 0.12  # Normals of a field are off by up to about this, 7 degrees.
+TRIANGLE_SLOPE = 0.3  # Normals that are means of triangles are off by up to about this, 17 degrees.
 DEPTH = 0.05  # Of the samples' distance.
 TOLERANCE = 0.01  # Of the radius.
 ROUNDING = np.float32(1 + 1e-5)
 GROUP = 16  # Search for this many places at once.
-COARSER = 16  # Every so many places are asked before those between.
+COARSER = 16  # Search every place of this many first, then those between.
 BLOCK = 2048  # Places that are searched for at once.
 COARSE_BLOCK = 256  # The same among the coarser ones, whose neighbors say less: a place has more pairs.
 TESTED = 1 << 15  # Pairs of a place and a patch whose discs are tested at once.
