@@ -15,7 +15,7 @@ from typing import Any
 from ..core import Budget, CtmcError, ReadError, Stages, Step, Steps, defaults, finish
 from ..core.volume import Volume
 from .dicom.labels.classes import DOSE, label_class, object_class
-from .dicom.listing import series_names
+from .dicom.series.listing import series_names
 from .file_formats import (
     files_below,
     format_of,
@@ -268,7 +268,7 @@ def _format_at(path: Path) -> str:
 
 def _open_folder_steps(folder: Path) -> Steps[VolumeSource]:
     """Open the image slices or the DICOM files of a folder, whichever are more; `ReadError` without either."""
-    from .dicom import series as dicom_series
+    from .dicom.series import series as dicom_series
     from .images import folder as image_folder
     from .labels import masks
 
@@ -376,7 +376,7 @@ def estimate_voxels(path: Path, allow_outside: bool = False) -> int:
         If there is no readable volume.
     """
     if path.is_dir() and not folder_format(path):
-        from .dicom.series import estimate_voxels as dicom_voxels
+        from .dicom.series.folder import estimate_voxels as dicom_voxels
 
         voxels = dicom_voxels(path)
         if voxels:

@@ -16,8 +16,8 @@ import numpy as np
 from ..arrays import Doubles
 from ..errors import LabelError, MeshError, SettingsError, ThresholdError, VolumeError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..surfaces.make import make_surfaces_steps
 from ..surfaces.request import MadeSurface, SurfaceRequest

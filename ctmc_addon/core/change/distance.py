@@ -10,9 +10,9 @@ from ..machine.budget import Budget
 from ..maps.distance import DistanceTo
 from ..maps.make import mapped_steps
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..surfaces.extract import reconstruct_steps
 from ..volume.volume import Volume

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..files.atomic_write import csv_text
-from ..measures import UNKNOWN
-from ..units import number_text
+from ..measures.measures import UNKNOWN
+from ..measures.units import number_text
 from .compare import ChangeRow
 
 DIGITS = 9  # Numbers in a CSV have this many digits.

@@ -128,7 +128,7 @@ def give_back() -> None:
 def keep_little() -> None:
     """Let the C library keep few freed pages where memory is short, as they count as used.
 
-    Otherwise it keeps as many as cli/address_space.py has set, and more for each thread.
+    Otherwise it keeps as many as cli/machine/address_space.py has set, and more for each thread.
     """
     available = available_bytes()
     short = address_space_available() is not None or (available is not None and available < PLENTY)

@@ -10,11 +10,11 @@ import numpy as np
 
 from ..errors import MeshError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
+from ..measures.units import length_text
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
-from ..units import length_text
 from ..volume.volume import Volume
 from .quantity import MappedSurface, Quantity
 from .request import MapRequest

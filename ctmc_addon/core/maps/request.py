@@ -9,7 +9,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from ..errors import SettingsError
-from ..measures import MEASURES, PRINT_MEASURES
+from ..measures.measures import MEASURES, PRINT_MEASURES
 from .quantity import Quantity
 from .ramps import RAMPS
 from .surface_map import Limits

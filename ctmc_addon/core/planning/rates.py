@@ -18,8 +18,8 @@ from ..described import AUTO
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import count_steps, extract_steps
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..progress import PAUSE, Steps, timed_steps
-from ..reconstruction import Reconstruction
 from ..simplification.simplify import simplify_steps
 from ..surfaces.finish import AVERAGING, CHOOSING, EXTRACTING, KEEPING, LOOKING, PREPARING, SIMPLIFYING
 from ..surfaces.request import share_walls

@@ -15,7 +15,8 @@ from ..machine.budget import Budget
 from ..progress import Steps
 from ..surfaces.each_label import without
 from .body import Body, edges_of
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .fields.lattice import Lattice
 from .fields.lattice_fields import HeldField
 from .request import Combination, Combining, SolidRequest

@@ -13,9 +13,9 @@ from dataclasses import dataclass
 
 from ..arithmetic import cube_root
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..planning.counted_surface import CostEstimate
 from ..planning.rates import CALIBRATION
-from ..reconstruction import Reconstruction
 from ..surfaces.request import share_walls
 from .fields.lattice import AROUND, steps_in
 from .printing.printed import PRINTING

@@ -10,11 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.label_complex import ComplexMesh, borders_of
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction, Stage
 from ..simplification.complexes.flats import Flat
 from ..simplification.complexes.simplify import simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents
@@ -22,7 +22,7 @@ from ..simplification.policy import SOLIDS
 from ..simplification.whole import Simplification
 from ..sinks import HOLD
 from ..surfaces.finish import AVERAGING, LOOKING, SIMPLIFYING, Finish, averaged_steps, goal_of
-from .cells.extract import Recipe
+from .cells.recipe import Recipe
 from .fields.lattice_fields import LEAST, ShapeField
 
 WEIGHTS = {SIMPLIFYING: 30, AVERAGING: 5, LOOKING: 15}

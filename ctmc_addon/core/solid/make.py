@@ -12,9 +12,9 @@ from ..machine.budget import Budget
 from ..maps.make import MAPPING, mapped_steps
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..structures import structure_names
 from ..surfaces.each_label import left_out, no_surface, without

@@ -14,12 +14,13 @@ import numpy as np
 
 from ..errors import MeshError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.labels.label_complex import ComplexMesh
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from .body import Body
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .cost import RATIOS, require_memory
 from .fields.depth import depth_below
 from .fields.lattice import Lattice

@@ -21,7 +21,7 @@ from ..mesh.labels.label_complex import ComplexMesh
 from ..progress import PAUSE, Steps
 from ..volume.affine import to_index
 from .body import Body, OnEdges, edges_of
-from .cells.extract import MOST_FIELDS
+from .cells.recipe import MOST_FIELDS
 from .fields.distances import distances_bytes
 from .fields.lattice import Lattice, with_box
 from .fields.lattice_fields import Field, HeldField

@@ -11,16 +11,17 @@ import numpy as np
 
 from ..errors import CtmcError, MeshError, SettingsError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
-from ..reconstruction import Reconstruction
 from ..surfaces.each_label import without_traceback
 from ..surfaces.request import scope_of
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
-from .cells.extract import Recipe, extract_parts_steps
+from .cells.extract import extract_parts_steps
+from .cells.recipe import Recipe
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around, steps_in, with_box
 from .fields.lattice_fields import Field

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from ...core import ReadError
 from ..optional_imports import needed, reason
-from ..packed_size import HARMLESS, bytes_to_look_at, unpacks_beyond
+from ..streams.packed_size import HARMLESS, bytes_to_look_at, unpacks_beyond
 
 # tifffile was seen to raise these on damaged files, beside its own error. They are caught around its calls alone.
 DAMAGE = (

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS
+from ..streams.streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header_errors, mended, mended_notes

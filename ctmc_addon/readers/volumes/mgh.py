@@ -15,7 +15,7 @@ from ...core import ReadError, Steps
 from ...core.volume import transform_points
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 
 HEADER = 284  # Bytes; most are unused.

@@ -24,7 +24,7 @@ from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 

@@ -24,8 +24,8 @@ from ..geometry import AXIAL
 from ..labels.names.segments import layered_steps, names_and_colors, segments_of
 from ..optional_imports import needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
-from ..streams import skip_steps, unpacked
+from ..streams.stored_slices import InterleavedSlices, JoinedSlices, PackedSlices, RawSlices, TimeSlices
+from ..streams.streams import skip_steps, unpacked
 from ..value_kind import require_text_memory
 from .nrrd_place import placed
 

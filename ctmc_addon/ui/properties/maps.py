@@ -22,7 +22,7 @@ RAMP_NAMES = tuple(RAMPS)
 
 def _shown(properties: Any) -> Any:
     """Return the shown map; `maps` imports bpy, so it is looked up when needed."""
-    from ..state import maps
+    from ..state.results import maps
 
     return maps.active_map(properties.id_data)
 
@@ -37,7 +37,7 @@ def _get_end(at: int) -> Callable[[Any], float]:
 
 def _set_end(at: int) -> Callable[[Any, float], None]:
     def put(properties: Any, value: float) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_end(properties.id_data, at, as_written(value))
 
@@ -50,7 +50,7 @@ def _get_ramp(properties: Any) -> int:
 
 
 def _set_ramp(properties: Any, number: int) -> None:
-    from ..state import maps
+    from ..state.results import maps
 
     maps.change(properties.id_data, ramp=RAMP_NAMES[number])
 
@@ -66,7 +66,7 @@ def _get_limit(at: int) -> Callable[[Any], float]:
 
 def _set_limit(at: int) -> Callable[[Any, float], None]:
     def put(properties: Any, value: float) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_limit(properties.id_data, at, as_written(value))
 
@@ -85,7 +85,7 @@ def _switch_limit(at: int) -> Callable[[Any, bool], None]:
     """Begin with a limit at the end of the colors."""
 
     def put(properties: Any, used: bool) -> None:
-        from ..state import maps
+        from ..state.results import maps
 
         maps.set_limit(properties.id_data, at, as_written(_get_limit(at)(properties)) if used else None)
 

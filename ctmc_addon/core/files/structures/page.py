@@ -23,8 +23,8 @@ from ...arrays import Doubles
 from ...exploded import offsets_of, reach_of
 from ...maps.ramps import NO_VALUE, RAMPS
 from ...maps.surface_map import SurfaceMap
+from ...measures.units import volume_text
 from ...progress import Step, Steps
-from ...units import volume_text
 from .packed import Packed, PackedValues, packed, packed_values
 from .structure import Structure
 

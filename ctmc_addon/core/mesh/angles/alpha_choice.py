@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arithmetic import tangent
+from ...measures.units import length_text
 from ...progress import PAUSE, Step, Steps, WithResult
-from ...units import length_text
 from ..pieces.completed_pieces import with_next_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend

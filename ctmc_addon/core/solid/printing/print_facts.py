@@ -16,11 +16,11 @@ import numpy as np
 from ...arithmetic import arctangents
 from ...arrays import Flags
 from ...machine.budget import Budget
+from ...measures.units import number_text
 from ...mesh.face_normals import face_vectors
 from ...mesh.topology import FACES_PER_STEP
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps
-from ...units import number_text
 from ..request import MOST_CUTS, Point, SolidRequest
 from .walls import walls_steps
 

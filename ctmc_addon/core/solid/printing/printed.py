@@ -8,8 +8,8 @@ from dataclasses import replace
 
 from ...errors import MeshError
 from ...machine.budget import Budget
+from ...measures.reconstruction import Reconstruction, Stage
 from ...progress import Stages, Steps
-from ...reconstruction import Reconstruction, Stage
 from ..request import SolidRequest
 from .print_facts import print_facts_steps
 

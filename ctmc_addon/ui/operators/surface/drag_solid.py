@@ -19,7 +19,7 @@ from ...properties.preferences import machine
 from ...state import session
 from ...translations import translate
 from ...viewport.mouse import ray_under, viewport_at
-from ...viewport.solid_handles import middle_of
+from ...viewport.surface.solid_handles import middle_of
 
 HANDLES = (("MOVE", "Cut", ""), ("TURN", "Normal", ""), ("DRAIN", "Drain", ""))
 TOO_CLOSE = 1e-6  # Within this distance of a cut's middle, the mouse gives no direction.

@@ -21,8 +21,10 @@ from ... import jobs
 from ...needs import Needs
 from ...properties.kinds import choice
 from ...properties.preferences import machine
-from ...properties.solid import COMBININGS
-from ...state import session, surfaces, volumes
+from ...properties.surface.solid import COMBININGS
+from ...state import session
+from ...state.ct import volumes
+from ...state.results import surfaces
 from ...translations import translate
 from .placing import ObjectRequest
 
