@@ -58,7 +58,7 @@ from .machine.own_process import (
     interpreter as interpreter,
     own_output as own_output,
     requests as requests,
-    say as say,
+    send as send,
     temporary_files_in as temporary_files_in,
 )
 from .machine.parallel import (

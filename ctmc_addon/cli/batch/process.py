@@ -105,14 +105,14 @@ class CaseProcess:
         """Let the process make a case with `reserved_bytes` of memory."""
         self.task, self.reserved_bytes, self.asked_bytes = task, reserved_bytes, 0
         self.start = time.perf_counter()
-        self.say({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})
+        self.send({**task, "more": True, "temporary": self.folder, "reserved": reserved_bytes})
 
     def grant(self) -> None:
         """Let the case go on with the memory that it asks for."""
         self.reserved_bytes, self.asked_bytes = self.asked_bytes, 0
-        self.say(GO)
+        self.send(GO)
 
-    def say(self, content: Any) -> None:
+    def send(self, content: Any) -> None:
         """Send a line of JSON."""
         assert self.process.stdin is not None
         with suppress(OSError):  # it has ended already, and its status will say why

@@ -62,7 +62,7 @@ class StructureRow:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return what was left out, in sentences."""
+        """Return notes on values that were left out."""
         inside = self.surface.inside
         beyond = getattr(inside, "beyond", 0)
         if inside is None or not beyond:

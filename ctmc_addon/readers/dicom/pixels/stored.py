@@ -16,7 +16,7 @@ from ...optional_imports import quiet
 from ..header import UNCOMPRESSED, Slice
 from .pixels import stored_frames, syntax_name
 
-RLE = "1.2.840.10008.1.2.5"  # pydicom unpacks RLE in Python.
+RLE = "1.2.840.10008.1.2.5"  # Slow, because pydicom unpacks RLE in Python.
 
 
 class StoredPixels:

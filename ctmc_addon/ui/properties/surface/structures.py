@@ -90,14 +90,14 @@ def on_look(event: str) -> Callable[[Any, Any], None]:
     return update
 
 
-def on_opacity(item: Any, context: Any) -> None:
+def _on_opacity(item: Any, context: Any) -> None:
     """Apply the new opacity of a structure to its surfaces; a surface made opaque counts as chosen by hand."""
     if not _filling:
         item.opaque = item.opacity == 1.0
-    _on_opacity(item, context)
+    _copy_opacity(item, context)
 
 
-_on_opacity = on_look("label_opacity")
+_copy_opacity = on_look("label_opacity")
 
 
 def _on_limits(item: Any, _context: Any) -> None:
@@ -141,7 +141,7 @@ class CTMCLabel(PropertyGroup):
         max=1.0,
         default=1.0,
         precision=2,
-        update=on_opacity,
+        update=_on_opacity,
     )
     opaque: boolean("Opaque", "Whether an opacity of 1 was chosen in the list", options={"HIDDEN"})
 

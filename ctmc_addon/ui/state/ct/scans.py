@@ -82,7 +82,7 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
     ct = state_of(scene, fingerprint)
     if ct is None:
         return
-    others = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
+    readings = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
     if ct == scene.ctmc:
         following = next(iter(scene.ctmc_scans), None)
         with filling():
@@ -94,8 +94,8 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
         change_events.notify(ct, "volume")
     else:
         forget(scene, fingerprint)
-    if others:
-        give_box(scene, fingerprint, others[0])
+    if readings:
+        give_box(scene, fingerprint, readings[0])
     else:
         remove_box(scene, fingerprint)
     _had_box.discard((scene.session_uid, fingerprint))
@@ -114,14 +114,14 @@ def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
     if _checked.get(uid) == present:
         return
     _checked[uid], boxes = present, paths_of_boxes(scene)
-    gone = []
+    deleted = []
     for ct in cts:
         fingerprint = ct.volume_fingerprint
         if fingerprint in boxes or ct.volume_path in boxes.values():
             _had_box.add((uid, fingerprint))
         elif (uid, fingerprint) in _had_box:
-            gone.append(fingerprint)
-    for fingerprint in gone:  # Removing one moves the others.
+            deleted.append(fingerprint)
+    for fingerprint in deleted:  # Removing one moves the others.
         remove(scene, fingerprint)
         _had_box.add((uid, fingerprint))  # Undo may bring back the list without the box.
 

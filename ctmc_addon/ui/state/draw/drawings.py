@@ -157,13 +157,13 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
 
 def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
     """Return a valid choice after lines of a CT's list were removed; a volume `of_labels` has no threshold."""
-    chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
-    chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
+    choice, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
+    choice["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
     if labels and stored.label not in [line.value for line in labels]:
-        chosen["label"] = next((line for line in labels if line.chosen), labels[0]).value
+        choice["label"] = next((line for line in labels if line.chosen), labels[0]).value
     if not len(stored.labels) and stored.use_label and not of_labels:
-        chosen["use_label"] = False
-    return chosen
+        choice["use_label"] = False
+    return choice
 
 
 def chosen_in(stored: Any) -> dict[str, Any]:
@@ -171,10 +171,10 @@ def chosen_in(stored: Any) -> dict[str, Any]:
     return {name: getattr(stored, name) for name in ("label_index", "label", "use_label")}
 
 
-def choose(stored: Any, chosen: dict[str, Any]) -> None:
+def choose(stored: Any, choice: dict[str, Any]) -> None:
     """Restore this choice without change events of ticks."""
     with filling():
-        for name, value in chosen.items():
+        for name, value in choice.items():
             if getattr(stored, name) != value:
                 setattr(stored, name, value)
 
