@@ -313,7 +313,7 @@ def fits(running: Sequence[CaseProcess], need: int, limit: int | None) -> bool:
 def first_to_grant(running: Sequence[CaseProcess], limit: int | None) -> CaseProcess | None:
     """Return the first case whose memory there is room for now, of those that ask."""
     for process in running:
-        other_processes = [other for other in running if other is not process]
+        other_processes = [each for each in running if each is not process]
         if process.asked_bytes and fits(other_processes, process.asked_bytes, limit):
             return process
     return None

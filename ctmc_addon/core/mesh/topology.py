@@ -231,9 +231,9 @@ class Groups:
             number = above[number]
         return number
 
-    def join(self, one: int, other: int) -> bool:
+    def join(self, first: int, second: int) -> bool:
         """Join the groups of two numbers; returns whether they were two."""
-        low, high = sorted((self.root(one), self.root(other)))
+        low, high = sorted((self.root(first), self.root(second)))
         self._above[high] = low
         return low != high
 

@@ -188,7 +188,7 @@ class Calibration:
         """
         way, stage = key
         ratios = WAYS if way and stage != PREPARING else ()
-        return next((self.learned[other, stage] for other in (way, *ratios) if (other, stage) in self.learned), 1.0)
+        return next((self.learned[kind, stage] for kind in (way, *ratios) if (kind, stage) in self.learned), 1.0)
 
     def _expected(self, estimates: Sequence[CostEstimate]) -> dict[Key, float]:
         """Return the seconds of every stage by the ratios alone."""

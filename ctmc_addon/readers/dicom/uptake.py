@@ -66,9 +66,9 @@ def uptake_steps(slices: Sequence[Slice], series: Sequence[Slice]) -> Steps[Upta
     values = dict(zip(paths, read, strict=True))
     unit = _text(values[slices[0].image.path], "Units")
     try:
-        if any(_text(values[one.image.path], "Units") != unit for one in slices):
+        if any(_text(values[each.image.path], "Units") != unit for each in slices):
             raise _Unknown("its slices have several Units")
-        factors, note = _factors({one.image.path for one in slices}, values, unit)
+        factors, note = _factors({each.image.path for each in slices}, values, unit)
     except _Unknown as error:
         stays = f"stay in {UNITS.get(unit, unit)}" if unit else "have no known unit"
         return Uptake(list(slices), False, [f"the PET's values {stays} and are not SUV: {error}"])
@@ -80,7 +80,7 @@ def uptake_steps(slices: Sequence[Slice], series: Sequence[Slice]) -> Steps[Upta
                 frame._replace(slope=frame.slope * factor, intercept=frame.intercept * factor) for frame in image.frames
             )
             images[image] = replace(image, frames=frames, float_values=True)
-    return Uptake([Slice(images[one.image], one.frame) for one in slices], True, [note])
+    return Uptake([Slice(images[each.image], each.frame) for each in slices], True, [note])
 
 
 def _factors(paths: set[Path], values: Mapping[Path, Mapping[Any, Any]], unit: str) -> tuple[dict[Path, float], str]:
@@ -166,8 +166,8 @@ class _DayTime(NamedTuple):
 def _scan_start(series: Sequence[Mapping[Any, Any]], half_life: float | None) -> _DayTime | None:
     """Return when the scan began, to which values were corrected for decay; None if no file says it."""
     started = _moment(series[0].get("SeriesDate"), series[0].get("SeriesTime"))
-    acquired = [(_moment(one.get("AcquisitionDate"), one.get("AcquisitionTime")), one) for one in series]
-    taken = [(moment, one) for moment, one in acquired if moment is not None]
+    acquired = [(_moment(record.get("AcquisitionDate"), record.get("AcquisitionTime")), record) for record in series]
+    taken = [(moment, record) for moment, record in acquired if moment is not None]
     if not taken:
         return started
     earliest, own = min(taken, key=lambda each: (each[0].day or 0, each[0].seconds))

@@ -124,8 +124,8 @@ class SignedSurface:
             if not len(unclear):
                 break
             moved = points[:, unclear] + way[:, None] * (MOVED * distances[unclear])
-            _, other = self.tree.nearest(moved, np.full(len(unclear), np.inf), [place[unclear]])
-            cosine = self._cosines(moved, other)
+            _, nearest = self.tree.nearest(moved, np.full(len(unclear), np.inf), [place[unclear]])
+            cosine = self._cosines(moved, nearest)
             clear = np.abs(cosine) >= UNCLEAR
             inside[unclear[clear]] = cosine[clear] < 0
             unclear = unclear[~clear]

@@ -108,9 +108,9 @@ class TangentBalls:
 
         NaN where a ball meets nothing. `radii_steps` has run.
         """
-        other = self._other[places]
-        cosines = dot(self.tree.normals[:, places], self.tree.normals[:, other])
-        return np.where(other >= 0, cosines, np.float32(np.nan))
+        limiting = self._other[places]
+        cosines = dot(self.tree.normals[:, places], self.tree.normals[:, limiting])
+        return np.where(limiting >= 0, cosines, np.float32(np.nan))
 
     def _search(self, places: Indices, hints: Hints, start: int, group: int) -> None:
         """Search for places, the first of them number `start`.
@@ -256,16 +256,16 @@ class TangentBalls:
 
     def _touching(self, places: Indices) -> Doubles:
         """Return the radii of the balls that touch the tangent planes at places and at what they meet."""
-        other = self._other[places]
-        n, m = self.tree.normals[:, places].astype(np.float64), self.tree.normals[:, other].astype(np.float64)
-        offset = self.tree.positions[:, other].astype(np.float64) - self.tree.positions[:, places]
+        limiting = self._other[places]
+        n, m = self.tree.normals[:, places].astype(np.float64), self.tree.normals[:, limiting].astype(np.float64)
+        offset = self.tree.positions[:, limiting].astype(np.float64) - self.tree.positions[:, places]
         radius = dot(offset, offset) / np.maximum(2 * dot(offset, n), 1e-300)
         facing = 1 - dot(n, m)
         planar = -dot(offset, m) / np.where(facing > 0, facing, 1)
         touched = planar * (n - m) - offset
         planar_too = (facing > 0) & (planar > 0) & (dot(touched, touched) < (FAR * self.gap) ** 2)
         radius = np.where(planar_too, planar, radius)
-        return np.where((other >= 0) & (radius <= self.limit), radius, np.nan)
+        return np.where((limiting >= 0) & (radius <= self.limit), radius, np.nan)
 
 
 def _middle(points: Floats) -> Floats:

@@ -171,7 +171,7 @@ class DicomSource(VolumeSource):
         count = len(self.series)
         if self.masks:
             return line.uid, [f"{count} series found: series {line.number}, which is not a mask, was read"]
-        longest = max(other.slices for other in self.series)
+        longest = max(each.slices for each in self.series)
         why = "with the most slices" if line.slices == longest else "which is not a PET"
         return line.uid, [f"{count} series found: series {line.number}, {why}, was read"]
 

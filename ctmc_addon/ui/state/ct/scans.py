@@ -70,8 +70,8 @@ def other_readings(scene: bpy.types.Scene, fingerprint: str) -> list[str]:
     """Return the fingerprints of the other CTs that share a CT's box: series, times and spacings of the same path."""
     ct = state_of(scene, fingerprint)
     path = "" if ct is None else ct.volume_path
-    same = [other.volume_fingerprint for other in all_of(scene) if path and other.volume_path == path]
-    return [other for other in same if other and other != fingerprint]
+    same = [reading.volume_fingerprint for reading in all_of(scene) if path and reading.volume_path == path]
+    return [reading for reading in same if reading and reading != fingerprint]
 
 
 def remove(scene: bpy.types.Scene, fingerprint: str) -> None:

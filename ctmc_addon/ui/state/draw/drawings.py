@@ -54,7 +54,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
     names = (name if not number else f"{name} {number + 1}" for number in count())
     item = scene.ctmc_draw.structures.add()
     item.key, item.fingerprint = f"drawn-{uuid.uuid4().hex}", scene.ctmc.volume_fingerprint
-    item.name = next(one for one in names if one not in taken)
+    item.name = next(free for free in names if free not in taken)
     value = _free_value(scene)
     item.color = linear(structure_color(value, None, item.name).rgb)
     line = connect(scene, item)
@@ -66,7 +66,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 def _free_value(scene: bpy.types.Scene) -> int:
     """Return a label that no line of the list and no surface of the CT uses."""
     provenances = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
-    used = [one.settings.label or 0 for one in provenances if one.fingerprint == scene.ctmc.volume_fingerprint]
+    used = [each.settings.label or 0 for each in provenances if each.fingerprint == scene.ctmc.volume_fingerprint]
     return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
@@ -143,12 +143,12 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
     Without a line, surfaces are made at a threshold again, but of a volume of labels.
     """
     stored, source = scene.ctmc, line.source
-    at = next(at for at, other in enumerate(stored.labels) if other == line)
+    at = next(at for at, each in enumerate(stored.labels) if each == line)
     stored.labels.remove(at)
     if at <= stored.label_index:
         stored.label_index = max(0, stored.label_index - 1)
-    if source and not any(other.source == source for other in stored.labels):
-        stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+    if source and not any(each.source == source for each in stored.labels):
+        stored.label_sources.remove([each.key for each in stored.label_sources].index(source))
         forget(scene, source)
     ct = volumes.loaded(scene)
     choose(stored, _left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
