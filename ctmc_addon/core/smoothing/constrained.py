@@ -60,7 +60,7 @@ class _SmoothingGrid(NamedTuple):
     rounds: int
     inertia: float
 
-    def _band_mm(self, spacing_mm: tuple[float, float, float]) -> float:
+    def band_mm(self, spacing_mm: tuple[float, float, float]) -> float:
         """Return the distance to either side of the surface within which the field is smoothed."""
         return max(self.band[0] * max(spacing_mm[:2]), self.band[1] * spacing_mm[2])
 
@@ -101,7 +101,7 @@ def _band_mm(spacing_mm: tuple[float, float, float]) -> float:
 
 
 def reach_of(spacing_mm: tuple[float, float, float]) -> tuple[int, int, int]:
-    """Return `band_mm` in samples of the label along x, y and z; 8 at most along x."""
+    """Return `_band_mm` in samples of the label along x, y and z; 8 at most along x."""
     x, y, z = (_band_mm(spacing_mm) / side for side in spacing_mm)
     return min(WIDTH, math.ceil(x)), math.ceil(y), max(1, round(z))
 

@@ -34,7 +34,7 @@ class CTMC_OT_preset_add(AddPresetBase, bpy.types.Operator):
     preset_menu = "CTMC_PT_presets"
     preset_subdir = SUBFOLDER
     preset_defines = ["settings = bpy.context.scene.ctmc"]  # noqa: RUF012  (Blender reads it from the class)
-    _preset_values = _preset_values()
+    preset_values = _preset_values()
 
 
 class CTMC_PT_presets(PresetPanel, SidePanel, bpy.types.Panel):
