@@ -57,7 +57,7 @@ class _ClusterWorkers:
             # Travels as code and bytes, for the scheduler unpacks it too and has perhaps no ctmc.
             import importlib
 
-            return importlib.import_module(module).slab_result(path, reading, task)
+            return importlib.import_module(module)._slab_result(path, reading, task)
 
         client = self.cluster.client
         futures: dict[int, Any] = {}
