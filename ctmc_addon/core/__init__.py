@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers: from gray values to triangles, with NumPy and the standard library alone."""
+"""The numbers: from gray values to triangles, with only NumPy and the standard library."""
 
 from typing import TYPE_CHECKING
 

@@ -29,7 +29,7 @@ NO_THREAD = "can't start new thread"  # Python's message if there is no memory f
 
 
 def available_bytes() -> int | None:
-    """Return the bytes of memory that can be used without swapping; None where the system does not tell.
+    """Return the bytes of memory that can be used without swapping; None if the system does not report them.
 
     Small works ask a hundred times a second, and the system answers from twenty files: it is asked now and then.
     """
@@ -145,7 +145,7 @@ def keep_little() -> None:
 
 
 def resident_bytes() -> int | None:
-    """Return the bytes of memory that this process has now; None where the system does not tell (not Linux)."""
+    """Return the bytes of memory that this process has now; None if the system does not report them (not Linux)."""
     if sys.platform == "win32":
         return None
     words = "".join(_lines(Path("/proc/self/statm"))).split()

@@ -266,7 +266,7 @@ def measures_in(
     kind : ValueKind, optional
         Kind of the values inside, for the measures that only a dose or a PET has.
     doses : iterable of float
-        Gy, for the share of the volume that gets at least so much.
+        Doses in Gy; the share of the volume that gets at least each dose is measured.
     printed : collection of str
         Names of those of `PRINT_MEASURES` that are known.
     """

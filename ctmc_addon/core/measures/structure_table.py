@@ -97,7 +97,7 @@ def measure_structures(
     names : sequence of str
         Name of each; by default that of its label, or of the volume.
     doses : sequence of float
-        Gy; of a dose, the share of the volume that gets at least so much is measured.
+        Doses in Gy; the share of the volume that gets at least each dose is measured.
 
     Raises
     ------

@@ -294,7 +294,7 @@ def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
             if len(differ):
                 a, b = a[differ], b[differ]
                 open_links.append((a, b))
-                lowest[np.maximum(a, b)] = np.minimum(a, b)  # of several any will do: the others are asked again
+                lowest[np.maximum(a, b)] = np.minimum(a, b)  # Any of several works: the rest is tested again.
             yield PAUSE
         while True:
             shorter = np.take(lowest, lowest)

@@ -191,7 +191,7 @@ class Calibration:
         return next((self.learned[kind, stage] for kind in (way, *ratios) if (kind, stage) in self.learned), 1.0)
 
     def _expected(self, estimates: Sequence[CostEstimate]) -> dict[Key, float]:
-        """Return the seconds of every stage by the ratios alone."""
+        """Return the seconds of every stage from the ratios, without learned ones."""
         expected: dict[Key, float] = defaultdict(float)
         for way, estimate in zip(_ways(estimates), estimates, strict=True):
             for stage, seconds in self._expected_of(estimate, way).items():

@@ -184,7 +184,7 @@ class _Search:
         self._limit = tangent(min_angle_deg)
         self._tangents = np.full(round(most * STEPS) + 1, math.inf)  # Of the witnesses, at every alpha.
         self._at = len(self._tangents) - 1
-        self._smallest = math.inf  # tangent of what was looked at since alpha has changed
+        self._smallest = math.inf  # Smallest tangent of the triangles tested at this alpha.
 
     @property
     def alpha(self) -> float:
@@ -203,7 +203,7 @@ class _Search:
             below, smallest = yield from self._below_steps(piece)
             if not len(below):
                 break
-            while len(below):  # most of what is below here is so at the next alpha too
+            while len(below):  # Most of these are below the angle at the next alpha too.
                 self._add_witnesses(piece, below[:WITNESSES])
                 below = self._sorted_below(piece, below)
                 yield PAUSE

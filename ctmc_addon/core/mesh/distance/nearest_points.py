@@ -80,7 +80,7 @@ def nearest_of_segments(p: Doubles, q: Doubles, r: Doubles, s: Doubles) -> tuple
 def pierced(p: Doubles, q: Doubles, a: Doubles, b: Doubles, c: Doubles) -> tuple[Flags, Doubles]:
     """Return which segments pq pass through their triangle abc, (n,), and where, (3, n).
 
-    Segments in the plane of their triangle do not: their nearest points tell.
+    Segments in the plane of their triangle do not; use their nearest points.
     """
     normal = cross(b - a, c - a)
     above, below = dot(p - a, normal), dot(q - a, normal)

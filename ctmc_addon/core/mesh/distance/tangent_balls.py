@@ -137,7 +137,7 @@ class TangentBalls:
         members = np.minimum(np.arange(-(-len(places) // group) * group), len(places) - 1).reshape(-1, group)
         pair_group, patch = self._near_patches(places[members], tried[members])
         number, patch = members[pair_group].ravel(), np.repeat(patch, group)
-        # The patch deepest in its ball shrinks it, so that most of the others need not be measured.
+        # The patch deepest in its ball shrinks it, so that most other patches need not be measured.
         inside, number, patch = self._inside(places, tried, number, patch)
         if not len(number):
             return
@@ -240,7 +240,7 @@ class TangentBalls:
             height -= np.sqrt(squared) * self._slope
             height -= self._depth
             height *= 2
-            # A sample that lies too low gets a radius beyond all others, without a mask.
+            # A sample that lies too low gets a huge radius instead of a mask.
             np.maximum(squared, self._depth * self._depth * np.float32(0.01), out=squared)
             np.maximum(height, self._depth * np.float32(1e-12), out=height)
             squared /= height

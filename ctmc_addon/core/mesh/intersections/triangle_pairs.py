@@ -42,7 +42,7 @@ def surely_apart(first: Triangle, second: Triangle) -> Flags:
     for parting, opposite in ((first, second), (second, first)):
         normal = cross(parting[1] - parting[0], parting[2] - parting[0])
         for start in range(3):
-            # Any direction will do that parts their shadows on it by more than what rounding makes of these.
+            # Any direction works on which their projections are separated by more than the rounding.
             way = cross(parting[start] - parting[start - 1], normal)
             error = np.abs(way).max(axis=0)
             error *= 16 * EPSILON * reach
