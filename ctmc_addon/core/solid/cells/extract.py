@@ -32,7 +32,13 @@ from .recipe import MOST_FIELDS, Recipe
 from .rims import CutRims, cut_rims_steps, straighten, touches_rims
 from .stitch import stitched
 
-STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
+STAGES = {
+    "Assigning samples to parts": 2,
+    "Finding rims": 1,
+    "Triangulating cells": 3,
+    "Cutting rims": 4,
+    "Placing vertices": 3,
+}
 POINTS_AT_ONCE = 1 << 18
 MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step to move fields by, in order.
 
@@ -131,9 +137,9 @@ class _Extraction:
     def result_steps(self) -> Steps[ComplexMesh]:
         """Run all stages."""
         stages = self.stages
-        yield from stages.run("Deciding samples", self._words_steps())
+        yield from stages.run("Assigning samples to parts", self._words_steps())
         yield from stages.run("Finding rims", self._rims_steps())
-        yield from stages.run("Crossing cells", self._cells_steps())
+        yield from stages.run("Triangulating cells", self._cells_steps())
         yield from stages.run("Cutting rims", self._cut_steps())
         return (yield from stages.run("Placing vertices", self._placed_steps()))
 

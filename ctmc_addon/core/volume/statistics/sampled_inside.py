@@ -145,8 +145,8 @@ def _whole_box(volume: Volume) -> Box:
 
 
 def _sampled_inside_steps(volume: Volume, structure: _Structure, doses: Sequence[float]) -> Steps[SampledValues]:
-    stages = Stages({"Looking inside the structure": 2, "Looking for the peak": 3})
-    values = yield from stages.run("Looking inside the structure", _values_steps(volume, structure))
+    stages = Stages({"Reading values inside the structure": 2, "Looking for the peak": 3})
+    values = yield from stages.run("Reading values inside the structure", _values_steps(volume, structure))
     finite = values[np.isfinite(values)]
     beyond = len(values) - len(finite)
     if not len(finite):

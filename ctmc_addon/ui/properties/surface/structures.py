@@ -150,7 +150,7 @@ class CTMCLabelSource(PropertyGroup):
     """A file or mask whose labels are structures of the CT; `state.structures` holds its voxels by the key."""
 
     key: text("Key", "Fingerprint of its labels", options={"HIDDEN"})
-    path: text("Path", "File or folder that the labels were read from; empty where they were made here")
+    path: text("Path", "File or folder that the labels were read from. Empty = made here")
     offset: integer("Offset", "Offset of its numbers, so that no two labels share one", options={"HIDDEN"})
 
 
