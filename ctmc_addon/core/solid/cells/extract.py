@@ -268,7 +268,7 @@ class _Extraction:
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
         if self.cut is not None:
-            self._place_nodes(self.cut, places, exact, of_field)
+            self._place_nodes(self.cut, places)
         yield PAUSE
         vertices = np.empty((len(used), 3), np.float32)
         for start in range(0, len(used), POINTS_AT_ONCE):
@@ -359,7 +359,7 @@ class _Extraction:
         place = np.minimum(np.searchsorted(known, keys), len(known) - 1)
         return np.where(known[place] == keys, place, -1)
 
-    def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
+    def _place_nodes(self, cut: CutRims, places: Doubles) -> None:
         """Place the nodes of rims; those on segments between cells' vertices lie straight between them."""
         first, nodes = len(self.keys), cut.nodes
         codes, lowest = nodes.codes, self._index(nodes.lowest)
