@@ -274,7 +274,7 @@ class _Extraction:
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
         if self.cut is not None:
-            self._place_nodes(self.cut, places, exact, of_field)
+            self._place_nodes(self.cut, places)
         yield PAUSE
         vertices = np.empty((len(used), 3), np.float32)
         for start in range(0, len(used), POINTS_AT_ONCE):
@@ -365,7 +365,7 @@ class _Extraction:
         place = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
         return np.where(edges[place] == keys, place, -1)
 
-    def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
+    def _place_nodes(self, cut: CutRims, places: Doubles) -> None:
         """Place the nodes of rims; those on a segment between vertices of cells lie exactly on it."""
         first, nodes = len(self.keys), cut.nodes
         codes, lowest = nodes.codes, self._index(nodes.lowest)
