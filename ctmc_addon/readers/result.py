@@ -7,7 +7,6 @@ format, so they are answered here. Affines map (x, y, z) = (column, row, slice) 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..core import (
+    PAUSE,
     Budget,
     MemoryLimitError,
     ReadError,
@@ -186,7 +186,7 @@ class ReadRequest(ReadingOptions):
     budget: Budget = Budget(threads=1)  # noqa: RUF009  (frozen)
 
 
-class VolumeSource(ABC):
+class VolumeSource:
     """The volume at a path, described by its headers; its values are not read yet. `open_volume` returns it.
 
     Parameters
@@ -232,9 +232,14 @@ class VolumeSource(ABC):
         """Return all files that belong to it."""
         return self._files
 
-    @abstractmethod
     def read_raw_steps(self, request: ReadRequest) -> Steps[RawValues]:
-        """Read the values."""
+        """Read the values; a format whose values stay in the file until they are wanted has `raw_values` instead."""
+        yield PAUSE
+        return self.raw_values(request)
+
+    def raw_values(self, request: ReadRequest) -> RawValues:
+        """Return the values as `read_raw_steps`."""
+        raise NotImplementedError
 
     def selected_series(self, series: str | int | None) -> Series | None:
         """Return the series that `read_steps` would read; None where there is none, or not this one."""

@@ -91,7 +91,7 @@ def _ply(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         raise ValueError("no end of the header")
     body = body[2:] if body[:2] == b"\r\n" else body[1:]
     lines = [line.split() for line in head.decode("ascii").splitlines()]
-    form = next(line[1] for line in lines if line[:1] == ["format"])
+    form = next((line[1] for line in lines if line[:1] == ["format"]), "")
     elements: list[Element] = []
     for line in lines:
         if line[:1] == ["element"]:
@@ -108,7 +108,7 @@ def _ply(content: bytes) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         if name == "vertex":
             vertices = np.stack([columns[axis][0] for axis in "xyz"], axis=1)
         elif name == "face":
-            polygons = next(columns[each] for each in ("vertex_indices", "vertex_index") if each in columns)
+            polygons = columns["vertex_indices" if "vertex_indices" in columns else "vertex_index"]
     if vertices is None or polygons is None:
         raise ValueError("no vertices or faces")
     return vertices, _fans(polygons)
@@ -128,6 +128,8 @@ def _element(
 
     Rows whose lists are as long as those of the row before are read at once: arrays (rows,), of lists (rows, items).
     """
+    if count < 0 or (count and not kinds):
+        raise ValueError("an element of no rows or no properties")
     columns: dict[str, list[NDArray[Any]]] = {name: [] for name, _, _ in kinds}
     look = FEWEST_ROWS
     while count:

@@ -55,14 +55,14 @@ class Job:
     shown: str = ""
     shown_at: float = -math.inf
 
-    def advance(self, seconds: float = TICK) -> Conclusion | None:
-        """Work for about this long and return the conclusion once the work is complete.
+    def advance(self, seconds: float | None = None) -> Conclusion | None:
+        """Work for about this long, by default `TICK`, and return the conclusion once the work is complete.
 
         No step begins that would exceed the rest of the time if it took as long as the last one. The next step is shown
         before it begins, because it may take long.
         """
         now, shown = time.perf_counter(), self.step.message
-        end = now + seconds
+        end = now + (TICK if seconds is None else seconds)
         while True:
             before = now
             try:

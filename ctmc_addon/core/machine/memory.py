@@ -40,6 +40,12 @@ def available_bytes() -> int | None:
     return _seen[1]
 
 
+def look_again() -> None:
+    """Ask the system for its memory at the next question, whenever that is."""
+    global _seen
+    _seen = (-math.inf, None)
+
+
 def _available() -> int | None:
     if sys.platform == "win32":
         return _windows_available()
@@ -94,12 +100,11 @@ def _unrefused() -> int | None:
 
 def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | None:
     """Return the available bytes; if they are too few, without the freed pages that the C library keeps."""
-    global _seen
     limit = available()
     if limit is None or needed_bytes <= limit:
         return limit
     give_back()
-    _seen = (-math.inf, None)
+    look_again()
     return available()
 
 
