@@ -12,9 +12,8 @@ from bpy.props import StringProperty
 
 from ....blender.figure.map_colors import title_of
 from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_maps, write_map
-from ....blender.surface import own_mesh, reconstruction_of, require_editable, require_provenance
+from ....blender.surface import Provenance, own_mesh, reconstruction_of, require_editable, require_provenance
 from ....core import (
-    SIMPLIFICATION,
     Budget,
     MadeSurface,
     MeshError,
@@ -28,6 +27,7 @@ from ....core import (
     defaults,
     descriptions,
     make_surfaces_steps,
+    one_of_labels_steps,
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....readers import MapFiles, open_volume_steps
@@ -169,7 +169,7 @@ def added_steps(
     result = reconstruction_of(mesh, None, provenance.settings, provenance)
     volume, labels = structures.require_volume_of(scene, provenance.settings), structures.named_labels(scene)
     inputs = MapFiles(labels or volume, budget, open_volume_steps)
-    surface_steps = _surfaces_of(scene, result, surfaces.full_of_last_run(obj, scene), budget)
+    surface_steps = _surfaces_of(scene, provenance, surfaces.full_of_last_run(obj, scene), budget)
     stages = Stages({READING: 1, MAPPING: 3})
     quantity = yield from stages.run(READING, kind.from_text_steps(value, inputs, options))
     source = labels if labels is not None and kind.metavar == STRUCTURE_OR_FILE else volume
@@ -192,15 +192,28 @@ def added_steps(
 
 
 def _surfaces_of(
-    scene: bpy.types.Scene, result: Reconstruction, full: Reconstruction | None, budget: Budget
+    scene: bpy.types.Scene, provenance: Provenance, full: Reconstruction | None, budget: Budget
 ) -> Callable[[ReconstructionSettings], Steps[TriangleMesh]]:
-    """Return the maker of other surfaces of the scene's CT; the full surface of the last run is not made again."""
+    """Return the maker of other surfaces of the scene's CT, the same as on the command line.
+
+    Labels that were made at once with a surface share their walls with it. The full surfaces of the last run are not
+    made again; `full` is that of the surface itself.
+    """
+    sharing_labels = () if provenance.part else provenance.sharing_labels  # A solid measures to labels by themselves.
+    of_last_run = dict(session.of(scene).full)
+
+    def held(settings: ReconstructionSettings) -> Reconstruction | None:
+        if settings.label == provenance.settings.label:
+            return full
+        other = of_last_run.get(surfaces.origin(provenance.fingerprint, settings))
+        return other if other is not None and other.sharing_labels == sharing_labels else None
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
-        if full is not None and settings == result.settings.without(SIMPLIFICATION):
-            return full.mesh
-        source, request = structures.require_volume_of(scene, settings), SurfaceRequest(settings)
-        [made] = yield from make_surfaces_steps(source, [request], budget, all_needed=True)
+        full = held(settings)
+        if full is None:
+            volume = structures.require_volume_of(scene, settings)
+            return (yield from one_of_labels_steps(volume, settings, sharing_labels, budget)).mesh
+        [made] = yield from make_surfaces_steps(None, [SurfaceRequest(settings, full=full)], budget, all_needed=True)
         assert isinstance(made, MadeSurface), "an error is raised"
         return made.result.mesh
 
@@ -220,6 +233,18 @@ class _OfMap:
             return False
         return True
 
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Find the map, and hand its name over."""
+        obj = context.view_layer.objects.active
+        shown, names = shown_name(obj), [stored.name for stored in stored_maps(obj.data)]
+        name = self.map_name or shown or names[-1]
+        if name not in (shown, *names):
+            error = MeshError(f"there is no map {name}; the maps are {', '.join(names)}")
+            return jobs.refuse(self, context.scene.session_uid, error)
+        self.change(obj, name)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
 
 class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
     """Show a map of the active surface, or hide it."""
@@ -231,22 +256,14 @@ class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
 
     map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        obj = context.view_layer.objects.active
-        name = self.map_name or shown_name(obj) or stored_maps(obj.data)[-1].name
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Show the map, or hide it."""
         if shown_name(obj) == name:
             hide_map(obj)
             viewport_maps.hide()
-        elif name in [stored.name for stored in stored_maps(obj.data)]:
+        else:
             show_map(obj, name)
             viewport_maps.show()
-        else:
-            names = ", ".join(stored.name for stored in stored_maps(obj.data))
-            return jobs.refuse(
-                self, context.scene.session_uid, MeshError(f"there is no map {name}; the maps are {names}")
-            )
-        session.redraw_viewports()
-        return {"FINISHED"}
 
 
 class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
@@ -259,14 +276,10 @@ class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
 
     map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        obj = context.view_layer.objects.active
-        maps = stored_maps(obj.data)
-        name = self.map_name or shown_name(obj) or (maps[-1].name if maps else "")
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Remove the map."""
         delete_map(obj, name)
         viewport_maps.hide()
-        session.redraw_viewports()
-        return {"FINISHED"}
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_map_add, CTMC_OT_map_show, CTMC_OT_map_remove))

@@ -15,12 +15,14 @@ bpy = pytest.importorskip("bpy")
 import ctmc_addon
 from ctmc_addon.blender.maps import read_map, shown_map, shown_name, stored_maps
 from ctmc_addon.blender.maps.colors import COLORS
-from ctmc_addon.core.maps import QUANTITIES, Thickness
+from ctmc_addon.blender.surface import own_mesh
+from ctmc_addon.core import SurfaceRequest, make_surfaces_steps
+from ctmc_addon.core.maps import QUANTITIES, DistanceTo, MapRequest, Thickness
 from ctmc_addon.core.progress import finish
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.operators.surface import maps
 from ctmc_addon.ui.panels.results import CTMC_PT_results
-from ctmc_addon.ui.state import session, volumes
+from ctmc_addon.ui.state import session, surfaces, volumes
 
 
 def active():
@@ -151,6 +153,31 @@ def test_the_distance_to_a_structure_of_the_list_has_its_name(two_labels):
         bpy.ops.ctmc.map_add(quantity="distance-to", structure="FILE")
 
 
+@pytest.mark.parametrize("in_memory", [True, False])
+def test_the_distance_to_a_label_with_a_shared_wall_is_that_of_the_command_line(scene, tmp_path, in_memory):
+    values = np.zeros((16, 16, 32), np.uint8)
+    values[5:11, 5:11, 5:11], values[5:11, 5:11, 11:17], values[5:11, 5:11, 17:23] = 1, 2, 3
+    np.save(tmp_path / "labels.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"), spacing=(1, 1, 1))
+    scene.ctmc.use_label = True
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    requests = [SurfaceRequest(settings) for settings in scene.ctmc.all_settings()]
+    assert len(requests) == 3
+    volume = volumes.require_loaded(scene).full
+    first = finish(make_surfaces_steps(volume, requests, maps=MapRequest((DistanceTo(2),))))[0].result
+    obj = next(obj for obj in scene.objects if surfaces.is_surface(obj) and surfaces.require_settings(obj).label == 1)
+    bpy.context.view_layer.objects.active = obj
+    if not in_memory:
+        session.of(scene).full.clear()
+    assert bpy.ops.ctmc.map_add(quantity="distance-to", structure="2") == {"FINISHED"}
+    found = read_map(obj.data, "distance_2_mm").values
+    assert np.array_equal(own_mesh(obj).faces, first.mesh.faces)
+    assert np.abs(found - first.maps[0].values).max() < 1e-5
+    assert np.count_nonzero(np.abs(found) < 1e-5) > 20  # The wall is shared.
+
+
 def test_the_distance_to_a_file(two_labels, tmp_path):
     bpy.ops.ctmc.export(filepath=str(tmp_path / "other.stl"))
     path = str(tmp_path / "other.stl")
@@ -166,7 +193,7 @@ def test_the_deviation_is_that_to_the_full_surface_in_memory(loaded, monkeypatch
     def never(*_a, **_k):
         raise AssertionError("it is in memory")
 
-    monkeypatch.setattr(maps, "make_surfaces_steps", never)
+    monkeypatch.setattr(maps, "one_of_labels_steps", never)
     assert bpy.ops.ctmc.map_add(quantity="deviation") == {"FINISHED"}
     assert read_map(active().data, "deviation_mm").statistics.maximum > 0
 
