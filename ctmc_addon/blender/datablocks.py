@@ -17,7 +17,7 @@ def remove_blocks(*blocks: bpy.types.ID) -> None:
 def remove_from_scene(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     """Remove an object; return whether it is gone.
 
-    One that other scenes show too stays theirs: it leaves the collections that are this scene's alone.
+    An object that other scenes show too leaves only the collections of this scene.
     """
     if obj.library is not None:
         return False

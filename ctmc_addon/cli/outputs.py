@@ -28,7 +28,7 @@ from ..core.files import mesh_files
 from ..core.files.atomic_write import require_writable, whole_files, write_json
 from ..core.files.file_names import file_names
 from ..core.mesh import coarse_mesh
-from .blender_host import blender_at_work, objects_of, quiet_steps
+from .machine.blender_host import blender_at_work, objects_of, quiet_steps
 from .surface_writer import SurfaceWriter, surface_writer
 from .surfaces import Surfaces
 

@@ -27,9 +27,9 @@ from ..core import (
 from ..core.maps import MapRequest
 from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
-from .arguments import UsageError
-from .map_flags import AskedMaps
-from .solid_flags import NOTHING, with_structures
+from .flags.arguments import UsageError
+from .flags.maps import AskedMaps
+from .flags.solid import NOTHING, with_structures
 from .surface_writer import SurfaceWriter
 
 

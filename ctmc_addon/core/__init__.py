@@ -67,7 +67,7 @@ from .machine.parallel import (
     side_by_side_steps as side_by_side_steps,
     worker_count as worker_count,
 )
-from .measures import (
+from .measures.measures import (
     GRAY_VALUES as GRAY_VALUES,
     GY as GY,
     HU as HU,
@@ -84,6 +84,18 @@ from .measures import (
     measure as measure,
     measures_in as measures_in,
     printed_of as printed_of,
+)
+from .measures.reconstruction import Reconstruction as Reconstruction, Stage as Stage
+from .measures.units import (
+    UNITS as UNITS,
+    Unit as Unit,
+    distance_phrases as distance_phrases,
+    length_text as length_text,
+    number_text as number_text,
+    one_way_text as one_way_text,
+    specks_text as specks_text,
+    unit_of as unit_of,
+    volume_text as volume_text,
 )
 from .mesh.triangle_mesh import Surface as Surface, TriangleMesh as TriangleMesh, replayed_steps as replayed_steps
 from .planning.case_plan import (
@@ -111,7 +123,6 @@ from .progress import (
     finish as finish,
     timed_steps as timed_steps,
 )
-from .reconstruction import Reconstruction as Reconstruction, Stage as Stage
 from .settings import (
     EXCLUSIVE as EXCLUSIVE,
     GOALS as GOALS,
@@ -128,22 +139,11 @@ from .smoothing.methods import SMOOTHINGS as SMOOTHINGS, smoothing_of as smoothi
 from .surfaces.extract import reconstruct_steps as reconstruct_steps, result_and_full_steps as result_and_full_steps
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
 from .surfaces.make import (
-        make_surfaces_steps as make_surfaces_steps,
-        one_of_labels_steps as one_of_labels_steps,
-        reconstruct as reconstruct,
-    )
-from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
-from .units import (
-    UNITS as UNITS,
-    Unit as Unit,
-    distance_phrases as distance_phrases,
-    length_text as length_text,
-    number_text as number_text,
-    one_way_text as one_way_text,
-    specks_text as specks_text,
-    unit_of as unit_of,
-    volume_text as volume_text,
+    make_surfaces_steps as make_surfaces_steps,
+    one_of_labels_steps as one_of_labels_steps,
+    reconstruct as reconstruct,
 )
+from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .volume.volume import Volume as Volume
 
 if TYPE_CHECKING:
@@ -154,7 +154,7 @@ if TYPE_CHECKING:
         compare_labels as compare_labels,
         compare_labels_steps as compare_labels_steps,
     )
-    from .change.limits import ChangeLimits as ChangeLimits, Status as Status
+    from .change.limits import ChangeLimits as ChangeLimits, ChangeStatus as ChangeStatus
     from .change.table import (
         CHANGE_HEADS as CHANGE_HEADS,
         change_cells as change_cells,
@@ -166,14 +166,7 @@ if TYPE_CHECKING:
         write_structures as write_structures,
         write_structures_steps as write_structures_steps,
     )
-    from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
-    from .mesh.distance.triangle_tree import distances as distances
-    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
-    from .planning.counted_surface import CostEstimate as CostEstimate
-    from .planning.rates import CALIBRATION as CALIBRATION
-    from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
-    from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
-    from .structure_table import (
+    from .measures.structure_table import (
         StructureRow as StructureRow,
         measure_structures as measure_structures,
         measure_structures_steps as measure_structures_steps,
@@ -182,6 +175,13 @@ if TYPE_CHECKING:
         table_csv as table_csv,
         table_heads as table_heads,
     )
+    from .mesh.angles.alpha_choice import AlphaChoice as AlphaChoice, chosen_alpha_steps as chosen_alpha_steps
+    from .mesh.distance.triangle_tree import distances as distances
+    from .planning.cost_estimate import FieldCache as FieldCache, cost_estimate_steps as cost_estimate_steps
+    from .planning.counted_surface import CostEstimate as CostEstimate
+    from .planning.rates import CALIBRATION as CALIBRATION
+    from .preview import LEAVE_IT as LEAVE_IT, Preview as Preview, PreviewResult as PreviewResult
+    from .simplification.simplify import simplify as simplify, simplify_steps as simplify_steps
     from .structures import (
         chosen_opacities as chosen_opacities,
         opacities_of as opacities_of,

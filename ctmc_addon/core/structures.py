@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
-from .reconstruction import Reconstruction
+from .measures.reconstruction import Reconstruction
 from .volume.labels.anatomy import anatomy_of
 from .volume.labels.structure_colors import part_rgb, structure_color
 

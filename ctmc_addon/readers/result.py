@@ -351,8 +351,8 @@ class VolumeSource(ABC):
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
-            affine, own_spacing, said = respaced(affine, spacing, raw.directions)
-            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *said]
+            affine, own_spacing, spacing_notes = respaced(affine, spacing, raw.directions)
+            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *spacing_notes]
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)

@@ -11,10 +11,10 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.cli import solid_flags
-from ctmc_addon.cli.arguments import Parser, UsageError
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.cases import collect
+from ctmc_addon.cli.flags import solid as solid_flags
+from ctmc_addon.cli.flags.arguments import Parser, UsageError
 from ctmc_addon.core import CtmcError, solid as solids
 from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.core.surfaces.make import make_surfaces_steps

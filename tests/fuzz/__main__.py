@@ -20,7 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from ctmc_addon.core import Steps
-from ctmc_addon.readers.dicom import stored
+from ctmc_addon.readers.dicom.pixels import stored
 
 from . import worker
 from .mutations import mutated

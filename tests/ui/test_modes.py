@@ -10,9 +10,10 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import drawn
 
 from ctmc_addon.blender.shape_change import shape_change
-from ctmc_addon.ui.panels.results import CTMC_PT_results
-from ctmc_addon.ui.state import measurements
-from ctmc_addon.ui.viewport import live, slice_objects
+from ctmc_addon.ui.panels.results.page import CTMC_PT_results
+from ctmc_addon.ui.state.results import measurements
+from ctmc_addon.ui.viewport.ct import slice_objects
+from ctmc_addon.ui.viewport.surface import live
 
 MODES = ("EDIT", "SCULPT", "VERTEX_PAINT", "WEIGHT_PAINT", "TEXTURE_PAINT")
 

@@ -43,11 +43,11 @@ from ...core.volume import (
     label_extents_steps,
     region_box,
 )
-from ..arguments import with_flags
-from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
+from ..flags.arguments import with_flags
+from ..flags.solid import NOTHING, may_have_parts
+from ..machine.blender_host import has_blender
 from ..outputs import Outputs, written_steps
-from ..solid_flags import NOTHING, may_have_parts
 from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, for_bed_steps, surface_of, surfaces_steps
 from .files import (

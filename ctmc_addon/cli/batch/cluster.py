@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from ..scheduler import PATIENCE, Scheduler
+from ..machine.scheduler import PATIENCE, Scheduler
 from .files import RUNNING
 from .process import ENDED, Event, Events, Task, run_task, settle
 

@@ -25,8 +25,8 @@ from ...core.files.input_files import require_no_input
 from ...core.files.temporary_names import may_be_in_use, remove_leftovers, temporary_name
 from ...core.solid import SolidRequest
 from ...readers import ReadingOptions, VolumeSource, files_below, open_volume, open_volume_steps
-from ..arguments import label_for_checks
-from ..map_flags import NO_MAPS, AskedMaps
+from ..flags.arguments import label_for_checks
+from ..flags.maps import NO_MAPS, AskedMaps
 
 WAITING, RUNNING = "waiting", "running"
 DONE, ABSENT, FAILED = "done", "absent", "failed"  # A case that does not have the label is absent.

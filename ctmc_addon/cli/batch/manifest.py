@@ -18,10 +18,10 @@ from typing import Any
 from ...core import SETTINGS, ReadError, Setting, SettingsError, descriptions
 from ...core.files.input_files import add_inputs
 from ...readers import ReadingOptions, stem
-from ..arguments import UsageError, flag_of, label_choices
-from ..described_flags import value_reader
-from ..map_flags import KINDS, NO_MAPS, AskedMaps, limit_of
-from ..solid_flags import COLUMNS as SOLID, cells_of
+from ..flags.arguments import UsageError, flag_of, label_choices
+from ..flags.described import value_reader
+from ..flags.maps import KINDS, NO_MAPS, AskedMaps, limit_of
+from ..flags.solid import COLUMNS as SOLID, cells_of
 
 READING = {name: about for name, about in descriptions(ReadingOptions).items() if about.kept}
 Parse = Callable[[str], Any]

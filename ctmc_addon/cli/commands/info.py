@@ -17,7 +17,7 @@ from ...core import ReconstructionSettings, Stages, Steps, Volume
 from ...core.files.atomic_write import json_text
 from ...core.volume import ValueFacts, ValueKind, label_extents_steps, region_limits, value_facts_steps
 from ...reporting.formatting import SIDES
-from ..arguments import add_input, reading_of, with_flags
+from ..flags.arguments import add_input, reading_of, with_flags
 from ..terminal import Progress, dimensions, listing, titled
 from .reconstruct import needed_steps
 

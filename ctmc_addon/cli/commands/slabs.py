@@ -18,7 +18,7 @@ from typing import Any
 
 from ... import readers
 from ...core import CtmcError, ReadError, SlabResult, SlabTask, finish, slab_result_steps
-from ..scheduler import PATIENCE, Scheduler
+from ..machine.scheduler import PATIENCE, Scheduler
 
 TICK = 0.05  # Seconds between two checks of the futures.
 AHEAD = 3  # Tasks per worker at the scheduler; their results wait in the workers' memory.

@@ -22,7 +22,7 @@ from ...core import (
 )
 from ...core.volume import used_threshold_steps
 from ...readers import VolumeSource
-from ..arguments import UsageError
+from ..flags.arguments import UsageError
 from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, may_be_several, surfaces_steps
 

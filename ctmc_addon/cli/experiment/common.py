@@ -22,8 +22,8 @@ from ...core import (
     reconstruct_steps,
 )
 from ...core.mesh import SAMPLES, SEED, OneWayDistance, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..commands.reconstruct import input_steps
+from ..flags.arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import Progress, dimensions
 from .table import Row, plain, unique
 

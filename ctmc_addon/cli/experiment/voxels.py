@@ -24,7 +24,7 @@ from ...core import (
 )
 from ...core.mesh import SurfaceDistance
 from ...reporting.parse import parsed_stride
-from ..arguments import at_least, flags_checked
+from ..flags.arguments import at_least, flags_checked
 from ..terminal import dimensions
 from .common import MEASURING, Work, distance_cells, distances_steps, facts_of, measured, settings_of, way_cells
 from .plot import Plot, series

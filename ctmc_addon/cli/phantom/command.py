@@ -11,8 +11,8 @@ from ...core import Stages, Step, Steps, descriptions, equal_part, volume_text
 from ...core.files.atomic_write import create_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
 from ...readers import ReadingOptions
-from ..arguments import add_quiet, at_least
-from ..described_flags import Numbers, value_reader
+from ..flags.arguments import add_quiet, at_least
+from ..flags.described import Numbers, value_reader
 from ..terminal import Progress, dimensions, listing
 from .files import WRITERS, require_own_slices
 

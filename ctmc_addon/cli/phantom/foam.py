@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...core import Step, Steps, Volume
 from ...core.files.atomic_write import require_writable, whole_file
 from ...core.phantom import FOAM_THRESHOLD, foam
-from ..arguments import add_quiet, at_least
+from ..flags.arguments import add_quiet, at_least
 from ..terminal import Progress, dimensions, listing
 from .files import library
 

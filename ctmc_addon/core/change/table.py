@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of changes: a row for each component, with units in the names of the columns."""
+"""Make the table of changes: a row for each component, with units in the column names."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from collections.abc import Sequence
 from typing import Any
 
 from ..files.atomic_write import csv_text
-from ..measures import UNKNOWN
-from ..units import number_text
+from ..measures.measures import UNKNOWN
+from ..measures.units import number_text
 from .compare import ChangeRow
 
-DIGITS = 9  # A number in a CSV has this many digits.
-ML = 1000.0  # mm3
-TERMINAL = 11  # The terminal shows this many columns; files have the positions too.
+DIGITS = 9  # Numbers in a CSV have this many digits.
+MM3_PER_ML = 1000.0
+TERMINAL = 11  # The terminal shows only this many columns; files have all.
 CHANGE_HEADS = (
     "name",
     "label",
@@ -34,11 +34,10 @@ CHANGE_HEADS = (
 )
 
 
-def change_columns(row: ChangeRow) -> dict[str, Any]:
+def _change_columns(row: ChangeRow) -> dict[str, Any]:
     """Return the columns of a row by their names.
 
-    `before` and `after` are the numbers of components, the largest of its volume first: '1', or '2+3' where several
-    are one row.
+    `before` and `after` are the numbers of components, the largest in its volume first: '1', or '2+3' for several.
     """
     first, last = row.volume_before_mm3, row.volume_after_mm3
     numbers = ("+".join(str(each.number) for each in components) for components in (row.before, row.after))
@@ -47,8 +46,8 @@ def change_columns(row: ChangeRow) -> dict[str, Any]:
         row.label,
         str(row.status),
         *numbers,
-        None if first is None else first / ML,
-        None if last is None else last / ML,
+        None if first is None else first / MM3_PER_ML,
+        None if last is None else last / MM3_PER_ML,
         row.percent,
         row.diameter_before_mm,
         row.diameter_after_mm,
@@ -60,9 +59,9 @@ def change_columns(row: ChangeRow) -> dict[str, Any]:
 
 
 def written_columns(row: ChangeRow) -> dict[str, Any]:
-    """Return the columns of a row as files have them; unknown values are None."""
+    """Return the columns of a row for files; unknown values are None."""
     return {
-        head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in change_columns(row).items()
+        head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in _change_columns(row).items()
     }
 
 
@@ -72,11 +71,11 @@ def change_csv(rows: Sequence[ChangeRow]) -> str:
 
 
 def change_cells(rows: Sequence[ChangeRow]) -> list[tuple[str, ...]]:
-    """Return the table for a person, its heads first; unknown values are a dash."""
+    """Return the table for the terminal, its heads first; unknown values are a dash."""
     heads = tuple(
         head.removesuffix("_percent").replace("largest_", "").replace("_", " ") for head in CHANGE_HEADS[:TERMINAL]
     )
-    cells = (tuple(change_columns(row).values())[:TERMINAL] for row in rows)
+    cells = (tuple(_change_columns(row).values())[:TERMINAL] for row in rows)
     return [heads, *(tuple(map(_shown, CHANGE_HEADS, own)) for own in cells)]
 
 

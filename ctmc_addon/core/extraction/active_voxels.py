@@ -233,7 +233,7 @@ def _mixed_words(slab_words: NDArray[np.uint64], rows: int, words: int) -> NDArr
 
 
 def _any_neighbor(mask: NDArray[np.bool_], words: int, layer: int) -> NDArray[np.bool_]:
-    """Whether a word or one of its neighbors towards the higher samples is marked; too many at the rows' ends."""
+    """Return whether a word or a neighbor toward higher samples is marked; at the ends of rows, too many are."""
     mask[:-1] |= mask[1:]
     mask = mask[:-words] | mask[words:]
     return mask[:-layer] | mask[layer:]

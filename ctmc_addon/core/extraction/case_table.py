@@ -87,7 +87,7 @@ def closed_loops(following: dict[int, int]) -> Iterator[Loop]:
 
 
 def triangulations(loop: Loop) -> Iterator[tuple[Triangle, ...]]:
-    """Every way to cut a loop into triangles by diagonals that lie in no face of the cube."""
+    """Yield every way to cut a loop into triangles by diagonals that lie in no face of the cube."""
     if len(loop) < 3:
         yield ()
         return
@@ -182,7 +182,7 @@ class CornerLists:
 
 
 def _as_fan(triangles: list[Triangle]) -> Loop:
-    """The corners of triangles that all share one, that one first; empty where they make no fan.
+    """Return the corners of triangles that all share one, that one first; empty where they make no fan.
 
     Examples
     --------

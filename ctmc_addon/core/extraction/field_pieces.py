@@ -185,7 +185,7 @@ class FieldSlabs:
         return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues, upper=upper)
 
     def _values_steps(self, numbers: NDArray[np.intp]) -> Steps[NDArray[np.generic]]:
-        """The values of some slices, of which those that the last slab ended with are not fetched again."""
+        """Return the values of some slices, of which those that the last slab ended with are not fetched again."""
         if self.values.held:
             return (yield from self.values.slices_steps(numbers.tolist()))
         kept = self._kept[np.isin(self._kept_numbers, numbers)]
@@ -324,7 +324,7 @@ class _Seam(NamedTuple):
 
     @classmethod
     def below(cls, piece: Surface, following: Surface) -> _Seam:
-        """The triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
+        """Return the triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
         own = len(piece.linear)
         numbers = piece.faces[(piece.faces >= own).any(axis=1)] - np.int32(own)
         corners = np.where(

@@ -132,7 +132,7 @@ def order_of(slabs: Sequence[Slab], top: Slab | None = None) -> Order:
 def _runs(
     counts: NDArray[np.intp], group: NDArray[Any], unit: NDArray[np.intp], slab: NDArray[np.intp], sizes: list[int]
 ) -> list[tuple[Runs, ...]]:
-    """The runs of every slab's lists, which stand by unit, then by group, then in the order of the segments.
+    """Return the runs of every slab's lists, which stand by unit, then by group, then in the order of the segments.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ class SlabWorkers(Protocol):
         """Return the present number of workers."""
 
     def results(self, tasks: Sequence[Any]) -> Generator[Any | None, None, None]:
-        """The results in the order of the tasks, and None while nothing happens."""
+        """Return the results in the order of the tasks, and None while nothing happens."""
 
 
 @dataclass(frozen=True)

@@ -128,7 +128,7 @@ def give_back() -> None:
 def keep_little() -> None:
     """Let the C library keep few freed pages where memory is short, as they count as used.
 
-    Otherwise it keeps as many as it was told to (cli/address_space.py), and others for each thread.
+    Otherwise it keeps as many as it was told to (cli/machine/address_space.py), and others for each thread.
     """
     available = available_bytes()
     short = address_space_available() is not None or (available is not None and available < PLENTY)
@@ -243,7 +243,7 @@ def _half_of_physical() -> int | None:
 
 
 def _lines(path: Path) -> list[str]:
-    """The lines of a small file; none where it is missing or closed to us."""
+    """Return the lines of a small file; none where it is missing or closed to us."""
     try:
         return path.read_text("ascii").splitlines()
     except (OSError, UnicodeDecodeError):
@@ -257,19 +257,19 @@ def _number(path: Path) -> int | None:
 
 
 def _second_number(line: str) -> int | None:
-    """The number after a name; None where a line has none."""
+    """Return the number after a name; None where a line has none."""
     words = line.split()
     return int(words[1]) if len(words) > 1 and words[1].isdigit() else None
 
 
 def _windows_available() -> int | None:
-    class Status(ctypes.Structure):
+    class MemoryStatus(ctypes.Structure):
         # MEMORYSTATUSEX, winbase.h
         _fields_ = [("length", ctypes.c_ulong), ("load", ctypes.c_ulong)] + [
             (name, ctypes.c_ulonglong)
             for name in ("total", "available", "page_total", "page_free", "virtual_total", "virtual_free", "extended")
         ]
 
-    status = Status(length=ctypes.sizeof(Status))
+    status = MemoryStatus(length=ctypes.sizeof(MemoryStatus))
     kernel32 = getattr(ctypes, "windll").kernel32  # noqa: B009  (exists on Windows only)
     return int(status.available) if kernel32.GlobalMemoryStatusEx(ctypes.byref(status)) else None

@@ -42,7 +42,7 @@ def largest_diameter(vertices: NDArray[np.float32]) -> float:
 
 
 def largest_diameter_steps(vertices: NDArray[np.float32]) -> Steps[float]:
-    """`largest_diameter` as steps."""
+    """Do what `largest_diameter` does, in steps."""
     yield Step(0.0, MESSAGE)
     if len(vertices) < 2:
         return 0.0
@@ -75,8 +75,8 @@ def largest_diameter_steps(vertices: NDArray[np.float32]) -> Steps[float]:
         order = np.argsort(far, kind="stable")  # the farthest come last and are taken first
         order = order[far[order] > best]
         for start in range(0, len(order), AT_ONCE):
-            some = order[start : start + AT_ONCE]
-            waiting.append((depth + 1, first[some], second[some]))
+            block = order[start : start + AT_ONCE]
+            waiting.append((depth + 1, first[block], second[block]))
         yield Step(0.6, MESSAGE)
     return math.sqrt(best)
 

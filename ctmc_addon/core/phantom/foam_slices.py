@@ -94,7 +94,7 @@ def _sine(turns: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _hashed(numbers: NDArray[np.uint32], seed: int) -> NDArray[np.uint32]:
-    """A random number for every number; the finalizer of MurmurHash3, public domain."""
+    """Return a random number for every number; the finalizer of MurmurHash3, public domain."""
     mixed = numbers + np.uint32(seed * 0x9E3779B9 & 0xFFFFFFFF)
     for shift, factor in ((16, 0x85EBCA6B), (13, 0xC2B2AE35)):
         mixed ^= mixed >> np.uint32(shift)

@@ -18,8 +18,8 @@ from ..described import AUTO
 from ..extraction.grid import make_grid
 from ..extraction.marching_cubes import count_steps, extract_steps
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..progress import PAUSE, Steps, timed_steps
-from ..reconstruction import Reconstruction
 from ..simplification.simplify import simplify_steps
 from ..surfaces.finish import AVERAGING, CHOOSING, EXTRACTING, KEEPING, LOOKING, PREPARING, SIMPLIFYING
 from ..surfaces.request import share_walls
@@ -187,8 +187,8 @@ class Calibration:
         Preparing has nothing in common from way to way: a threshold's values are ready.
         """
         way, stage = key
-        others = WAYS if way and stage != PREPARING else ()
-        return next((self.learned[other, stage] for other in (way, *others) if (other, stage) in self.learned), 1.0)
+        ratios = WAYS if way and stage != PREPARING else ()
+        return next((self.learned[other, stage] for other in (way, *ratios) if (other, stage) in self.learned), 1.0)
 
     def _expected(self, estimates: Sequence[CostEstimate]) -> dict[Key, float]:
         """Return the seconds of every stage by the ratios alone."""

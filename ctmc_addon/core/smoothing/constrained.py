@@ -22,12 +22,12 @@ from ..progress import PAUSE, Stages, Steps, equal_part
 from ..volume.volume import Box
 from .bounds import Inside, Start, carried, halfway_mm, refined_start
 from .bricks import WIDTH, Bricks, near_surface, number_bricks, packed, widened
-from .islands import keep_islands_steps
-from .refined_label import RefinedLabel
+from .kept_volume.islands import keep_islands_steps
+from .kept_volume.refined_label import RefinedLabel
+from .kept_volume.volume_constant import keep_volume_steps
 from .relaxation import relax_steps
 from .signed_distance import signed_distance_steps
 from .smooth_field import SmoothField
-from .volume_constant import keep_volume_steps
 
 MOST_STEPS = 8
 SAMPLES_AT_ONCE = 1 << 18  # Handle this many samples far from the surface at once.

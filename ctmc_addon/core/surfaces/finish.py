@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 from ..described import AUTO
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
 from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from ..settings import ReconstructionSettings
 from ..simplification.engine.handles import handles_text
 from ..sinks import HOLD, Sink, Taken

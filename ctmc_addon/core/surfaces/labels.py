@@ -14,8 +14,8 @@ from ..errors import LabelError, MeshError, ThresholdError
 from ..machine.budget import Budget
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..progress import Stages, Steps, finish
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
 from ..volume.labels.extents import ALL, chosen_labels_steps

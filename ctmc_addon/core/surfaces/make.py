@@ -14,10 +14,10 @@ from ..errors import CtmcError, LabelError, MemoryLimitError
 from ..machine.budget import Budget
 from ..maps.quantity import Quantity
 from ..maps.request import MapRequest
+from ..measures.reconstruction import Reconstruction
 from ..mesh.triangle_mesh import TriangleMesh
 from ..planning.plan import advised_steps
 from ..progress import Stages, Steps, equal_part, finish
-from ..reconstruction import Reconstruction
 from ..settings import SIMPLIFICATION, ReconstructionSettings
 from ..sinks import HOLD
 from ..volume.labels.extents import label_extents_steps, labels_by_layer_steps

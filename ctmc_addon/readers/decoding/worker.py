@@ -21,7 +21,7 @@ from ...core import CtmcError, ReadError, finish, own_output, requests, say
 from ..dicom.header import ImageFile, read_dose_header, read_header
 from ..dicom.labels.classes import DOSE, SEGMENTATION, object_class
 from ..dicom.labels.segmentation_header import header_steps
-from ..dicom.pixels import stored_frames
+from ..dicom.pixels.pixels import stored_frames
 from ..optional_imports import needed, quiet
 
 

@@ -31,7 +31,7 @@ PILLOW_ERRORS = (
     LookupError,
     struct.error,
     zlib.error,
-)  # imageio and Pillow raise these, beside Pillow's bomb error.
+)  # Errors that imageio and Pillow raise, besides Pillow's bomb error.
 # The type of the values by that of the pixels; older Pillow widens 16 bits to int32.
 DTYPES = {"bool": "uint8", "uint8": "uint8", "uint16": "uint16", "int32": "uint16"}
 PNG_DEPTH, PNG_COLOR = 24, 25  # Bytes of a PNG with the bits of a sample and the kind of a pixel.

@@ -19,7 +19,7 @@ from ..value_kind import require_volume_memory
 from .colors import RGB
 
 MOST_LABELS = 65535
-LONGEST_NAME = 200  # characters
+LONGEST_NAME = 200  # Names are cut to this many characters.
 MOST_NAMED = 8  # A note names at most this many labels.
 
 

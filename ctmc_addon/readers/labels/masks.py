@@ -25,8 +25,9 @@ from ...core.volume import (
     farthest_corner_mm,
     spacing_of,
 )
-from ..dicom.mask_series import middle_is_mask_steps
-from ..dicom.series import DicomSource, FolderContent
+from ..dicom.series.folder import FolderContent
+from ..dicom.series.mask_series import middle_is_mask_steps
+from ..dicom.series.series import DicomSource
 from ..file_formats import natural_key, segmentation_sibling, stem, suffix
 from ..registry import MASK_SUFFIXES
 from ..result import RawValues, ReadRequest, Series, VolumeSource

@@ -16,12 +16,12 @@ from numpy.typing import NDArray
 from ...core import ReadError, Steps
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS
+from ..streams.streams import STREAM_ERRORS
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 from .nifti import NiftiFile, checked_dtype, checked_scale, checked_size, header_errors, mended, mended_notes
 
-HEADER = 348  # bytes
+HEADER = 348  # A header has this many bytes.
 NIFTI_MAGIC = (b"ni1\0", b"ni2\0")
 MODULE = "nibabel.spm2analyze"
 MOST_OFFSET = 1 << 24  # Bytes before the values.

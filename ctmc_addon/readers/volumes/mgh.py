@@ -15,7 +15,7 @@ from ...core import ReadError, Steps
 from ...core.volume import transform_points
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from .grid import grid_slices
 
 HEADER = 284  # Bytes; most are unused.
@@ -23,7 +23,7 @@ FIELDS = 90  # Bytes in use.
 RAS_FLAG = 28  # Byte of the flag; nibabel sets it, with directions that are not FreeSurfer's.
 CORONAL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 MODULE = "nibabel.freesurfer.mghformat"
-HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # nibabel raises these, beside its own.
+HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # Errors that nibabel raises besides its own.
 
 
 class _MghFile(VolumeSource):

@@ -24,7 +24,7 @@ from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
 from ..optional_imports import imported_steps, needed, quiet, reason
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..streams import STREAM_ERRORS, opened
+from ..streams.streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 
@@ -34,7 +34,7 @@ MOST_HEADER = 2**24  # At most these bytes are before the values; label tables o
 MOST_SCALE = 1e20  # The product of a slope, or of an intercept, and a value must be a float32.
 TABLE_END = b"</LabelTable>"
 LABEL_INTENT = 1002  # NIFTI_INTENT_LABEL says that each value is the number of a label.
-DAMAGED_LEVEL = 40  # nibabel refuses a header from this severity on, and mends what is less.
+DAMAGED_LEVEL = 40  # From this severity on nibabel refuses a header; it mends smaller damage.
 SILENT = logging.Logger("nibabel's checks", logging.CRITICAL + 1)  # Mended fields are said in the notes.
 
 
@@ -214,9 +214,9 @@ def placed(header: Any, pixdim: NDArray[np.float64], name: str) -> tuple[NDArray
             "the file has no orientation (sform and qform codes are 0): taken as columns towards the patient's left, "
             "rows towards the front, slices towards the head; flip x, y or z changes it"
         )
-    (mm,), said = in_mm([unit_of(header)])
+    (mm,), unit_notes = in_mm([unit_of(header)])
     affine[:3] *= mm
-    return affine, (*notes, *_geometry_notes(header, pixdim, mm), *said)
+    return affine, (*notes, *_geometry_notes(header, pixdim, mm), *unit_notes)
 
 
 def unit_of(header: Any) -> str:

@@ -12,7 +12,7 @@ import numpy as np
 from ...core import PAUSE, ReadError, Steps
 from ..optional_imports import quiet
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices, TransposedSlices
+from ..streams.stored_slices import RawSlices, TransposedSlices
 
 # Of NumPy on a header, which is a line of Python.
 HEADER_ERRORS = (ValueError, TypeError, EOFError, SyntaxError, TokenError, RecursionError, MemoryError)

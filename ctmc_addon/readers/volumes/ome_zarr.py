@@ -134,14 +134,14 @@ class _OmeZarr(VolumeSource):
         space = self.image.space[::-1]
         words = [self.image.axes[axis].get("unit") for axis in space]
         units = ["" if word is None else str(word).strip() for word in words]
-        lengths_mm, said = in_mm(units)
+        lengths_mm, unit_notes = in_mm(units)
         affine = np.eye(4)
         affine[:3, :3] = AXIAL * lengths[list(space)] * lengths_mm
         affine[:3, 3] = AXIAL.diagonal() * shifts[list(space)] * lengths_mm + 0.0
         notes = [taken_as_axial(self.format), *turned_notes("scales", lengths[list(space)])]
         if "" in units:
             notes.append("the file's axes have no unit: taken as mm; give the spacing in mm for another")
-        return affine, [*notes, *said]
+        return affine, [*notes, *unit_notes]
 
 
 def open_steps(path: Path) -> Steps[_OmeZarr]:

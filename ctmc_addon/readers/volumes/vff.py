@@ -15,7 +15,7 @@ import numpy as np
 
 from ...core import ReadError, Steps
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices
+from ..streams.stored_slices import RawSlices
 from ..value_kind import scaled_steps
 from .nrrd import header_text
 from .text_header import MOST_HEADER, numbers, volume_size, whole

@@ -17,7 +17,7 @@ from ...core import PAUSE, ReadError, Steps
 from ..file_formats import companion_text
 from ..length_units import in_mm
 from ..result import RawValues, ReadRequest, Series, VolumeSource
-from ..stored_slices import RawSlices
+from ..streams.stored_slices import RawSlices
 from .nrrd import header_text, inner_path, open_data_file
 from .text_header import MOST_HEADER, numbers, volume_size, whole
 

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from ...core import NO_THREAD, ReadError, Step, Steps, require_memory
 from ...core.volume import SliceReader, as_slice
 from ..optional_imports import needed, quiet, reason
-from ..packed_size import bytes_to_look_at, unpacks_beyond
+from ..streams.packed_size import bytes_to_look_at, unpacks_beyond
 
 MOST_JSON = 1 << 24  # Bytes of one metadata file.
 MOST_AXES = 8

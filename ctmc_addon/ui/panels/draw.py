@@ -8,11 +8,12 @@ from typing import Any
 import bpy
 
 from ...core.volume import ValueKind
-from ..properties.structures import LABEL
-from ..state import drawings, volumes
-from ..state.tools import tool_of
+from ..properties.surface.structures import LABEL
+from ..state.ct import volumes
+from ..state.draw import drawings
+from ..state.draw.tools import tool_of
 from ..translations import translate
-from ..viewport.draw_tools import TOOLS
+from ..viewport.draw.draw_tools import TOOLS
 from .layout import PagePanel, begin, draw_pair, draw_status, draw_text, holds_hu, is_narrow
 
 

@@ -13,8 +13,10 @@ from ...core.volume import ValueKind
 from ...reporting.formatting import in_lines, letters
 from .. import jobs
 from ..properties.limits import optional, switch
-from ..state import session, surfaces, volumes
-from ..state.surfaces import mirrored_text, scaled_text
+from ..state import session
+from ..state.ct import volumes
+from ..state.results import surfaces
+from ..state.results.surfaces import mirrored_text, scaled_text
 from ..translations import OURS, translate
 
 FONT, POINTS = 0, 11.0  # Blender's font and its size in panels at the usual scale.

@@ -11,7 +11,7 @@ from bl_ui.utils import PresetPanel  # type: ignore[import-not-found]
 
 from ...core import SETTINGS
 from ..properties.limits import optional, switch
-from ..properties.settings import OF_ONE_VOLUME
+from ..properties.surface.settings import OF_ONE_VOLUME
 from .layout import SidePanel
 
 SHIPPED = Path(__file__).parents[1]  # Blender looks below it for presets/ctmc

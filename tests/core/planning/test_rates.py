@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from ctmc_addon.core import CostEstimate, ReconstructionSettings
+from ctmc_addon.core.measures.reconstruction import Stage
 from ctmc_addon.core.planning import rates
 from ctmc_addon.core.planning.rates import Calibration
-from ctmc_addon.core.reconstruction import Stage
 
 
 def counted(faces=100_000, left=None, preparing=2.0, counting=0.5, **settings):

@@ -13,9 +13,11 @@ bpy = pytest.importorskip("bpy")
 
 from ui.drawing import drawn
 
-from ctmc_addon.ui.panels import main as panels, results
-from ctmc_addon.ui.state import session, volumes
-from ctmc_addon.ui.viewport import live, preview
+from ctmc_addon.ui.panels import main as panels
+from ctmc_addon.ui.panels.results import page as results
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.viewport.surface import live, preview
 
 
 @pytest.fixture
@@ -220,7 +222,7 @@ def test_another_add_ons_property_of_our_name_breaks_no_panel(scene, memory):
     ],
 )
 def test_a_measurement_that_cannot_be_breaks_no_panel(loaded, bad):
-    from ctmc_addon.ui.state import measurements
+    from ctmc_addon.ui.state.results import measurements
 
     bpy.ops.ctmc.reconstruct()
     obj = active()

@@ -249,7 +249,7 @@ def _around_islands(
 def _mostly_inside(
     components: LabelComponents, selected: NDArray[np.bool_], sign: NDArray[np.int8]
 ) -> NDArray[np.bool_]:
-    """Whether at least half of the outer sides of components, (components,) bool, are with samples of sign -1."""
+    """Return whether at least half of each component's outer sides, (components,) bool, have samples of sign -1."""
     z, y, x, own = components.samples(selected)
     negative, outer = np.zeros(len(selected), np.intp), np.zeros(len(selected), np.intp)
     padded = np.pad(sign, 1)

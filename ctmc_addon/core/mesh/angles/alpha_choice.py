@@ -23,8 +23,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arithmetic import tangent
+from ...measures.units import length_text
 from ...progress import PAUSE, Step, Steps, WithResult
-from ...units import length_text
 from ..pieces.completed_pieces import with_next_steps
 from ..topology import FACES_PER_STEP
 from ..triangle_mesh import Pieces, Surface, blend
@@ -217,7 +217,7 @@ class _Search:
         return min(self._limit, float(self._tangents[self._at]))
 
     def _below_steps(self, piece: _Piece) -> Steps[tuple[NDArray[np.intp], float]]:
-        """The triangles of a piece that are below at the present alpha, the worst first, and the smallest tangent."""
+        """Return the triangles of a piece below the angle at this alpha, worst first, and the smallest tangent."""
         vertices = blend(piece.midpoints, piece.linear, self.alpha)
         numbers, tangents, smallest = [np.empty(0, np.intp)], [np.empty(0)], math.inf
         for start in range(0, len(piece.faces), FACES_PER_STEP):

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How good triangles are for simulation: their smallest angle, and their radius ratio.
+"""Measure the quality of triangles for simulation: their smallest angle, and their radius ratio.
 
 Angles are compared by their tangents, which take no more than the basic operations and so have the same bits on every
 machine. A triangle without area has an angle of 0.

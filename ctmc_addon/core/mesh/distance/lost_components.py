@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find the components of a full surface that another surface, made from it, no longer has.
+"""Find the components of a full surface that are missing in a surface made from it.
 
 A component of the other surface lies at the one it was made from: most of its vertices are nearest to that one's
 triangles. Components of the full surface that none was made from are lost. Cavities are components of their own.

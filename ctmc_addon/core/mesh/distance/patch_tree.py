@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""A tree of small patches of a surface, to search it for what a ball touches.
+"""A tree of small patches of a surface, to find the samples that a ball touches.
 
 Samples of the surface stand in patches of 16, which face one way and lie near each other: sorted by the axis that
 their normals are nearest to and in Morton order, then cut in halves along the longest side, chunk by chunk. So the two
@@ -21,9 +21,9 @@ from ...progress import PAUSE, Steps
 from ..vectors import cross, dot
 from .triangle_tree import CODE_BITS, morton_codes, order_steps
 
-PATCH = 16  # samples
+PATCH = 16  # A patch has this many samples.
 BRANCH = 4  # A disc bounds this many discs of the level below.
-CHUNK = 4096  # Samples that are halved together; a power of 4 times PATCH.
+CHUNK = 4096  # Halve this many samples at once; a power of 4 times PATCH.
 MARGIN = 2.0**-20  # Discs are too large by this share of the extent, because of float32.
 CODES_AT_ONCE = 1 << 17
 CHUNKS_AT_ONCE = 32

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How far two surfaces are from each other: the one estimator that panel, figures, experiments and report share.
+"""Measure how far two surfaces are from each other, for panel, figures, experiments and report alike.
 
 Exact distances from points to triangles, both ways, between points spread evenly over each surface and, for the
 largest, its vertices. Components of the full surface that the other has lost are left out and named separately: their
@@ -205,9 +205,9 @@ def _both_ways_steps(
         largest = yield from equal_part(at_vertices, 2 * number + 1, 4)
         ways.append(OneWayDistance(float(sampled.mean()), float(np.percentile(sampled, 95)), largest))
     if lost.count:
-        gone = ReferenceSurface(TriangleMesh(full.mesh.vertices, full.mesh.faces[lost_faces]))
+        lost_surface = ReferenceSurface(TriangleMesh(full.mesh.vertices, full.mesh.faces[lost_faces]))
         tree = yield from surface.tree_steps()
-        farthest = yield from tree.largest_steps(gone.vertices(), threads=threads)
+        farthest = yield from tree.largest_steps(lost_surface.vertices(), threads=threads)
         lost = replace(lost, largest=farthest)
     to_full, from_full = ways
     return SurfaceDistance(to_full, from_full, lost)

@@ -38,7 +38,7 @@ TRIANGLE_SLOPE = 0.3  # About 17 degrees: so much those are off that are means o
 DEPTH = 0.05  # Of the samples' distance.
 TOLERANCE = 0.01  # Of the radius.
 ROUNDING = np.float32(1 + 1e-5)
-GROUP = 16  # Places that are searched for together.
+GROUP = 16  # Search for this many places at once.
 COARSER = 16  # Every so many places are asked before those between.
 BLOCK = 2048  # Places that are searched for at once.
 COARSE_BLOCK = 256  # The same among the coarser ones, whose neighbors say less: a place has more pairs.
@@ -46,7 +46,7 @@ TESTED = 1 << 15  # Pairs of a place and a patch whose discs are tested at once.
 PAIRS = 2048  # Pairs of a place and a patch whose samples are measured at once: they stay in the cache.
 FAR = 1.5  # The plane of a sample counts up to this many of the samples' distances from it.
 CAP = 2.0  # Times the limit: the radius with slope and depth is larger than the ball.
-FIRST_TRY = 4.0  # Times the samples' distance: the radius to begin with where no neighbor is known.
+FIRST_TRY = 4.0  # Without a neighbor, begin with this many times the distance of samples as radius.
 NEXT_TRY = 4.0  # Times the last one.
 NEIGHBORS_TRY = 1.5  # Times the radius of the neighbors.
 Hints = tuple[Indices, Floats]  # What balls meet, -1 for nothing, and their radii.
@@ -118,15 +118,15 @@ class TangentBalls:
         `hints` has what every `COARSER`th ball meets, and its radius. Balls are tried from small to large: what limits
         a ball of the radius tried limits larger ones too.
         """
-        others, radii = hints
+        limiting, radii = hints
         tried = np.full(len(places), FIRST_TRY * self.gap, np.float32)
-        if len(others):
+        if len(limiting):
             number = (np.arange(len(places)) + start) // COARSER
-            for beside in (0, 1):
-                neighbor = np.minimum(number + beside, len(others) - 1)
-                known = np.flatnonzero(others[neighbor] >= 0)
-                self._measure(places[known], others[neighbor[known]] // PATCH)
-                tried[known] = np.maximum(tried[known], radii[neighbor[known]] * np.float32(NEIGHBORS_TRY))
+            for step in (0, 1):
+                neighbor = np.minimum(number + step, len(limiting) - 1)
+                has_hint = np.flatnonzero(limiting[neighbor] >= 0)
+                self._measure(places[has_hint], limiting[neighbor[has_hint]] // PATCH)
+                tried[has_hint] = np.maximum(tried[has_hint], radii[neighbor[has_hint]] * np.float32(NEIGHBORS_TRY))
         while len(places):
             self._try(places, tried, group)
             larger = np.flatnonzero(self._radius[places] > tried)

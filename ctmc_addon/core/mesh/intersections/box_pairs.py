@@ -36,10 +36,10 @@ class BoxTree:
         self._levels: list[tuple[Floats, Floats, Flags | None]] = []  # (3, 4, boxes / 4) twice, (4, boxes / 4)
         while low.shape[1] > 1 or not self._levels:
             fours = _fours(low, np.inf), _fours(high, -np.inf)
-            chosen = None if selected is None else _fours(selected[None], False)[0]
-            self._levels.append((*fours, chosen))
+            fours_selected = None if selected is None else _fours(selected[None], False)[0]
+            self._levels.append((*fours, fours_selected))
             low, high = fours[0].min(axis=1), fours[1].max(axis=1)
-            selected = None if chosen is None else chosen.any(axis=0)
+            selected = None if fours_selected is None else fours_selected.any(axis=0)
 
     def pairs(self) -> Generator[tuple[Ints, Ints], None, None]:
         """Yield blocks of pairs of overlapping boxes, (n,) and (n,) int32, every pair once, the lower number first."""
@@ -88,7 +88,7 @@ def _by_column(flags: Flags) -> Flags:
 
 
 def _fours(rows: NDArray[Any], fill: float) -> NDArray[Any]:
-    """The columns of (k, n) rows four by four, (k, 4, n / 4)."""
+    """Return the columns of (k, n) rows four by four, (k, 4, n / 4)."""
     parents = -(-rows.shape[1] // BRANCH)
     padded = np.full((len(rows), parents * BRANCH), fill, rows.dtype)
     padded[:, : rows.shape[1]] = rows

@@ -113,7 +113,7 @@ def _boxes_steps(columns: Floats, faces: Ints) -> Steps[tuple[Floats, Floats]]:
 
 
 def _kept_steps(blocks: Pairs, selected: Flags) -> Steps[tuple[Pairs, Indices]]:
-    """The pairs with new numbers for the triangles that are in one or selected, and which these are."""
+    """Return the pairs with new numbers for the triangles that are in one or selected, and which these are."""
     pairs, kept = [], selected.copy()
     for first, second in blocks:
         pairs.append((first, second))
@@ -184,7 +184,7 @@ class _Triangles:
         return [np.compress(count == number, pairs, axis=1) for number in range(4)]
 
     def meeting(self, doubtful: list[Indices]) -> list[Indices]:
-        """The pairs, (2, n) each, that meet where they may not."""
+        """Return the pairs, (2, n) each, that meet where they may not."""
         tests = (self._meet, self._meet_beyond_vertex, self._meet_beyond_edge)
         return [pairs[:, test(*pairs)] for test, pairs in zip(tests, doubtful[:3], strict=True)] + doubtful[3:]
 
@@ -239,7 +239,7 @@ def _doubles(points: list[Floats], at: NDArray[Any]) -> list[Doubles]:
 
 
 def _joined(blocks: list[list[Indices]]) -> list[Indices]:
-    """The pairs of several blocks, by the number of common vertices."""
+    """Return the pairs of several blocks, by the number of common vertices."""
     empty = np.zeros((2, 0), np.int32)
     return [np.concatenate([empty, *(block[number] for block in blocks)], axis=1) for number in range(4)]
 

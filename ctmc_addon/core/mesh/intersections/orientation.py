@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""On which side of a plane or line a point lies, exactly, for float32 positions.
+"""Decide exactly on which side of a plane or line a point lies, for float32 positions.
 
 float64 decides where its result is larger than its rounding can be (the bounds of Shewchuk 1997,
 doi:10.1007/PL00009321); the others are worked out with whole numbers, as a float32 is one over a power of two. Where
@@ -21,7 +21,7 @@ from ...arrays import Doubles, Signs
 
 EPSILON = 2.0**-53
 SIDE_ERROR = 8 * EPSILON  # Error per sum of the absolute products: (7 + 56 eps) eps, rounded up.
-TURN_ERROR = 4 * EPSILON  # (3 + 16 eps) eps, rounded up
+TURN_ERROR = 4 * EPSILON  # Error per sum of the absolute products: (3 + 16 eps) eps, rounded up.
 WHOLE = 2.0**149  # Any float32 times this is a whole number, which float64 holds.
 BITS = 36  # A difference of coordinates has this many bits, so that a doubtful volume is below 2^62.
 
@@ -57,8 +57,8 @@ def turns(a: Doubles, b: Doubles, c: Doubles) -> Signs:
     """Sign of the area of every triangle abc in the plane, (n,): 1 where it runs counter-clockwise; arrays (2, n)."""
     ux, uy = a - c
     vx, vy = b - c
-    one, other = ux * vy, uy * vx
-    area, size = one - other, np.abs(one) + np.abs(other)
+    left, right = ux * vy, uy * vx
+    area, size = left - right, np.abs(left) + np.abs(right)
     out = np.sign(area).astype(np.int8)
     at = np.flatnonzero((np.abs(area) <= TURN_ERROR * size) & (size > 0))
     if len(at):

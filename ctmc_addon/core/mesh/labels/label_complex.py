@@ -143,7 +143,7 @@ class ComplexSurface:
         return self.off_edges[self.faces].any(axis=1)
 
     def at(self, alpha: float) -> ComplexMesh:
-        """The complex at `alpha`, in float32 in the order in which Blender mixes a shape key."""
+        """Return the complex at `alpha`, in float32 in the order in which Blender mixes a shape key."""
         return ComplexMesh(blend(self.midpoints, self.linear, alpha), self.faces, self.sides)
 
     def of_label(self, label: int) -> tuple[Surface, NDArray[np.int32]]:
@@ -213,7 +213,7 @@ def _narrow(labels: NDArray[np.int32]) -> NDArray[Any]:
 
 
 def junction_vertices(faces: NDArray[np.int32], sides: NDArray[np.int32]) -> NDArray[np.bool_]:
-    """Whether triangles between different pairs of labels meet at a vertex, (V,), up to the highest in use.
+    """Return whether triangles between different pairs of labels meet at a vertex, (V,), up to the highest in use.
 
     Parameters
     ----------

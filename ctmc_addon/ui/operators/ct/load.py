@@ -24,10 +24,14 @@ from ....readers import FOLDER_SUFFIXES, KNOWN_SUFFIXES, ReadingOptions
 from ....reporting.formatting import in_lines
 from ... import jobs
 from ...properties import page
+from ...properties.ct.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
 from ...properties.preferences import machine
-from ...properties.reading import dialog_properties, options_of_dialog, options_of_scene, show_options
-from ...properties.structures import called, follow_ticks, tick
-from ...state import change_events, drawings, scans, session, structures, surfaces, volumes
+from ...properties.surface.structures import called, follow_ticks, tick
+from ...state import change_events, session
+from ...state.ct import scans, volumes
+from ...state.draw import drawings
+from ...state.results import surfaces
+from ...state.surface import structures
 from ...translations import OURS, translate, translate_sentence
 from ..paths import RELATIVE
 from .series import items

@@ -14,8 +14,10 @@ from bpy.props import CollectionProperty, StringProperty
 from ....core import ReadError, Steps, Volume, equal_part
 from ... import jobs
 from ...properties import page
-from ...properties.structures import called, follow_ticks, tick
-from ...state import session, structures, volumes
+from ...properties.surface.structures import called, follow_ticks, tick
+from ...state import session
+from ...state.ct import volumes
+from ...state.surface import structures
 from ...translations import OURS, translate
 from ..paths import RELATIVE
 from .load import DROPPED, last_folder

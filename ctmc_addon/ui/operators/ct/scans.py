@@ -14,7 +14,8 @@ from ....blender.surface import read_provenance
 from ....blender.volume import of_ct
 from ... import jobs
 from ...needs import Needs
-from ...state import scans, session, volumes
+from ...state import session
+from ...state.ct import scans, volumes
 from ...translations import OURS, translate
 
 

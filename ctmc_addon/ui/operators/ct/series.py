@@ -8,7 +8,7 @@ from typing import Any
 import bpy
 
 from ....readers import Series, series_names
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 
 _items: list[tuple[str, str, str]] = []  # Blender does not keep the texts of a list that is made when it is drawn.

@@ -26,9 +26,10 @@ from ....core.segmentation import (
     sample_at,
 )
 from ... import jobs
-from ...state import drawings, masks, session
+from ...state import session
+from ...state.draw import drawings, masks
 from ...translations import translate
-from ...viewport.slice_hits import slice_under
+from ...viewport.ct.slice_hits import slice_under
 from .needs import DrawTarget, can_draw, limits_of, named_volume_text, require, target_of, volume_of, whole
 
 Sample = tuple[int, int, int]

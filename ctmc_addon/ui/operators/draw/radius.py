@@ -11,8 +11,8 @@ from bpy.props import FloatProperty
 from ...needs import Needs
 from ...state import session
 from ...translations import translate
-from ...viewport import draw_tools
-from ...viewport.slice_hits import brush_under
+from ...viewport.ct.slice_hits import brush_under
+from ...viewport.draw import draw_tools
 from .needs import can_draw
 
 DOUBLE = 120.0  # Pixels at Blender's usual size, to the right, that double the radius.

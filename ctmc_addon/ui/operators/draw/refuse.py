@@ -13,7 +13,7 @@ import bpy
 from bpy.props import StringProperty
 
 from ...needs import Needs
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 
 

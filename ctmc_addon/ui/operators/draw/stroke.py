@@ -16,10 +16,12 @@ from ....core.segmentation import brush
 from ... import jobs
 from ...needs import Needs
 from ...properties.drawing import CTMCPoint
-from ...state import drawings, masks, session, volumes
+from ...state import session
+from ...state.ct import volumes
+from ...state.draw import drawings, masks
 from ...translations import translate
+from ...viewport.ct.slice_hits import SliceHit, brush_under
 from ...viewport.mouse import viewport_at
-from ...viewport.slice_hits import SliceHit, brush_under
 from .needs import active_or_new, can_draw, limits_of, require_active, structure_of, volume_of
 
 Point = Sequence[float]

@@ -25,8 +25,9 @@ from ....core.mesh import Topology
 from ....core.volume import ValueKind, surface_name
 from ....reporting.formatting import count
 from ...properties.preferences import machine
-from ...state import measurements, session
-from ...state.measurements import Measurement
+from ...state import session
+from ...state.results import measurements
+from ...state.results.measurements import Measurement
 from ...translations import translate
 
 MOST_NAMED = 3  # A report names at most this many surfaces.

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Edit the solid of the panel, such as its cuts, and make its parts: operators `ctmc.solid_*`, `ctmc.cut_*` and others.
+"""Edit the panel's solid, such as its cuts, with the operators `ctmc.solid_*`, `ctmc.cut_*` and similar ones.
 
-Reconstruct makes the parts, each an object of its own.
+Reconstruct makes the parts, each as its own object.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ from ... import jobs
 from ...needs import Needs
 from ...properties.kinds import choice
 from ...properties.preferences import machine
-from ...properties.solid import COMBININGS
-from ...state import session, surfaces, volumes
+from ...properties.surface.solid import COMBININGS
+from ...state import session
+from ...state.ct import volumes
+from ...state.results import surfaces
 from ...translations import translate
 from .placing import ObjectRequest
 
@@ -44,7 +46,7 @@ class SolidParts:
     ----------
     solid : SolidRequest
     targets : mapping of str to int
-        `session_uid` of the object of a part, by the part's name; another part gets a new object.
+        `session_uid` of the object of a part, by the name of the part; parts without one get a new object.
     """
 
     solid: SolidRequest
@@ -62,16 +64,16 @@ class SolidParts:
         return [self._request_of(part, requests) for part in parts]
 
     def _request_of(self, part: Reconstruction, requests: Sequence[ObjectRequest]) -> ObjectRequest:
-        """Return the request of a part's object: that of its structure, under the part's name."""
+        """Return the request of a part's object: that of its structure, with the name of the part."""
         made_of = surfaces.made_of(part.settings)
         own = next((each for each in requests if surfaces.made_of(each.settings) == made_of), requests[0])
         name = part.label_name or own.structure or translate("Part")
-        prefix = "" if part.settings.label is None else own.prefix  # That of a threshold is in the name of the part.
+        prefix = "" if part.settings.label is None else own.prefix  # The name of a threshold's part has it.
         return replace(own, settings=part.settings, part=name, prefix=prefix, target=self.targets.get(name))
 
 
 def makes_solid(scene: bpy.types.Scene) -> bool:
-    """Return whether Reconstruct makes the parts of a solid; settings that contradict each other are reported there."""
+    """Return whether Reconstruct makes the parts of a solid; it reports contradicting settings itself."""
     try:
         return bool(scene.ctmc_solid.to_request())
     except SettingsError:
@@ -79,7 +81,7 @@ def makes_solid(scene: bpy.types.Scene) -> bool:
 
 
 def solid_text(solid: SolidRequest) -> str:
-    """Return what is done to the next surfaces, in words; empty if nothing."""
+    """Return the operations on the next surfaces as text; empty without any."""
     if not solid:
         return ""
     texts = []
@@ -92,19 +94,19 @@ def solid_text(solid: SolidRequest) -> str:
         if length:
             texts.append(translate(text).format(length=length_text(length)))
     pegs = 0 if solid.pegs is None else solid.pegs.count
-    for one, several, number in (
+    for single, several, number in (
         ("1 drain", "{count} drains", len(solid.drains)),
         ("1 cut", "{count} cuts", len(solid.cuts)),
         ("1 peg", "{count} pegs", pegs),
     ):
         if number:
-            texts.append(translate(one if number == 1 else several).format(count=count(number)))
+            texts.append(translate(single if number == 1 else several).format(count=count(number)))
     texts += [combination.name for combination in solid.combinations]
     return translate("Makes a solid: {what}").format(what=", ".join(texts))
 
 
 def place_text(point: Sequence[float]) -> str:
-    """Return the place of a point in the patient, short enough for a line of a list."""
+    """Return the text of a point in the patient, short enough for a line of a list."""
     return "{:.0f}, {:.0f}, {:.0f} mm".format(*point)
 
 
@@ -114,7 +116,7 @@ def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
 
 
 def _has_room_for_cut(operator: Any, context: bpy.types.Context) -> bool:
-    """Return whether another cut is possible, with the reason if not."""
+    """Return whether a further cut is possible; else set the reason."""
     if len(context.scene.ctmc_solid.cuts) >= MOST_CUTS:
         operator.poll_message_set("A solid has at most 6 cuts; remove one")
         return False

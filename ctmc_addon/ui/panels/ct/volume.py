@@ -12,7 +12,8 @@ from ....core.volume import ValueKind, VolumeStatistics
 from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
-from ...state import session, volumes
+from ...state import session
+from ...state.ct import volumes
 from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_text
 from .scans import draw_cts, draw_without_damaged

@@ -40,7 +40,7 @@ def test_what_hides_a_tumor_is_translucent_from_where_the_camera_stands(nested, 
 
     assert opacities(0.0) == [0.3, 1.0, 1.0]
     assert opacities(180.0) == [0.3, 1.0, 0.3], "from behind the bone hides it too"
-    assert opacities(180.0, chosen=[0.8, None, 1.0]) == [0.8, 1.0, 1.0], "what was chosen is kept"
+    assert opacities(180.0, opacities=[0.8, None, 1.0]) == [0.8, 1.0, 1.0], "a given opacity is kept"
     assert opacities(0.0, names=["a", "b", "c"]) == [0.3, 1.0, 1.0], "without a tumor what hides all others"
     assert opacities(90.0, names=["a", "b", "c"]) == [1.0, 1.0, 1.0], "the bone stands beside it"
 

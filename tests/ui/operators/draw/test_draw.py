@@ -19,10 +19,13 @@ from ctmc_addon.core.volume import label_extents_steps, volume_box
 from ctmc_addon.readers import read_volume
 from ctmc_addon.ui import operators
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.state import drawings, masks, measurements, scans, structures, surfaces, volumes
-from ctmc_addon.ui.viewport import drawn
-from ctmc_addon.ui.viewport.draw_tools import BrushOfSlices
-from ctmc_addon.ui.viewport.slice_hits import SliceHit, brush_along
+from ctmc_addon.ui.state.ct import scans, volumes
+from ctmc_addon.ui.state.draw import drawings, masks
+from ctmc_addon.ui.state.results import measurements, surfaces
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.ct.slice_hits import SliceHit, brush_along
+from ctmc_addon.ui.viewport.draw import drawn
+from ctmc_addon.ui.viewport.draw.draw_tools import BrushOfSlices
 
 
 def packed():

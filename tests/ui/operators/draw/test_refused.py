@@ -19,8 +19,9 @@ from ctmc_addon.ui.operators.draw.grow import CTMC_OT_draw_grow
 from ctmc_addon.ui.operators.draw.radius import CTMC_OT_draw_radius
 from ctmc_addon.ui.operators.draw.scissors import CTMC_OT_draw_cut
 from ctmc_addon.ui.operators.draw.stroke import CTMC_OT_draw_stroke
-from ctmc_addon.ui.state import structures, volumes
-from ctmc_addon.ui.viewport.slice_hits import SliceHit
+from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.ct.slice_hits import SliceHit
 
 
 @pytest.mark.parametrize("how", ["or", "minus", "and"])

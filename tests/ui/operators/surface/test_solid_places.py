@@ -12,10 +12,10 @@ bpy = pytest.importorskip("bpy")
 from ui.places import cursor_at, own_center
 
 from ctmc_addon.core import finish
-from ctmc_addon.ui.panels.solid import draw_places
-from ctmc_addon.ui.panels.surface import CTMC_PT_surface
-from ctmc_addon.ui.viewport import solid_places
-from ctmc_addon.ui.viewport.solid import outline_of
+from ctmc_addon.ui.panels.surface.page import CTMC_PT_surface
+from ctmc_addon.ui.panels.surface.solid import draw_places
+from ctmc_addon.ui.viewport.surface import solid_places
+from ctmc_addon.ui.viewport.surface.solid import outline_of
 
 
 @pytest.fixture(autouse=True)
