@@ -8,11 +8,21 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.props import StringProperty
+from mathutils import Vector
 
 from ....blender.figure.map_colors import title_of
-from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_maps, write_map
-from ....blender.surface import Provenance, own_mesh, reconstruction_of, require_editable, require_provenance
+from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_map, stored_maps, write_map
+from ....blender.rulers import add_ruler
+from ....blender.surface import (
+    Provenance,
+    own_mesh,
+    placement_of,
+    reconstruction_of,
+    require_editable,
+    require_provenance,
+)
 from ....core import (
     Budget,
     MadeSurface,
@@ -243,7 +253,10 @@ class _OfMap:
         if name not in (shown, *names):
             error = MeshError(f"there is no map {name}; the maps are {', '.join(names)}")
             return jobs.refuse(self, context.scene.session_uid, error)
-        self.change(obj, name)
+        try:
+            self.change(obj, name)
+        except MeshError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
         session.redraw_viewports()
         return {"FINISHED"}
 
@@ -284,4 +297,34 @@ class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
         viewport_maps.hide()
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_map_add, CTMC_OT_map_show, CTMC_OT_map_remove))
+class CTMC_OT_map_nearest(_OfMap, bpy.types.Operator):
+    """Keep the nearest two points of a distance map as a ruler."""
+
+    bl_idname = "ctmc.map_nearest"
+    bl_label = "Mark Nearest Points"
+    bl_description = (
+        "Add the distance of the nearest two points of the surface and the other one as an object, as Distance does"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
+
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Add the ruler, where the object lies now."""
+        stored, scene = stored_map(obj.data, name), bpy.context.scene
+        if stored is None or stored.nearest is None:
+            raise MeshError(f"the map {name} has no nearest points; choose a distance to another surface")
+        add_ruler(
+            scene,
+            "distance",
+            [obj.matrix_world @ Vector(point) for point in placement_of(obj).to_local(np.array(stored.nearest))],
+            translate("Nearest"),
+            machine().scale,
+            stored.nearest,
+            require_provenance(obj).fingerprint,
+        )
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (CTMC_OT_map_add, CTMC_OT_map_show, CTMC_OT_map_remove, CTMC_OT_map_nearest)
+)

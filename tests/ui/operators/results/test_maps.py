@@ -15,8 +15,9 @@ bpy = pytest.importorskip("bpy")
 import ctmc_addon
 from ctmc_addon.blender.maps import read_map, shown_map, shown_name, stored_maps
 from ctmc_addon.blender.maps.colors import COLORS
+from ctmc_addon.blender.rulers import points_of, rulers_of
 from ctmc_addon.blender.surface import own_mesh
-from ctmc_addon.core import SurfaceRequest, make_surfaces_steps
+from ctmc_addon.core import SurfaceRequest, length_text, make_surfaces_steps
 from ctmc_addon.core.maps import QUANTITIES, DistanceTo, MapRequest, Thickness
 from ctmc_addon.core.progress import finish
 from ctmc_addon.ui import jobs
@@ -153,6 +154,25 @@ def test_the_distance_to_a_structure_of_the_list_has_its_name(two_labels):
     assert read_map(two_labels.data, "distance_1_mm").statistics.share_without == 1.0
     with pytest.raises(RuntimeError, match="No structure and no file was chosen"):
         bpy.ops.ctmc.map_add(quantity="distance-to", structure="FILE")
+
+
+def test_the_nearest_points_become_a_ruler_where_the_surface_lies(two_labels, scene):
+    bpy.ops.ctmc.map_add(quantity="thickness")
+    with pytest.raises(RuntimeError, match="has no nearest points"):
+        bpy.ops.ctmc.map_nearest()
+    assert not any("ctmc.map_nearest" in button for button in drawn(CTMC_PT_results).buttons)
+    bpy.ops.ctmc.map_add(quantity="distance-to", structure="portal vein")
+    found = read_map(two_labels.data, "distance_portal_vein_mm")
+    two_labels.location.x += 1.0
+    bpy.context.view_layer.update()
+    shown = drawn(CTMC_PT_results)
+    assert any("ctmc.map_nearest" in button for button in shown.buttons)
+    assert shown.texts[shown.texts.index("Nearest") + 1] == length_text(found.nearest_distance)
+    assert bpy.ops.ctmc.map_nearest() == {"FINISHED"}
+    [ruler] = rulers_of(scene)
+    assert ruler["ctmc_ruler"]["value"] == pytest.approx(found.nearest_distance)
+    expected = np.array(found.nearest) * 0.01 + (1.0, 0.0, 0.0)
+    assert np.array(points_of(ruler)) == pytest.approx(expected, abs=1e-5)
 
 
 @pytest.mark.parametrize("in_memory", [True, False])
