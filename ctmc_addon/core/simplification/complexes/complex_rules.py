@@ -204,7 +204,8 @@ class ComplexRules(SurfaceRules):
         """Cuts of handles within an interface, which stays in one piece."""
         junction = self.junctions.rank != INTERIOR
         locked = junction | mesh.locked | (self.on_flats != 0)
-        return (yield from handle_cuts_steps(mesh.positions, mesh.faces, mesh.edges, locked, longest, junction))
+        columns = mesh.positions, mesh.faces, mesh.edges, locked
+        return (yield from handle_cuts_steps(*columns, longest, junction, self.policy))
 
     def handles_were_cut(self, mesh: Columns, loops: Ints) -> None:
         """The caps lie in the interface of their loop."""

@@ -31,7 +31,7 @@ class EdgeChoice(Columns):
             collapses = self.without(collapses, crossing)
             yield PAUSE
         collapses = yield from with_normals_steps(collapses, self.positions, self.faces)
-        collapses = self.without(collapses, flips_normal(collapses))
+        collapses = self.without(collapses, flips_normal(collapses, self.policy.least_turn))
         yield PAUSE
         if self.policy.thinnest:
             thin = makes_thin(collapses, self.positions, self.faces, self.policy.thinnest)

@@ -94,7 +94,8 @@ class SurfaceRules:
 
     def handle_cuts_steps(self, mesh: Columns, longest: float) -> Steps[Cuts | None]:
         """Return cuts of handles at loops whose edges are no longer than `longest`."""
-        return (yield from handle_cuts_steps(mesh.positions, mesh.faces, mesh.edges, mesh.locked, longest))
+        columns = mesh.positions, mesh.faces, mesh.edges, mesh.locked
+        return (yield from handle_cuts_steps(*columns, longest, policy=mesh.policy))
 
     def handles_were_cut(self, mesh: Columns, loops: Ints) -> None:
         """Take in faces, edges and vertices of the caps of loops (n, 3) that were cut."""
