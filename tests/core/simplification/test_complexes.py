@@ -114,6 +114,7 @@ def test_neighbors_have_the_same_wall_at_any_rate():
             assert {tuple(triangle) for triangle in wall} == faces[0] & faces[1]
 
 
+@pytest.mark.once
 def test_errors_of_each_label_are_at_most_a_tenth_above_those_alone():
     mesh = pair()
     small = simplify_complex(mesh, reduction=0.9)
