@@ -97,9 +97,9 @@ def _volumes_found(source: readers.VolumeSource) -> list[str]:
     return _from_its_own(source, readers.volumes_beside)
 
 
-def _from_its_own(source: readers.VolumeSource, beside: Callable[[Path], Sequence[Path]]) -> list[str]:
+def _from_its_own(source: readers.VolumeSource, nearby: Callable[[Path], Sequence[Path]]) -> list[str]:
     place = readers.volume_place(source.path).absolute()
-    return [Path(os.path.relpath(path, place)).as_posix() for path in beside(place)]
+    return [Path(os.path.relpath(path, place)).as_posix() for path in nearby(place)]
 
 
 def _labels_steps(volume: Volume) -> Steps[list[dict[str, Any]]]:

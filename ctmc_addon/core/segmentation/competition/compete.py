@@ -154,7 +154,8 @@ def _ball(sample: Sample, radius_mm: float, spacing_mm: Spacing, shape: Sequence
         for at, side, count in zip(sample, sides, shape, strict=True)
     ]
     z, y, x = (
-        ((np.arange(one.start, one.stop) - at) * side) ** 2 for one, at, side in zip(window, sample, sides, strict=True)
+        ((np.arange(span.start, span.stop) - at) * side) ** 2
+        for span, at, side in zip(window, sample, sides, strict=True)
     )
     return (window[0], window[1], window[2]), z[:, None, None] + y[:, None] + x <= radius_mm * radius_mm
 

@@ -125,15 +125,15 @@ class DicomSource(VolumeSource):
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
                 check_codec(image)
-        kind, said = ValueKind.GRAY, _meaning(slices)
+        kind, meaning = ValueKind.GRAY, _meaning(slices)
         if all(ct_slice.image.hounsfield for ct_slice in slices):
             kind = ValueKind.HU
         elif slices[0].image.modality == DOSE_MODALITY:
             is_gray = all(ct_slice.geometry.unit == GY for ct_slice in slices)
-            kind, said = ValueKind.DOSE if is_gray else ValueKind.GRAY, list(slices[0].image.remarks)
+            kind, meaning = ValueKind.DOSE if is_gray else ValueKind.GRAY, list(slices[0].image.remarks)
         elif slices[0].image.modality == PET_MODALITY:
             uptake = yield from uptake_steps(slices, self.content.series[uid])
-            slices, said = uptake.slices, uptake.notes
+            slices, meaning = uptake.slices, uptake.notes
             kind = ValueKind.SUV if uptake.is_suv else kind
         stack, own_spacing = stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
@@ -144,7 +144,7 @@ class DicomSource(VolumeSource):
         mask = 0
         if not request.mask and kind in (ValueKind.HU, ValueKind.GRAY):
             mask = yield from stages.run("Checking values", is_mask_steps(values))
-        notes += [*([] if mask or request.mask else said), *stack.notes, *padding_notes]
+        notes += [*([] if mask or request.mask else meaning), *stack.notes, *padding_notes]
         notes += high_bit_notes(ct_slice.image.pixels for ct_slice in ordered)
         names = {mask: self.name} if mask else {}
         return RawValues(
@@ -171,7 +171,7 @@ class DicomSource(VolumeSource):
         count = len(self.series)
         if self.masks:
             return line.uid, [f"{count} series found: series {line.number}, which is not a mask, was read"]
-        longest = max(other.slices for other in self.series)
+        longest = max(each.slices for each in self.series)
         why = "with the most slices" if line.slices == longest else "which is not a PET"
         return line.uid, [f"{count} series found: series {line.number}, {why}, was read"]
 

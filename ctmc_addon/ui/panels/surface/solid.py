@@ -111,7 +111,7 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
         text = translate("Makes a solid")
     if text:
         row = layout.row(align=True)
-        draw_text(row, context, text, "MOD_SOLIDIFY", beside=BUTTON)
+        draw_text(row, context, text, "MOD_SOLIDIFY", reserved=BUTTON)
         row.operator("ctmc.solid_reset", text="", icon="X", emboss=False)
 
 
