@@ -171,7 +171,7 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
         for unfinished in folder.glob(UNFINISHED + "*"):
             if unfinished != own and may_be_in_use(unfinished.name):
                 raise OutputError(
-                    f"another batch is at work in {folder}; wait for it, choose another folder, "
+                    f"another batch is running in {folder}; wait for it, choose another folder, "
                     f"or remove {unfinished.name} there if that batch was ended on another machine"
                 )
         yield own.name

@@ -67,7 +67,7 @@ class StructureRow:
         beyond = getattr(inside, "beyond", 0)
         if inside is None or not beyond:
             return ()
-        text = f"{beyond} of {inside.samples + beyond} voxels of {self.name} lie beyond the values"
+        text = f"{beyond} of {inside.samples + beyond} voxels of {self.name} lie outside the grid of the values"
         return (f"{text} and do not count" if inside.samples else text,)
 
 

@@ -92,20 +92,11 @@ def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
     return keys & (1 << bits) - 1
 
 
-def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArray[np.int64], NDArray[np.int64]]]:
-    """Return every edge of `faces` (F, 3) once, (2, E), how many triangles it has, (E,), and how many run up it, (E,).
+def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
+    """Return every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     A triangle runs up an edge that it passes from the lower to the higher vertex number. A mesh is closed where
     every edge has two triangles, one of which runs up it.
-    """
-    keys, irregular, counts = yield from edge_keys_steps(faces, vertex_count)
-    count, upwards = np.full(len(keys), 2), np.ones(len(keys), np.int64)
-    count[irregular], upwards[irregular] = counts
-    return edge_ends(keys), count, upwards
-
-
-def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
-    """Return every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     Returns
     -------

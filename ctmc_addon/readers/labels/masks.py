@@ -235,7 +235,7 @@ def in_folders_steps(source: DicomSource) -> Steps[_MaskFolder | None]:
             folders[broken.path.parent].broken.append(broken)
     masks: dict[str, VolumeSource] = {}
     for number, folder in enumerate(sorted(folders, key=natural_key)):
-        yield Step(number / len(folders), "Looking at masks")
+        yield Step(number / len(folders), "Checking masks")
         mask = DicomSource(folder, folders[folder])
         slices = folders[folder].series[mask.series[0].uid]
         if len(mask.series) > 1 or len(slices) < FEWEST or not (yield from middle_is_mask_steps(slices)):

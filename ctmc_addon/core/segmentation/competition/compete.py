@@ -45,7 +45,7 @@ SOFT_HU, MIDDLE_HU = 150.0, 50.0  # Differences count in full near soft tissue, 
 BONE_HU, BONE = 150.0, 0.1
 TABLE_HU = (-1024, 3072)
 GRAY_HU = 120.0  # HU that the range from the lowest to the highest percent of other values stands for.
-STAGES = {"Looking at the values": 4, "Competing": 4, "Finding the border": 4, "Drawing the border": 3}
+STAGES = {"Checking values": 4, "Growing regions": 4, "Finding the border": 4, "Drawing the border": 3}
 
 
 class Click(NamedTuple):

@@ -32,7 +32,13 @@ from .recipe import MOST_FIELDS, Recipe
 from .rims import CutRims, cut_rims_steps, straighten, touches_rims
 from .stitch import stitched
 
-STAGES = {"Deciding samples": 2, "Finding rims": 1, "Crossing cells": 3, "Cutting rims": 4, "Placing vertices": 3}
+STAGES = {
+    "Assigning samples to parts": 2,
+    "Finding rims": 1,
+    "Triangulating cells": 3,
+    "Cutting rims": 4,
+    "Placing vertices": 3,
+}
 POINTS_AT_ONCE = 1 << 18
 MOVES = (0.0, 1 / 64, 1 / 48, 1 / 40)  # Shares of the shortest step to move fields by, in order.
 
@@ -131,9 +137,9 @@ class _Extraction:
     def result_steps(self) -> Steps[ComplexMesh]:
         """Run all stages."""
         stages = self.stages
-        yield from stages.run("Deciding samples", self._words_steps())
+        yield from stages.run("Assigning samples to parts", self._words_steps())
         yield from stages.run("Finding rims", self._rims_steps())
-        yield from stages.run("Crossing cells", self._cells_steps())
+        yield from stages.run("Triangulating cells", self._cells_steps())
         yield from stages.run("Cutting rims", self._cut_steps())
         return (yield from stages.run("Placing vertices", self._placed_steps()))
 
@@ -268,7 +274,7 @@ class _Extraction:
         of_field = np.full(len(used), -1, np.intp)
         yield from self._place_edges_steps(places, used, exact, of_field)
         if self.cut is not None:
-            self._place_nodes(self.cut, places, exact, of_field)
+            self._place_nodes(self.cut, places)
         yield PAUSE
         vertices = np.empty((len(used), 3), np.float32)
         for start in range(0, len(used), POINTS_AT_ONCE):
@@ -359,7 +365,7 @@ class _Extraction:
         place = np.minimum(np.searchsorted(edges, keys), len(edges) - 1)
         return np.where(edges[place] == keys, place, -1)
 
-    def _place_nodes(self, cut: CutRims, places: Doubles, exact: NDArray[np.intp], of_field: NDArray[np.intp]) -> None:
+    def _place_nodes(self, cut: CutRims, places: Doubles) -> None:
         """Place the nodes of rims; those on a segment between vertices of cells lie exactly on it."""
         first, nodes = len(self.keys), cut.nodes
         codes, lowest = nodes.codes, self._index(nodes.lowest)

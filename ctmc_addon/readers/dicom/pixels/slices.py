@@ -148,7 +148,7 @@ def _type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[An
     low, high, padded = math.inf, -math.inf, 0
     with StoredPixels(slices) as pixels:
         for number, each in enumerate(slices):
-            step = Step(number / len(slices), "Looking at the values")
+            step = Step(number / len(slices), "Checking values")
             stored = yield from pixels.slice_steps(number, step)
             lowest, highest, mask = real_ends(stored, each.geometry, each.image.pixels.padding)
             low, high = min(low, lowest), max(high, highest)
@@ -210,6 +210,6 @@ def _clear_padding_steps(values: NDArray[Any], lowest: float) -> Steps[None]:
     """Give padding the lowest real value, so that no surface surrounds it."""
     mark = padding_mark(values.dtype)
     for at in range(0, len(values), PLANES):
-        yield Step(1.0, "Clearing padding")
+        yield Step(1.0, "Removing padding")
         slices = values[at : at + PLANES]
         slices[slices == mark] = lowest

@@ -17,7 +17,7 @@ def middle_is_mask_steps(slices: Sequence[Slice]) -> Steps[bool]:
     """Return whether the middle slice has at most two values, which no CT has."""
     try:
         with StoredPixels([slices[len(slices) // 2]]) as pixels:
-            two_values((yield from pixels.slice_steps(0, Step(0.0, "Looking at masks"))))
+            two_values((yield from pixels.slice_steps(0, Step(0.0, "Checking masks"))))
     except (CtmcError, NotAMask):
         return False
     return True

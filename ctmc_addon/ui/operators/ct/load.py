@@ -29,6 +29,7 @@ from ...properties.preferences import machine
 from ...properties.surface.structures import called, follow_ticks, tick
 from ...state import change_events, session
 from ...state.ct import scans, volumes
+from ...state.ct.stored_paths import stored_path
 from ...state.draw import drawings
 from ...state.results import surfaces
 from ...state.surface import structures
@@ -217,8 +218,11 @@ def conclude(
     stored = scene.ctmc
     is_another_ct = loaded.statistics.fingerprint != stored.volume_fingerprint
     is_first = not stored.volume_fingerprint
-    is_another_time = loaded.is_another_time_of(volumes.loaded(scene))
-    before = stored.volume_fingerprint if loaded.has_samples_of(volumes.loaded(scene)) else ""
+    earlier = volumes.loaded(scene)
+    is_another_time = loaded.is_another_time_of(earlier)
+    if earlier is not None and is_another_time:
+        loaded.labels.update(earlier.labels)
+    before = stored.volume_fingerprint if loaded.has_samples_of(earlier) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     is_restored = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)
     if is_another_ct and not is_restored:
@@ -253,7 +257,7 @@ def conclude(
         if isinstance(read, str):
             scene_session.load_message = translate_sentence(read)
             continue
-        structures.put(key, read.labels)
+        structures.put(scene, key, read.labels)
         if read.key != key:
             text = "The labels have changed since this file was saved: {name}"
             scene_session.load_message = translate(text).format(name=read.path.name)
@@ -302,7 +306,7 @@ def _show_in_scene(scene: bpy.types.Scene, loaded: volumes.Loaded, is_another_ct
     """Give a CT its box in the scene; one that has just come is selected and framed."""
     folder = loaded.path if loaded.path.is_dir() else loaded.path.absolute().parent
     corners, path = volume_box(loaded.volume) * machine().scale, scene.ctmc.volume_path
-    names = (volumes.stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
+    names = (stored_path(folder), readers.volume_stem(folder) or loaded.volume.name)
     box, is_new = show_box(scene, corners, loaded.volume.name, loaded.statistics.fingerprint, path, names)
     if is_new and bpy.context.scene == scene and not surfaces.selected_surfaces(bpy.context):
         for obj in bpy.context.selected_objects:

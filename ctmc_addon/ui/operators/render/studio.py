@@ -102,10 +102,7 @@ class CTMC_OT_render(bpy.types.Operator):
     )
 
     filepath: StringProperty(
-        name="File",
-        description="Picture to write; empty writes none",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE", *RELATIVE},
+        name="File", description="Picture to write. Empty = none", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE}
     )
 
     @classmethod

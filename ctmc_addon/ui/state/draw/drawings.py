@@ -11,11 +11,11 @@ from typing import Any
 
 import bpy
 
-from ....blender.surface import read_provenance
 from ....core.volume import ValueKind, linear, structure_color
 from ...properties.surface.structures import LABEL, filling
 from .. import change_events, session
 from ..ct import volumes
+from ..results import surfaces
 from . import masks
 
 
@@ -65,8 +65,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 
 def _free_value(scene: bpy.types.Scene) -> int:
     """Return a label that no line of the list and no surface of the CT uses."""
-    provenances = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
-    used = [each.settings.label or 0 for each in provenances if each.fingerprint == scene.ctmc.volume_fingerprint]
+    used = [provenance.settings.label or 0 for _, provenance in surfaces.of_panel(scene)]
     return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
@@ -226,25 +225,13 @@ def follow(properties: Any, name: str) -> None:
     scene = properties.id_data
     if name == "volume":
         _connect_all(scene)
-    elif name in ("label_name", "label_color"):
+    elif name in (change_events.NAME, change_events.COLOR):
         for item in structures(scene):
             line = line_of(scene, item)
             item.name, item.color = line.name, tuple(line.color)
         change_events.notify(properties, change_events.DRAWN)
 
 
-HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_post": after_load}
-
-
-def register() -> None:
-    """Listen for undo, for another file and for another CT."""
-    change_events.subscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
-
-
-def unregister() -> None:
-    """Stop listening."""
-    change_events.unsubscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
+register, unregister = change_events.following(
+    follow, undo_post=follow_file, redo_post=follow_file, load_post=after_load
+)

@@ -262,15 +262,15 @@ def _remove_tools() -> None:
         bpy.utils.unregister_tool(tool)
 
 
-HANDLERS = ("load_post", "undo_post", "redo_post")
+_follow, _ignore = change_events.following(
+    _follow_setting, load_post=_follow_cts, undo_post=_follow_cts, redo_post=_follow_cts
+)
 
 
 def register() -> None:
     """Show the tools from now on while a scene has a CT."""
     _register()
-    change_events.subscribe(_follow_setting)
-    for name in HANDLERS:
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(_follow_cts))
+    _follow()
     bpy.app.timers.register(_follow_cts, first_interval=0.0)  # Scenes cannot be read while an add-on is enabled.
 
 
@@ -279,9 +279,7 @@ def unregister() -> None:
     for timer in (watch, _follow_cts):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    for name in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(_follow_cts)
-    change_events.unsubscribe(_follow_setting)
+    _ignore()
     quiet()
     hold(None)
     if _is_in_toolbar():
