@@ -15,7 +15,7 @@ from ...machine.budget import Budget
 from ...machine.parallel import map_steps
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...volume.field import Field
+from ...volume.field import ScalarField
 from ...volume.field_values import FieldValues
 from ...volume.volume import Box, Volume
 from ..gaussian import REACH, smoothed_middle, smoothed_plane, weights
@@ -31,7 +31,7 @@ class Gaussian(Smoothing):
     keeps_samples = False
     weight = 1
 
-    def field_steps(self, field: Field, volume: Volume, budget: Budget, with_surface: bool) -> Steps[Field]:
+    def field_steps(self, field: ScalarField, volume: Volume, budget: Budget, with_surface: bool) -> Steps[ScalarField]:
         """Return a field whose values are smoothed as they are fetched."""
         del with_surface
         yield PAUSE
