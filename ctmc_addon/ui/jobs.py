@@ -22,7 +22,7 @@ import bpy
 
 from ..core import CtmcError, Step, Steps, finish
 from .needs import Needs
-from .state import session
+from .state import change_events, session
 from .translations import translate, translate_sentence
 
 Conclusion = Callable[[], str]
@@ -292,19 +292,19 @@ def idle(operator: Any, _context: Any) -> bool:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_cancel,))
 
 
-HANDLERS = {"load_pre": stop_running, "undo_pre": _stop_locked, "redo_pre": _stop_locked, "save_pre": _stop_locked}
+_follow, _ignore = change_events.following(
+    load_pre=stop_running, undo_pre=_stop_locked, redo_pre=_stop_locked, save_pre=_stop_locked
+)
 
 
 def register() -> None:
     """Register Cancel, and end a job before undo, saving or opening a file."""
     _register()
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
+    _follow()
 
 
 def unregister() -> None:
     """End the job in progress and unregister everything."""
     stop_running()
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
+    _ignore()
     _unregister()

@@ -222,9 +222,9 @@ class Groups:
             number = above[number]
         return number
 
-    def join(self, one: int, other: int) -> bool:
+    def join(self, first: int, second: int) -> bool:
         """Join the groups of two numbers; returns whether they were two."""
-        low, high = sorted((self.root(one), self.root(other)))
+        low, high = sorted((self.root(first), self.root(second)))
         self._above[high] = low
         return low != high
 
@@ -285,7 +285,7 @@ def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
             if len(differ):
                 a, b = a[differ], b[differ]
                 open_links.append((a, b))
-                lowest[np.maximum(a, b)] = np.minimum(a, b)  # of several any will do: the others are asked again
+                lowest[np.maximum(a, b)] = np.minimum(a, b)  # Any of several works: the rest is tested again.
             yield PAUSE
         while True:
             shorter = np.take(lowest, lowest)

@@ -74,7 +74,7 @@ class SurfaceDistance:
     from_full : OneWayDistance
         From those components of the full surface that are still there.
     lost : LostComponents
-        The others.
+        Components of the full surface that are lost.
     """
 
     to_full: OneWayDistance = field(default_factory=OneWayDistance)
