@@ -14,6 +14,7 @@ from ...core import AbsentLabelError, OutputError, ReconstructionSettings, Setti
 from ...core.files.file_names import file_key, printable
 from ...core.files.mesh_files import SUFFIXES
 from ...core.solid import Combination, Combining, Cut, Drain, Pegs, SolidRequest, auto_diameter
+from ...core.volume import compared_name
 from .arguments import UsageError, flags_checked, given_settings, label_choices, settings_and_labels
 from .described import Numbers, add_flag, given, is_number, separated, value_reader
 
@@ -196,8 +197,8 @@ def combined_labels(solid: SolidRequest) -> tuple[int | str, ...]:
     """
     choices: list[int | str] = []
     for each in solid.combinations:
-        combined = {_plain(second.name) for second in solid.combinations if second is not each}
-        choices += [choice for name in each.of if _plain(name) not in combined for choice in label_choices(name)]
+        combined = {compared_name(second.name) for second in solid.combinations if second is not each}
+        choices += [choice for name in each.of if compared_name(name) not in combined for choice in label_choices(name)]
     return tuple(dict.fromkeys(choices))
 
 
@@ -218,12 +219,14 @@ def labels_of(choices: Sequence[int | str], solid: SolidRequest) -> tuple[int | 
     named = combined_labels(solid)
     out: list[int | str] = []
     for choice in choices:
-        makers = [at for at, each in enumerate(solid.combinations) if _plain(each.name) == _plain(str(choice))]
+        makers = [
+            at for at, each in enumerate(solid.combinations) if compared_name(each.name) == compared_name(str(choice))
+        ]
         if not makers:
             out.append(choice)
             continue
         for later in solid.combinations[makers[-1] + 1 :]:
-            if any(_plain(name) == _plain(str(choice)) for name in later.of):
+            if any(compared_name(name) == compared_name(str(choice)) for name in later.of):
                 flag = f"--{later.how.value} {later.name}"
                 raise UsageError(f"--label {choice} names a structure that {flag} takes; give --label {later.name}")
         out += named
@@ -264,17 +267,19 @@ def with_structures(solid: SolidRequest, labels: Sequence[int], names: Mapping[i
     ]
     names_of: dict[str, list[str]] = {}
     for label, name, own in zip(labels, named, called, strict=True):
-        for word in {str(label), _plain(name) or str(label)}:
+        for word in {str(label), compared_name(name) or str(label)}:
             names_of.setdefault(word, []).append(own)
     left = dict.fromkeys(called)
     combinations = []
     for number, each in enumerate(solid.combinations):
         flag = f"--{each.how.value} {each.name}"
-        later = {_plain(next_.name): f"--{next_.how.value} {next_.name}" for next_ in solid.combinations[number + 1 :]}
+        later = {
+            compared_name(next_.name): f"--{next_.how.value} {next_.name}" for next_ in solid.combinations[number + 1 :]
+        }
         of = [_structure_of(name, flag, names_of, left, later) for name in each.of]
         for name in of:
             left.pop(name, None)
-        names_of[_plain(each.name)] = [each.name]
+        names_of[compared_name(each.name)] = [each.name]
         left[each.name] = None
         combinations.append(replace(each, of=tuple(of)))
     return replace(solid, combinations=tuple(combinations)), len(left)
@@ -284,9 +289,11 @@ def _structure_of(
     name: str, flag: str, names_of: Mapping[str, Sequence[str]], left: Mapping[str, None], later: Mapping[str, str]
 ) -> str:
     """Return the exact name of a structure in a combination; `later` holds the flags of combinations after it."""
-    matches = names_of.get(_plain(name), ())
-    if not matches and _plain(name) in later:
-        raise UsageError(f"{flag} names {name!r}, which {later[_plain(name)]} makes after it; give that one first")
+    matches = names_of.get(compared_name(name), ())
+    if not matches and compared_name(name) in later:
+        raise UsageError(
+            f"{flag} names {name!r}, which {later[compared_name(name)]} makes after it; give that one first"
+        )
     if not matches:
         raise AbsentLabelError(
             f"{flag} names {name!r}, but the structures are {', '.join(left)}; add it with --label if the file "
@@ -417,8 +424,3 @@ def cells_of(values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the cells of a row for `overridden_solid`, with combinations by their kind."""
     ways = {name: cell for name, cell in values.items() if name in COMBINING}
     return {name: cell for name, cell in values.items() if name not in ways} | ({"combinations": ways} if ways else {})
-
-
-def _plain(name: str) -> str:
-    """Return a name without case and underscores, as labels are compared."""
-    return " ".join(name.casefold().replace("_", " ").split())

@@ -275,7 +275,8 @@ def _made(kind: Callable[..., Item], values: Mapping[str, Any]) -> Item:
         raise SettingsError(f"a solid cannot be made of {values!r} ({error}); see SolidRequest.to_dict") from error
 
 
-def _numbers(values: Iterable[float]) -> str:
+def numbers_text(values: Iterable[float]) -> str:
+    """Return numbers, such as a point's, as a command line takes them."""
     return " ".join(f"{value:g}" for value in values)
 
 
@@ -284,7 +285,7 @@ def require_different_cuts(cuts: Sequence[Cut]) -> None:
     for number, cut in enumerate(cuts):
         if any(_same_plane(cut, earlier) for earlier in cuts[:number]):
             raise SettingsError(
-                f"the cut at {_numbers(cut.point)} is given twice; leave one out, or move it by a millimeter"
+                f"the cut at {numbers_text(cut.point)} is given twice; leave one out, or move it by a millimeter"
             )
 
 
