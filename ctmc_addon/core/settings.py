@@ -262,8 +262,8 @@ class ReconstructionSettings(Described):
                 raise SettingsError(f"{' and '.join(given)} cannot be set together; choose one")
         for name in SETTINGS:
             if not is_allowed(self, name) and getattr(self, name) is not None:
-                other, choice = INCOMPATIBLE[name]
-                raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
+                rival, choice = INCOMPATIBLE[name]
+                raise SettingsError(f"{name} is not possible with {rival} {choice}; choose another {rival}")
         if self.threshold is not None and self.upper is not None and self.upper < self.threshold:
             raise SettingsError(f"upper {self.upper:g} is below threshold {self.threshold:g}; give the lower one first")
         if self.threshold is not None and not is_for_gray(self.smoothing):
@@ -373,8 +373,8 @@ def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_allowed(settings: Any, name: str) -> bool:
     """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
-    other, choice = INCOMPATIBLE.get(name, (name, None))
-    return choice is None or getattr(settings, other) != choice
+    rival, choice = INCOMPATIBLE.get(name, (name, None))
+    return choice is None or getattr(settings, rival) != choice
 
 
 def require_corners_in_order(region: Sequence[float]) -> None:

@@ -264,9 +264,9 @@ class VolumeSource:
         """Read the volume; parameters, result and errors are those of `read_volume`."""
         budget, sides = checked_budget(budget), checked_stride(stride)
         whole = region is None and sides == (1, 1, 1)
-        stages = Stages({"Looking at the values": 1, "Reading values": 0.1 if whole else 9})
+        stages = Stages({"Checking values": 1, "Reading values": 0.1 if whole else 9})
         opened = self._opened_steps(options_of(options, fields), budget, whole)
-        slabs = yield from stages.run("Looking at the values", opened)
+        slabs = yield from stages.run("Checking values", opened)
         x, y, z = box_of(slabs, None if region is None else tuple(region), region_unit)
         slabs = slabs.part((x, y, z))
         if not whole:
@@ -334,7 +334,7 @@ class VolumeSource:
 
     def _slabs_steps(self, request: ReadRequest, earlier_notes: Sequence[str]) -> Steps[Volume]:
         """Return the volume with the requested spacing and mirrored axes, and notes about them."""
-        stages = Stages({"Reading values": 9, "Looking at the values": 1})
+        stages = Stages({"Reading values": 9, "Checking values": 1})
         raw = yield from stages.run("Reading values", self.read_raw_steps(request))
         reader = raw.values if isinstance(raw.values, SliceReader) else ValuesInMemory(raw.values)
         if request.whole:
@@ -366,7 +366,7 @@ class VolumeSource:
         if kind is None or (kind == ValueKind.LABEL and not reader.is_whole):
             is_label = kind == ValueKind.LABEL or bool(raw.label_names)
             looking = kind_steps(reader, self.name, is_label, raw.affine is not None)
-            kind, reader, value_notes = yield from stages.run("Looking at the values", looking)
+            kind, reader, value_notes = yield from stages.run("Checking values", looking)
             notes += value_notes
         names, colors = raw.label_names, raw.label_colors
         if kind == ValueKind.LABEL and not names:
@@ -402,7 +402,7 @@ def unreadable(path: Path, error: OSError) -> ReadError:
 
 def out_of_memory(path: Path) -> MemoryLimitError:
     """Return the error for a file whose unpacking takes more memory than is left."""
-    return MemoryLimitError(f"{path.name} needs more memory than there is; check the file, or close other programs")
+    return MemoryLimitError(f"{path.name} needs more memory than is available; check the file, or close other programs")
 
 
 def checked_budget(budget: Budget | None) -> Budget:

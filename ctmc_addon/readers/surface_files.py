@@ -55,14 +55,14 @@ def read_surface_steps(path: Path) -> Steps[TriangleMesh]:
     try:
         vertices, faces = (_ply if content[:3] == b"ply" else _stl)(content)
     except (ValueError, IndexError, KeyError, OverflowError) as error:
-        raise ReadError(f"{path.name} is damaged or no {path.suffix[1:].upper()}; write it again") from error
+        raise ReadError(f"{path.name} is damaged or not {path.suffix[1:].upper()}; write it again") from error
     yield Step(0.8, f"Reading {path.name}")
     if not len(faces):
         raise ReadError(f"{path.name} has no triangles; give a surface")
     if not np.isfinite(vertices).all():
         raise ReadError(f"{path.name} has positions that are not numbers; write it again")
     if faces.min() < 0 or faces.max() >= len(vertices):
-        raise ReadError(f"{path.name} has faces of vertices that it lacks; write it again")
+        raise ReadError(f"{path.name} has faces of missing vertices; write it again")
     return TriangleMesh(np.ascontiguousarray(vertices, np.float32), np.ascontiguousarray(faces, np.int32))
 
 
@@ -129,7 +129,7 @@ def _element(
     Rows whose lists are as long as those of the row before are read at once: arrays (rows,), of lists (rows, items).
     """
     if count < 0 or (count and not kinds):
-        raise ValueError("an element of no rows or no properties")
+        raise ValueError("an element without rows or properties")
     columns: dict[str, list[NDArray[Any]]] = {name: [] for name, _, _ in kinds}
     look = FEWEST_ROWS
     while count:

@@ -124,7 +124,7 @@ def _structure_of(
             "has it, or leave out --label to take those that are combined"
         )
     if len(matches) > 1:
-        raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(matches)} are called; give a number")
+        raise UsageError(f"{flag} names {name!r}, the name of labels {' and '.join(matches)}; give a number")
     if matches[0] not in left:
         raise UsageError(f"{flag} names {name!r}, which an earlier combination has taken; combine {', '.join(left)}")
     return matches[0]

@@ -38,7 +38,7 @@ ID_BITS = 21  # Bits of a vertex number: three numbers and a direction fit into 
 
 
 @dataclass(eq=False)
-class Shape:
+class ColumnSurface:
     """A surface as columns.
 
     positions : (3, V) float32
@@ -124,7 +124,7 @@ def clustered_steps(
     joins = original = np.arange(len(mesh.vertices))
     locked = _border(faces, len(joins))
     quadrics = yield from _quadrics_steps(positions, faces)
-    shape = Shape(positions, faces, locked, original, quadrics)
+    shape = ColumnSurface(positions, faces, locked, original, quadrics)
     while (before := shape.faces.shape[1]) > policy.enough_clusters * target and len(shape.locked) >> ID_BITS == 0:
         yield PAUSE
         becomes = original.copy()
@@ -187,7 +187,7 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
     return sums != 0
 
 
-def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape, Indices]]:
+def _round_steps(shape: ColumnSurface, target: int, policy: Policy) -> Steps[tuple[ColumnSurface, Indices]]:
     """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
     joins = yield from _seeds_steps(shape, policy.cluster_passes)
@@ -209,7 +209,7 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
         rows[..., clusters.roots[still]] = summed[..., still]
     quadrics = EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in shape.quadrics))
     placed = np.compress(used, placed, axis=1)
-    return Shape(placed, left, shape.locked[used], shape.original[used], quadrics), joins
+    return ColumnSurface(placed, left, shape.locked[used], shape.original[used], quadrics), joins
 
 
 @dataclass(eq=False)
@@ -308,7 +308,7 @@ def _whole(faces: Indices) -> Flags:
     return (faces[0] != faces[1]) & (faces[1] != faces[2]) & (faces[2] != faces[0])
 
 
-def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
+def _seeds_steps(shape: ColumnSurface, passes: int) -> Steps[Indices]:
     """The seed that every vertex joins, or itself, (V,)."""
     positions, faces, free = shape.positions, shape.faces, ~shape.locked
     worst = np.uint32(0xFFFFFFFF)
@@ -322,9 +322,9 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
         for corner, own in zip(around, ranks, strict=True):
             lost[corner[own > best]] = True
         yield PAUSE
-        chosen = ~lost
-        seed |= chosen
-        near = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        new_seeds = ~lost
+        seed |= new_seeds
+        near = np.take(new_seeds, around[0]) | np.take(new_seeds, around[1]) | np.take(new_seeds, around[2])
         done = np.flatnonzero(near)
         for corner in around:
             rank[corner[done]] = worst
@@ -351,7 +351,7 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     return joins
 
 
-def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+def _clusters_steps(shape: ColumnSurface, joins: Indices, new: Indices) -> Steps[Clusters]:
     """Return the clusters, and the cost of each."""
     positions, vertex_count = shape.positions, len(joins)
     size = np.bincount(joins, minlength=vertex_count)
@@ -403,7 +403,7 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
     number = np.empty(count, np.uint64)
     number[used] = np.arange(len(used), dtype=np.uint64)
     bits = np.uint64(ID_BITS)
-    mask, one = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
+    mask, unit = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
     corners = np.take(number, faces)
     keys = np.empty(corners.shape, np.uint64)
     for row, (start, end, other) in zip(keys, ((0, 1, 2), (1, 2, 0), (2, 0, 1)), strict=True):
@@ -412,21 +412,21 @@ def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
         row |= high
         row <<= bits
         row |= corners[other]
-        row <<= one
+        row <<= unit
         row |= corners[start] < corners[end]
     keys = keys.ravel()
     keys.sort(kind="stable")
-    edge = keys >> (bits + one)
+    edge = keys >> (bits + unit)
     same = edge[1:] == edge[:-1]
     pair = keys[1:] ^ keys[:-1]  # of one edge: the lowest bit is set where the directions differ
     wrong = np.zeros(len(keys) + 1, bool)
-    wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
+    wrong[1:-1] = same & ((pair & unit == 0) | (pair & (mask << unit) == 0))
     wrong[1:-2] |= same[1:] & same[:-1]
     single = np.ones(len(keys), bool)
     single[1:] &= ~same
     single[:-1] &= ~same
     at = np.flatnonzero(wrong[:-1] | wrong[1:] | single)
-    shifts = bits + bits + one, bits + one, one
+    shifts = bits + bits + unit, bits + unit, unit
     low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
     at_changed = changed[low] | changed[high]
     bad = np.zeros(count, bool)

@@ -23,7 +23,6 @@ HEADER = 284  # Bytes; most are unused.
 FIELDS = 90  # Bytes in use.
 RAS_FLAG = 28  # Byte of the flag; nibabel sets it, with directions that are not FreeSurfer's.
 CORONAL = np.array([[-1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
-MODULE = "nibabel.freesurfer.mghformat"
 HEADER_ERRORS = (*STREAM_ERRORS, KeyError, ArithmeticError)  # Errors that nibabel raises besides its own.
 
 

@@ -247,7 +247,7 @@ def _multiscale(folder: Path, about: Mapping[str, Any], name: str) -> _Multiscal
     labels = labels if isinstance(labels, dict) else {} if folder.parent.name == "labels" else None
     notes = (f"{len(images) - 1} further images of the group left out",) if len(images) > 1 else ()
     image = _Multiscale(axes, levels, transforms, labels, notes)
-    _check_axes(image, name)
+    _check_axes(image)
     return image
 
 
@@ -259,7 +259,7 @@ def _version_by_axes(multiscales: Mapping[str, Any]) -> str:
     return "0.3" if axes and all(isinstance(axis, str) for axis in axes) else VERSIONS[0]
 
 
-def _check_axes(image: _Multiscale, name: str) -> None:
+def _check_axes(image: _Multiscale) -> None:
     """Refuse what is not a volume at times and of channels."""
     space = set(image.space)
     handled_axes = space | {image.axis("time", "t"), image.axis("channel", "c")}

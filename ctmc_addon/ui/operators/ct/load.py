@@ -124,10 +124,10 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
                 expected = stored.volume_fingerprint
         if not path:
             raise ReadError("no file or folder was chosen; choose the file or folder that holds the CT")
-        chosen = len(self.files) if path == self.directory else 0
+        file_count = len(self.files) if path == self.directory else 0
         sources = [(source.key, Path(bpy.path.abspath(source.path))) for source in structures.missing(scene)]
         sources = [(key, source) for key, source in sources if expected and source.name]
-        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, chosen, sources)
+        return self.steps(Path(bpy.path.abspath(path)), reading, scene.session_uid, expected, file_count, sources)
 
     def steps(
         self,
@@ -135,12 +135,12 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
         reading: ReadingOptions,
         scene: int,
         expected: str,
-        chosen: int,
+        file_count: int,
         sources: Sequence[tuple[str, Path]],
     ) -> Steps[jobs.Conclusion]:
         """Return the work: series, values, statistics. `expected` is the fingerprint of the CT to find there, if any.
 
-        `chosen` is the number of chosen files; the whole folder is read. The label `sources` are read with it.
+        `file_count` is the number of selected files; the whole folder is read, with the label `sources`.
         """
         stages = Stages(STAGES | ({LABELS: 40} if sources else {}))
         headers, values, counting = STAGES
@@ -167,8 +167,8 @@ class CTMC_OT_load(jobs.LongOperator, bpy.types.Operator):
             time, _ = source.selected_time(reading.series, reading.time)
             reading = replace(reading, time=time if selected.times > 1 else None)
         slices = volume.size[2] if file is None else file.size[2]
-        if 1 < chosen < slices:
-            note = f"the whole folder was read, {slices} slices, not only the {chosen} chosen files"
+        if 1 < file_count < slices:
+            note = f"the whole folder was read, {slices} slices, not only the {file_count} chosen files"
             volume = replace(volume, notes=(*volume.notes, note))
         statistics = yield from stages.run(counting, volume_statistics_steps(volume))
         loaded = volumes.Loaded(

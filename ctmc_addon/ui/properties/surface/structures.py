@@ -90,14 +90,14 @@ def on_look(event: str) -> Callable[[Any, Any], None]:
     return update
 
 
-def on_opacity(item: Any, context: Any) -> None:
+def _on_opacity(item: Any, context: Any) -> None:
     """Apply the new opacity of a structure to its surfaces; a surface made opaque counts as chosen by hand."""
     if not _filling:
         item.opaque = item.opacity == 1.0
-    _on_opacity(item, context)
+    _copy_opacity(item, context)
 
 
-_on_opacity = on_look(OPACITY)
+_copy_opacity = on_look(OPACITY)
 
 
 def _on_limits(item: Any, _context: Any) -> None:
@@ -133,7 +133,7 @@ class CTMCLabel(PropertyGroup):
         max=1.0,
         default=1.0,
         precision=2,
-        update=on_opacity,
+        update=_on_opacity,
     )
     opaque: boolean("Opaque", "Whether an opacity of 1 was chosen in the list", options={"HIDDEN"})
 
@@ -142,7 +142,7 @@ class CTMCLabelSource(PropertyGroup):
     """A file or mask whose labels are structures of the CT; `state.structures` holds its voxels by the key."""
 
     key: text("Key", "Fingerprint of its labels", options={"HIDDEN"})
-    path: text("Path", "File or folder that the labels were read from; empty where they were made here")
+    path: text("Path", "File or folder that the labels were read from. Empty = made here")
     offset: integer("Offset", "Offset of its numbers, so that no two labels share one", options={"HIDDEN"})
 
 

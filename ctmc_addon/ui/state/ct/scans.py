@@ -62,8 +62,8 @@ def other_readings(scene: bpy.types.Scene, fingerprint: str) -> list[str]:
     """Return the fingerprints of the other CTs that share a CT's box: series, times and spacings of the same path."""
     ct = state_of(scene, fingerprint)
     path = "" if ct is None else ct.volume_path
-    same = [other.volume_fingerprint for other in states_in(scene) if path and other.volume_path == path]
-    return [other for other in same if other and other != fingerprint]
+    same = [reading.volume_fingerprint for reading in states_in(scene) if path and reading.volume_path == path]
+    return [reading for reading in same if reading and reading != fingerprint]
 
 
 def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
@@ -74,7 +74,7 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
     ct = state_of(scene, fingerprint)
     if ct is None:
         return
-    others = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
+    readings = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
     if ct == scene.ctmc:
         following = next(iter(scene.ctmc_scans), None)
         with filling():
@@ -86,8 +86,8 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
         change_events.notify(ct, "volume")
     else:
         forget(scene, fingerprint)
-    if others:
-        give_box(scene, fingerprint, others[0])
+    if readings:
+        give_box(scene, fingerprint, readings[0])
     else:
         remove_box(scene, fingerprint)
     session.of(scene).boxes.discard(fingerprint)
@@ -106,14 +106,14 @@ def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
     if own.looked_for == present:
         return
     own.looked_for, boxes = present, paths_of_boxes(scene)
-    gone = []
+    deleted = []
     for ct in cts:
         fingerprint = ct.volume_fingerprint
         if fingerprint in boxes or ct.volume_path in boxes.values():
             own.boxes.add(fingerprint)
         elif fingerprint in own.boxes:
-            gone.append(fingerprint)
-    for fingerprint in gone:  # Removing one moves the others.
+            deleted.append(fingerprint)
+    for fingerprint in deleted:  # Removing one moves the others.
         remove(scene, fingerprint)
         own.boxes.add(fingerprint)  # Undo may bring back the list without the box.
 

@@ -182,7 +182,7 @@ def ct_and_labels(fingerprint: str) -> tuple[Volume | None, Volume | None]:
     own = _loaded.get(fingerprint)
     if own is None or own.volume.kind != ValueKind.LABEL:
         return None if own is None else own.full, None
-    cts = [other.full for other in reversed(_loaded.values()) if other.volume.kind != ValueKind.LABEL]
+    cts = [each.full for each in reversed(_loaded.values()) if each.volume.kind != ValueKind.LABEL]
     return next((ct for ct in cts if lie_in_one_place(ct, own.full)), None), own.full
 
 

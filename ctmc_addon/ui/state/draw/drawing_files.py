@@ -33,7 +33,7 @@ def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
 
     CTs may share a name, such as that of a file in each patient's folder, so the fingerprint tells them apart.
     """
-    drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
+    drawn = {(each.name, item.fingerprint) for each in bpy.data.scenes for item in each.ctmc_draw.structures}
     fingerprint = ct.volume_fingerprint
     called_ct = volumes.called_as(ct, volumes.require_ct(fingerprint))
     stem = Path(blend).stem + (f" {scene.name} {called_ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")

@@ -54,7 +54,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
     names = (name if not number else f"{name} {number + 1}" for number in count())
     item = scene.ctmc_draw.structures.add()
     item.key, item.fingerprint = f"drawn-{uuid.uuid4().hex}", scene.ctmc.volume_fingerprint
-    item.name = next(one for one in names if one not in taken)
+    item.name = next(free for free in names if free not in taken)
     value = _free_value(scene)
     item.color = linear(structure_color(value, None, item.name).rgb)
     line = connect(scene, item)
@@ -142,12 +142,12 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
     Without a line, surfaces are made at a threshold again, but of a volume of labels.
     """
     stored, source = scene.ctmc, line.source
-    at = next(at for at, other in enumerate(stored.labels) if other == line)
+    at = next(at for at, each in enumerate(stored.labels) if each == line)
     stored.labels.remove(at)
     if at <= stored.label_index:
         stored.label_index = max(0, stored.label_index - 1)
-    if source and not any(other.source == source for other in stored.labels):
-        stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+    if source and not any(each.source == source for each in stored.labels):
+        stored.label_sources.remove([each.key for each in stored.label_sources].index(source))
         forget(scene, source)
     ct = volumes.loaded(scene)
     choose(stored, _left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
@@ -156,13 +156,13 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
 
 def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
     """Return a valid choice after lines of a CT's list were removed; a volume `of_labels` has no threshold."""
-    chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
-    chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
+    choice, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
+    choice["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
     if labels and stored.label not in [line.value for line in labels]:
-        chosen["label"] = next((line for line in labels if line.chosen), labels[0]).value
+        choice["label"] = next((line for line in labels if line.chosen), labels[0]).value
     if not len(stored.labels) and stored.use_label and not of_labels:
-        chosen["use_label"] = False
-    return chosen
+        choice["use_label"] = False
+    return choice
 
 
 def chosen_in(stored: Any) -> dict[str, Any]:
@@ -170,10 +170,10 @@ def chosen_in(stored: Any) -> dict[str, Any]:
     return {name: getattr(stored, name) for name in ("label_index", "label", "use_label")}
 
 
-def choose(stored: Any, chosen: dict[str, Any]) -> None:
+def choose(stored: Any, choice: dict[str, Any]) -> None:
     """Restore this choice without change events of ticks."""
     with filling():
-        for name, value in chosen.items():
+        for name, value in choice.items():
             if getattr(stored, name) != value:
                 setattr(stored, name, value)
 

@@ -117,7 +117,7 @@ def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) 
 
 def origin_of(scene: bpy.types.Scene, item: Any) -> tuple[str, int]:
     """Return the file of a label of the list, and its number there; no path for other labels."""
-    source = next((one for one in scene.ctmc.label_sources if item is not None and one.key == item.source), None)
+    source = next((each for each in scene.ctmc.label_sources if item is not None and each.key == item.source), None)
     return ("", 0) if source is None else (bpy.path.abspath(source.path), item.value - source.offset)
 
 

@@ -105,7 +105,7 @@ def discard(scene: bpy.types.Scene) -> None:
     ct, uid = volumes.loaded(scene), scene.session_uid
     slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
     structures = {item.key for item in drawings.structures(scene)}
-    other_scenes = {other.session_uid for other in bpy.data.scenes} - {uid}
+    other_scenes = {each.session_uid for each in bpy.data.scenes} - {uid}
     for of, key, at in list(_pictures):
         if of not in other_scenes and not (of == uid and key in structures and at in slices):
             del _pictures[of, key, at]
