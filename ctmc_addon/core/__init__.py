@@ -138,7 +138,11 @@ from .smoothing.choices import done_smoothing as done_smoothing, has_width as ha
 from .smoothing.methods import SMOOTHINGS as SMOOTHINGS, smoothing_of as smoothing_of, used_settings as used_settings
 from .surfaces.extract import reconstruct_steps as reconstruct_steps, result_and_full_steps as result_and_full_steps
 from .surfaces.finish import simplified_steps as simplified_steps, without_small_steps as without_small_steps
-from .surfaces.make import make_surfaces_steps as make_surfaces_steps, reconstruct as reconstruct
+from .surfaces.make import (
+    make_surfaces_steps as make_surfaces_steps,
+    one_of_labels_steps as one_of_labels_steps,
+    reconstruct as reconstruct,
+)
 from .surfaces.request import MadeSurface as MadeSurface, SurfaceRequest as SurfaceRequest, share_walls as share_walls
 from .volume.volume import Volume as Volume
 

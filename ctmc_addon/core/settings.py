@@ -12,7 +12,16 @@ from typing import Any
 
 from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
-from .smoothing.choices import CHOICES, TEXT, done_smoothing, for_labels_text, has_width, is_for_gray, no_width_text
+from .smoothing.choices import (
+    CHOICES,
+    NONE,
+    TEXT,
+    done_smoothing,
+    for_labels_text,
+    has_width,
+    is_for_gray,
+    no_width_text,
+)
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
@@ -299,6 +308,11 @@ class ReconstructionSettings(Described):
         return done_smoothing(self.smoothing, self.smoothing_mm, self.label is not None)
 
     @property
+    def smoothing_is_automatic(self) -> bool:
+        """Whether nothing was said of smoothing."""
+        return self.smoothing == AUTO and self.smoothing_mm is None
+
+    @property
     def smoothing_width_mm(self) -> float:
         """The width of the smoothing, such as the standard deviation of a Gaussian; 0 where it has none."""
         if not has_width(self.smoothing_method):
@@ -333,6 +347,11 @@ class ReconstructionSettings(Described):
         """
         default = defaults(type(self))
         return replace(self, **{name: default[name] for name in settings_of_stage(stage)})
+
+    @property
+    def unsmoothed(self) -> ReconstructionSettings:
+        """The settings without any smoothing."""
+        return replace(self, smoothing=NONE, smoothing_mm=None)
 
     def at_threshold(self, threshold: float, upper: float | None = None) -> ReconstructionSettings:
         """Return the settings of a threshold's surface: smoothed as they say, if that smooths gray values."""

@@ -40,7 +40,7 @@ COUNTED = "ours('ui.state.session').of(bpy.context.scene).cost is not None"
 QUIET = "ours('ui.viewport.surface.live').live.changed is None"
 SCENE = """
 bpy.data.batch_remove([*bpy.data.objects, *bpy.data.meshes, *bpy.data.materials])
-open_fold("rotation", "figure")
+open_fold("maps", "rotation", "figure")
 space = viewport().space
 space.show_region_ui, space.overlay.show_floor, space.overlay.show_cursor = True, False, False
 space.overlay.show_axis_x = space.overlay.show_axis_y = space.show_gizmo = space.show_region_toolbar = False

@@ -85,6 +85,9 @@ class Reconstruction:
         The component of each triangle of the mesh, if it was looked for.
     neighbors : tuple of Neighbor
         The labels that the surface borders on, with triangles and area.
+    sharing_labels : tuple of int
+        The labels that were made at once with it, its own among them, and share walls where they touch; empty for a
+        surface made by itself.
     alpha_choice : AlphaChoice or None
         Choice of alpha from the surface; None if alpha was given.
     maps : tuple of SurfaceMap
@@ -119,6 +122,7 @@ class Reconstruction:
     beyond: NDArray[np.int32] | None = None
     components: NDArray[np.int32] | None = None
     neighbors: tuple[Neighbor, ...] = ()
+    sharing_labels: tuple[int, ...] = ()
     alpha_choice: AlphaChoice | None = None
     maps: tuple[SurfaceMap, ...] = ()
     solid: SolidRequest | None = None

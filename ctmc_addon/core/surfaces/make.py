@@ -164,6 +164,34 @@ def _with_maps_steps(
     return outcomes
 
 
+def one_of_labels_steps(
+    volume: Volume, settings: ReconstructionSettings, sharing_labels: Sequence[int], budget: Budget
+) -> Steps[Reconstruction]:
+    """Make one surface again as it is beside the labels that are made at once with it.
+
+    Parameters
+    ----------
+    volume : Volume
+    settings : ReconstructionSettings
+        Settings of the surface.
+    sharing_labels : sequence of int
+        As `Reconstruction.sharing_labels`; a label that is not among them is made by itself.
+    budget : Budget
+
+    Raises
+    ------
+    CtmcError
+        If this surface cannot be made; others that cannot are left out.
+    """
+    labels = list(sharing_labels) if settings.label in sharing_labels else [settings.label]
+    requests = [SurfaceRequest(replace(settings, label=label)) for label in labels]
+    outcomes = yield from make_surfaces_steps(volume, requests, budget)
+    made = outcomes[labels.index(settings.label)]
+    if isinstance(made, CtmcError):
+        raise made
+    return made.result
+
+
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:
     """Return the numbers of requests made at once: labels with the same settings; each other one by itself."""
     groups: dict[object, list[int]] = {}
@@ -270,9 +298,15 @@ def _sharing_steps(
     for label, request in zip(labels, requests, strict=True):
         outcome = outcomes[label]
         if isinstance(outcome, MadeSurface):
-            outcome = yield from _taken_steps(outcome, request)
+            outcome = yield from _taken_steps(_beside(outcome, labels), request)
         results.append(outcome)
     return results
+
+
+def _beside(surface: MadeSurface, labels: Sequence[int]) -> MadeSurface:
+    """Note on a surface and its full one which labels were made with it."""
+    result, full = replace(surface.result, sharing_labels=tuple(labels)), surface.full
+    return MadeSurface(result, None if full is None else replace(full, sharing_labels=tuple(labels)))
 
 
 def _require_shareable(labels: Sequence[int]) -> None:

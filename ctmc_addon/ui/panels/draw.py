@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 
 from ...core.volume import ValueKind
+from ..operators.ct.slice_object import other_mode_text
 from ..properties.surface.structures import LABEL
 from ..state.ct import volumes
 from ..state.draw import drawings
@@ -106,7 +107,9 @@ def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
         column.prop(drawing, "combination")
         column.prop_search(drawing, "other", settings, "labels")
         column.operator("ctmc.draw_combine", icon="SELECT_EXTEND")
-    if drawings.active(context.scene) is None:
+    if context.mode != "OBJECT":
+        draw_text(layout, context, translate(other_mode_text(context)), "INFO")
+    elif drawings.active(context.scene) is None:
         draw_text(layout, context, translate("Choose Grow and click on a slice, or draw with the brush"), "INFO")
 
 

@@ -12,6 +12,8 @@ NAME, COLOR, OPACITY = "label_name", "label_color", "label_opacity"
 """The events of a structure's look in the list."""
 DRAWN = "drawn"
 """The event of what was drawn by hand: masks, looks, the structure that is drawn on. It moves no setting."""
+COMBINED = "combined"
+"""The event of the combinations of the solid, which may name structures that are not ticked."""
 RELEASED = "released"
 """The event of a CT that is no longer in memory: whoever holds its samples must let them go."""
 Listener = Callable[[Any, str], None]

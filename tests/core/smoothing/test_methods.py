@@ -48,8 +48,10 @@ def named_smoothings(source: str) -> list[int]:
         if isinstance(node, ast.Compare):
             asked = any("smoothing" in ast.unparse(side) for side in (node.left, *node.comparators))
             words = [each.value for each in ast.walk(node) if isinstance(each, ast.Constant)]
-            if asked and any(word in CHOICES for word in words):
+            if asked and any(word in (*CHOICES, "auto") for word in words):
                 lines.append(node.lineno)
+        if isinstance(node, ast.keyword) and node.arg == "smoothing" and isinstance(node.value, ast.Constant):
+            lines.append(node.lineno)
     return lines
 
 
@@ -67,6 +69,7 @@ def test_no_file_but_its_own_names_a_smoothing():
 def test_a_name_that_is_compared_is_found():
     assert named_smoothings('if settings.smoothing_method == "none":\n    pass') == [1]
     assert named_smoothings('keeps = method in ("auto", "constrained")') == [1]
+    assert named_smoothings('bare = replace(settings, smoothing="none")') == [1]
     assert named_smoothings('if settings.simplifier == "none":\n    pass') == []
 
 

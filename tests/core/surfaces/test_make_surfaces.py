@@ -19,6 +19,7 @@ from ctmc_addon.core import (
     Write,
     finish,
     make_surfaces_steps,
+    one_of_labels_steps,
     reconstruct,
     reconstruct_labels,
     share_walls,
@@ -152,3 +153,17 @@ def test_the_region_of_several_labels_is_worked_out_once(monkeypatch, interfaces
     settings = ReconstructionSettings(interfaces=interfaces)
     made(labels(), [SurfaceRequest(replace(settings, label=label)) for label in (1, 2, 5)])
     assert len(seen) == 1
+
+
+def test_a_label_made_again_by_itself_is_the_one_that_was_made_with_its_neighbors():
+    runs = [ReconstructionSettings(label=label, reduction=0.5) for label in (1, 2, 5)]
+    made = [each.result for each in finish(make_surfaces_steps(labels(), [SurfaceRequest(run) for run in runs], ONE))]
+    assert {each.sharing_labels for each in made} == {(1, 2, 5)}
+    again = finish(one_of_labels_steps(labels(), runs[1], made[0].sharing_labels, ONE))
+    assert again.mesh.vertices.tobytes() == made[1].mesh.vertices.tobytes()
+    assert again.mesh.faces.tobytes() == made[1].mesh.faces.tobytes()
+    alone = finish(one_of_labels_steps(labels(), runs[1], (1, 5), ONE))
+    assert alone.sharing_labels == ()
+    assert alone.mesh.vertices.tobytes() == reconstruct(labels(), runs[1], ONE).mesh.vertices.tobytes()
+    with pytest.raises(AbsentLabelError):
+        finish(one_of_labels_steps(labels(), replace(runs[0], label=3), (1, 3, 5), ONE))

@@ -32,7 +32,7 @@ from ..engine.component_removal import CollapsedComponents, Staying
 from ..policy import POLICY, Policy
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
-from .collapsing import CollapsingComplex
+from .complex_rules import collapsing_complex
 from .flats import Flat, on_flats
 from .gaps import gaps_filled_steps
 from .junctions import interfaces_of
@@ -208,14 +208,14 @@ def _part_steps(
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         if goal.max_error is None:
             mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component, goal.policy)
-        collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error, flats)
+        collapsing, rules = collapsing_complex(mesh, target, goal.policy, goal.max_error, flats)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         yield from hold_bound_steps(collapsing)
-        simplified = collapsing.complex_mesh()
+        simplified = rules.complex_mesh(collapsing)
         whole = TriangleMesh(simplified.vertices, simplified.faces, simplified.normals)
         crossing = collapsing.crossing_count
-        of_labels = yield from _collapsed_steps(mesh, collapsing.removed_faces(mesh.faces))
+        of_labels = yield from _collapsed_steps(mesh, rules.removed_faces(collapsing, mesh.faces))
         for label, gaps in filled.items():
             of_labels[label] = of_labels.get(label, CollapsedComponents()) + gaps
         collapsed = sum(filled.values(), collapsing.collapsed_components)

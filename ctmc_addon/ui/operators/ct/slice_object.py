@@ -23,9 +23,14 @@ from ...viewport.ct import slice_objects
 def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
     """Return whether objects can be selected, with the reason if not."""
     if context.mode != "OBJECT":
-        operator.poll_message_set("Leave Edit Mode first")
+        operator.poll_message_set(other_mode_text(context))
         return False
     return True
+
+
+def other_mode_text(context: bpy.types.Context) -> str:
+    """Return what to do before objects can be selected, in English."""
+    return "Leave Edit Mode first" if context.mode.startswith("EDIT") else "Switch to Object Mode first"
 
 
 class CTMC_OT_add_slice(bpy.types.Operator):

@@ -8,13 +8,22 @@ from pathlib import Path
 from typing import Any
 
 import bpy
+import numpy as np
 from bpy.props import StringProperty
+from mathutils import Vector
 
 from ....blender.figure.map_colors import title_of
-from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_maps, write_map
-from ....blender.surface import own_mesh, reconstruction_of, require_editable, require_provenance
+from ....blender.maps import delete_map, hide_map, show_map, shown_name, stored_map, stored_maps, write_map
+from ....blender.rulers import add_ruler
+from ....blender.surface import (
+    Provenance,
+    own_mesh,
+    placement_of,
+    reconstruction_of,
+    require_editable,
+    require_provenance,
+)
 from ....core import (
-    SIMPLIFICATION,
     Budget,
     MadeSurface,
     MeshError,
@@ -28,6 +37,7 @@ from ....core import (
     defaults,
     descriptions,
     make_surfaces_steps,
+    one_of_labels_steps,
 )
 from ....core.maps import MAPPING, QUANTITIES, MapRequest, Quantity, mapped_steps
 from ....readers import MapFiles, open_volume_steps
@@ -171,7 +181,7 @@ def added_steps(
     result = reconstruction_of(mesh, None, provenance.settings, provenance)
     volume, labels = structures.require_volume_of(scene, provenance.settings), structures.named_labels(scene)
     inputs = MapFiles(labels or volume, budget, open_volume_steps)
-    surface_steps = _surfaces_of(scene, result, surfaces.full_of_last_run(obj, scene), budget)
+    surface_steps = _surfaces_of(scene, provenance, surfaces.full_of_last_run(obj, scene), budget)
     stages = Stages({READING: 1, MAPPING: 3})
     quantity = yield from stages.run(READING, kind.from_text_steps(value, inputs, options))
     source = labels if labels is not None and kind.metavar == STRUCTURE_OR_FILE else volume
@@ -194,17 +204,30 @@ def added_steps(
 
 
 def _surfaces_of(
-    scene: bpy.types.Scene, result: Reconstruction, full: Reconstruction | None, budget: Budget
+    scene: bpy.types.Scene, provenance: Provenance, full: Reconstruction | None, budget: Budget
 ) -> Callable[[ReconstructionSettings], Steps[TriangleMesh]]:
-    """Return a function that makes surfaces of the scene's CT; it reuses the full surface of the last run."""
+    """Return the maker of other surfaces of the scene's CT, the same as on the command line.
+
+    Labels that were made at once with a surface share their walls with it. The full surfaces of the last run are not
+    made again; `full` is that of the surface itself.
+    """
+    sharing_labels = () if provenance.part else provenance.sharing_labels  # A solid measures to labels by themselves.
+    of_last_run = dict(session.of(scene).full)
+
+    def held(settings: ReconstructionSettings) -> Reconstruction | None:
+        if settings.label == provenance.settings.label:
+            return full
+        other = of_last_run.get(surfaces.origin(provenance.fingerprint, settings))
+        return other if other is not None and other.sharing_labels == sharing_labels else None
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
-        if full is not None and settings == result.settings.without(SIMPLIFICATION):
-            return full.mesh
-        source, request = structures.require_volume_of(scene, settings), SurfaceRequest(settings)
-        [surfaces] = yield from make_surfaces_steps(source, [request], budget, all_needed=True)
-        assert isinstance(surfaces, MadeSurface), "an error is raised"
-        return surfaces.result.mesh
+        full = held(settings)
+        if full is None:
+            volume = structures.require_volume_of(scene, settings)
+            return (yield from one_of_labels_steps(volume, settings, sharing_labels, budget)).mesh
+        [made] = yield from make_surfaces_steps(None, [SurfaceRequest(settings, full=full)], budget, all_needed=True)
+        assert isinstance(made, MadeSurface), "an error is raised"
+        return made.result.mesh
 
     return surface_steps
 
@@ -222,6 +245,21 @@ class _OfMap:
             return False
         return True
 
+    def execute(self: Any, context: bpy.types.Context) -> set[str]:
+        """Find the map, and hand its name over."""
+        obj = context.view_layer.objects.active
+        shown, names = shown_name(obj), [stored.name for stored in stored_maps(obj.data)]
+        name = self.map_name or shown or names[-1]
+        if name not in (shown, *names):
+            error = MeshError(f"there is no map {name}; the maps are {', '.join(names)}")
+            return jobs.refuse(self, context.scene.session_uid, error)
+        try:
+            self.change(obj, name)
+        except MeshError as error:
+            return jobs.refuse(self, context.scene.session_uid, error)
+        session.redraw_viewports()
+        return {"FINISHED"}
+
 
 class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
     """Show a map of the active surface, or hide it."""
@@ -233,22 +271,14 @@ class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
 
     map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        obj = context.view_layer.objects.active
-        name = self.map_name or shown_name(obj) or stored_maps(obj.data)[-1].name
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Show the map, or hide it."""
         if shown_name(obj) == name:
             hide_map(obj)
             viewport_maps.hide()
-        elif name in [stored.name for stored in stored_maps(obj.data)]:
+        else:
             show_map(obj, name)
             viewport_maps.show()
-        else:
-            names = ", ".join(stored.name for stored in stored_maps(obj.data))
-            return jobs.refuse(
-                self, context.scene.session_uid, MeshError(f"there is no map {name}; the maps are {names}")
-            )
-        session.redraw_viewports()
-        return {"FINISHED"}
 
 
 class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
@@ -261,14 +291,40 @@ class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
 
     map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
 
-    def execute(self, context: bpy.types.Context) -> set[str]:
-        obj = context.view_layer.objects.active
-        maps = stored_maps(obj.data)
-        name = self.map_name or shown_name(obj) or (maps[-1].name if maps else "")
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Remove the map."""
         delete_map(obj, name)
         viewport_maps.hide()
-        session.redraw_viewports()
-        return {"FINISHED"}
 
 
-register, unregister = bpy.utils.register_classes_factory((CTMC_OT_map_add, CTMC_OT_map_show, CTMC_OT_map_remove))
+class CTMC_OT_map_nearest(_OfMap, bpy.types.Operator):
+    """Keep the nearest two points of a distance map as a ruler."""
+
+    bl_idname = "ctmc.map_nearest"
+    bl_label = "Mark Nearest Points"
+    bl_description = (
+        "Add the distance of the nearest two points of the surface and the other one as an object, as Distance does"
+    )
+    bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
+
+    map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
+
+    def change(self, obj: bpy.types.Object, name: str) -> None:
+        """Add the ruler, where the object lies now."""
+        stored, scene = stored_map(obj.data, name), bpy.context.scene
+        if stored is None or stored.nearest is None:
+            raise MeshError(f"the map {name} has no nearest points; choose a distance to another surface")
+        add_ruler(
+            scene,
+            "distance",
+            [obj.matrix_world @ Vector(point) for point in placement_of(obj).to_local(np.array(stored.nearest))],
+            translate("Nearest"),
+            machine().scale,
+            stored.nearest,
+            require_provenance(obj).fingerprint,
+        )
+
+
+register, unregister = bpy.utils.register_classes_factory(
+    (CTMC_OT_map_add, CTMC_OT_map_show, CTMC_OT_map_remove, CTMC_OT_map_nearest)
+)

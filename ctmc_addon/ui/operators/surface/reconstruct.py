@@ -58,10 +58,9 @@ def _is_possible(operator: Any, context: bpy.types.Context) -> bool:
 def _settings_or_none(scene: bpy.types.Scene) -> list[ReconstructionSettings] | None:
     """Return the settings of every surface of the panel; None if they contradict each other."""
     try:
-        settings: list[ReconstructionSettings] = scene.ctmc.all_settings()
+        return solids.counted_runs(scene)
     except SettingsError:
         return None
-    return settings
 
 
 class CTMC_OT_reconstruct(jobs.LongOperator, bpy.types.Operator):

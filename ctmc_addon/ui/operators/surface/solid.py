@@ -23,6 +23,7 @@ from ...properties.kinds import choice
 from ...properties.preferences import machine
 from ...properties.surface.solid import COMBININGS
 from ...state import session
+from ...state.change_events import COMBINED, notify
 from ...state.ct import volumes
 from ...state.results import surfaces
 from ...translations import translate
@@ -241,6 +242,7 @@ class CTMC_OT_solid_remove(Needs, bpy.types.Operator):
         if not 0 <= self.index < len(lines):
             return {"CANCELLED"}
         lines.remove(self.index)
+        notify(context.scene.ctmc, COMBINED)
         session.redraw_viewports()
         return {"FINISHED"}
 
@@ -262,6 +264,7 @@ class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
                 getattr(solid, about.identifier).clear()
             elif not about.is_readonly:
                 solid.property_unset(about.identifier)
+        notify(context.scene.ctmc, COMBINED)
         session.redraw_viewports()
         return {"FINISHED"}
 

@@ -9,7 +9,8 @@ import bpy
 
 from ....blender.figure.map_colors import title_of
 from ....blender.maps import StoredMap, shown_map, stored_maps
-from ....core import UNKNOWN, number_text
+from ....core import UNKNOWN, length_text, number_text
+from ....core.mesh import distance_between
 from ...state.results import surfaces
 from ...translations import translate, translate_sentence
 from ..layout import block, draw_name, draw_table, draw_text
@@ -69,6 +70,8 @@ def _draw_shown(layout: Any, context: bpy.types.Context, shown: StoredMap) -> No
         value.active = getattr(settings, used)
         value.prop(settings, name, text="")
     draw_table(layout, facts_of(shown))
+    if shown.nearest is not None:
+        layout.operator("ctmc.map_nearest", icon="DRIVER_DISTANCE").map_name = shown.name
     for note in shown.notes:
         draw_text(layout, context, translate_sentence(note), "INFO")
 
@@ -84,4 +87,6 @@ def facts_of(shown: StoredMap) -> list[tuple[str, str]]:
         share = getattr(shown.statistics, field)
         if share is not None and (share > 0 or limits.get(field) is not None):
             facts.append((translate(name), f"{100 * share:.3g} %"))
+    if shown.nearest is not None:
+        facts.append((translate("Nearest"), length_text(distance_between(*shown.nearest))))
     return facts

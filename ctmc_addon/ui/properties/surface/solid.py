@@ -26,6 +26,7 @@ from ....core.solid import (
     moved_to,
     position_of,
 )
+from ...state.change_events import COMBINED, notify
 from ..described import as_typed, as_written, property_of, tooltip
 from ..kinds import boolean, choice, collection, decimal, decimals, integer, text
 from .structures import structure_choices
@@ -121,6 +122,7 @@ def _on_operand(operand: Any, _context: Any) -> None:
     for combination in operand.id_data.ctmc_solid.combinations:
         if combination.of and combination.of[-1].structure:
             combination.of.add()
+    notify(operand.id_data.ctmc, COMBINED)
 
 
 class CTMCOperand(PropertyGroup):

@@ -20,6 +20,7 @@ from ....core import (
     cost_estimate_steps,
 )
 from ....core.solid import SolidCost, solid_cost
+from ....core.volume import region_box
 from .. import session
 from ..ct import volumes
 
@@ -87,7 +88,9 @@ def of_scene(scene: Any) -> CostEstimates | None:
     loaded = volumes.loaded(scene)
     if cost is None or not solid or not cost.estimates or loaded is None:
         return cost
-    voxels = math.prod(loaded.volume.shape) // math.prod(cost.settings[0].stride)
+    settings = cost.settings[0]
+    inside = math.prod(stop - start for start, stop in region_box(loaded.volume, settings))
+    voxels = inside // math.prod(settings.stride)
     return replace(cost, solid=solid_cost(cost.estimates, solid, voxels))
 
 

@@ -63,6 +63,21 @@ def runs_of(scene: bpy.types.Scene, solid: SolidRequest) -> list[ReconstructionS
     ]
 
 
+def counted_runs(scene: bpy.types.Scene) -> list[ReconstructionSettings]:
+    """Return the settings of the surfaces whose cost is counted: without the solid while that is contradictory.
+
+    Raises
+    ------
+    SettingsError
+        If settings of surfaces contradict each other, or no structure is ticked.
+    """
+    try:
+        return runs_of(scene, solid_of(scene))
+    except SettingsError:
+        runs: list[ReconstructionSettings] = scene.ctmc.all_settings()
+        return runs
+
+
 def solid_of(scene: bpy.types.Scene) -> SolidRequest:
     """Return the panel's solid, whose combinations name labels by their numbers: the list may call them otherwise.
 

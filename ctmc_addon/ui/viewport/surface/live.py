@@ -15,14 +15,14 @@ from typing import Any
 import bpy
 
 from ....blender.viewport import free_shader
-from ....core import LEAVE_IT, CtmcError, FieldCache, ReconstructionSettings, Steps
+from ....core import LEAVE_IT, CtmcError, FieldCache, ReconstructionSettings, SettingsError, Steps
 from ... import jobs
 from ...properties.described import as_written
 from ...properties.preferences import machine
 from ...state import change_events, session
 from ...state.ct import volumes
 from ...state.draw import masks
-from ...state.surface import structures
+from ...state.surface import solids, structures
 from ...state.surface.cost_estimates import CostEstimates, estimate_steps
 from ..draw import drawn
 from . import alpha, preview, solid_places
@@ -77,6 +77,9 @@ def mark(properties: Any, name: str) -> None:
             start(bpy.context.scene, stale=True)
         return
     scene = properties.id_data
+    if name == change_events.COMBINED:
+        _follow_combinations(scene)
+        return
     if name == change_events.DRAWN:
         solid_places.clear()
     if name in (change_events.NAME, change_events.COLOR):
@@ -94,6 +97,17 @@ def follow_solid(scene: bpy.types.Scene) -> None:
     """Look for the places of a solid that has changed."""
     if solid_places.ask(scene):
         start(scene, stale=False, uncounted=False)
+
+
+def _follow_combinations(scene: bpy.types.Scene) -> None:
+    """Count again if combinations name other structures than before."""
+    cost: CostEstimates | None = session.of(scene).cost
+    try:
+        counted = cost is not None and tuple(solids.counted_runs(scene)) == cost.settings
+    except SettingsError:
+        counted = False
+    if not counted:
+        start(scene, stale=False)
 
 
 def _shows_drawn(scene: bpy.types.Scene) -> bool:
@@ -167,7 +181,7 @@ def advance(scene: bpy.types.Scene, loaded: volumes.Loaded) -> float | None:
     if not live.work:
         live.work = [solid_places.placing_steps(live.scene)]
         if live.uncounted:
-            settings = tuple(scene.ctmc.all_settings())
+            settings = tuple(solids.counted_runs(scene))
             works = [(fields_of(scene, run), run) for run in settings]
             counting = [cost_steps(live.scene, works)] if loaded.file is None else []
             live.work = [*counting, preview.refine_steps(live.scene, preview_settings), *live.work]

@@ -15,13 +15,17 @@ bpy = pytest.importorskip("bpy")
 import ctmc_addon
 from ctmc_addon.blender.maps import read_map, shown_map, shown_name, stored_maps
 from ctmc_addon.blender.maps.colors import COLORS
-from ctmc_addon.core.maps import QUANTITIES, Thickness
+from ctmc_addon.blender.rulers import points_of, rulers_of
+from ctmc_addon.blender.surface import own_mesh
+from ctmc_addon.core import SurfaceRequest, length_text, make_surfaces_steps
+from ctmc_addon.core.maps import QUANTITIES, DistanceTo, MapRequest, Thickness
 from ctmc_addon.core.progress import finish
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.operators.results import maps
 from ctmc_addon.ui.panels.results.page import CTMC_PT_results
 from ctmc_addon.ui.state import session
 from ctmc_addon.ui.state.ct import volumes
+from ctmc_addon.ui.state.results import surfaces
 
 
 def active():
@@ -152,6 +156,50 @@ def test_the_distance_to_a_structure_of_the_list_has_its_name(two_labels):
         bpy.ops.ctmc.map_add(quantity="distance-to", structure="FILE")
 
 
+def test_the_nearest_points_become_a_ruler_where_the_surface_lies(two_labels, scene):
+    bpy.ops.ctmc.map_add(quantity="thickness")
+    with pytest.raises(RuntimeError, match="has no nearest points"):
+        bpy.ops.ctmc.map_nearest()
+    assert not any("ctmc.map_nearest" in button for button in drawn(CTMC_PT_results).buttons)
+    bpy.ops.ctmc.map_add(quantity="distance-to", structure="portal vein")
+    found = read_map(two_labels.data, "distance_portal_vein_mm")
+    two_labels.location.x += 1.0
+    bpy.context.view_layer.update()
+    shown = drawn(CTMC_PT_results)
+    assert any("ctmc.map_nearest" in button for button in shown.buttons)
+    assert shown.texts[shown.texts.index("Nearest") + 1] == length_text(found.nearest_distance)
+    assert bpy.ops.ctmc.map_nearest() == {"FINISHED"}
+    [ruler] = rulers_of(scene)
+    assert ruler["ctmc_ruler"]["value"] == pytest.approx(found.nearest_distance)
+    expected = np.array(found.nearest) * 0.01 + (1.0, 0.0, 0.0)
+    assert np.array(points_of(ruler)) == pytest.approx(expected, abs=1e-5)
+
+
+@pytest.mark.parametrize("in_memory", [True, False])
+def test_the_distance_to_a_label_with_a_shared_wall_is_that_of_the_command_line(scene, tmp_path, in_memory):
+    values = np.zeros((16, 16, 32), np.uint8)
+    values[5:11, 5:11, 5:11], values[5:11, 5:11, 11:17], values[5:11, 5:11, 17:23] = 1, 2, 3
+    np.save(tmp_path / "labels.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"), spacing=(1, 1, 1))
+    scene.ctmc.use_label = True
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    bpy.ops.ctmc.reconstruct()
+    requests = [SurfaceRequest(settings) for settings in scene.ctmc.all_settings()]
+    assert len(requests) == 3
+    volume = volumes.require_loaded(scene).full
+    first = finish(make_surfaces_steps(volume, requests, maps=MapRequest((DistanceTo(2),))))[0].result
+    obj = next(obj for obj in scene.objects if surfaces.is_surface(obj) and surfaces.require_settings(obj).label == 1)
+    bpy.context.view_layer.objects.active = obj
+    if not in_memory:
+        session.of(scene).full.clear()
+    assert bpy.ops.ctmc.map_add(quantity="distance-to", structure="2") == {"FINISHED"}
+    found = read_map(obj.data, "distance_2_mm").values
+    assert np.array_equal(own_mesh(obj).faces, first.mesh.faces)
+    assert np.abs(found - first.maps[0].values).max() < 1e-5
+    assert np.count_nonzero(np.abs(found) < 1e-5) > 20  # The wall is shared.
+
+
 def test_the_distance_to_a_file(two_labels, tmp_path):
     bpy.ops.ctmc.export(filepath=str(tmp_path / "other.stl"))
     path = str(tmp_path / "other.stl")
@@ -167,7 +215,7 @@ def test_the_deviation_is_that_to_the_full_surface_in_memory(loaded, monkeypatch
     def never(*_a, **_k):
         raise AssertionError("it is in memory")
 
-    monkeypatch.setattr(maps, "make_surfaces_steps", never)
+    monkeypatch.setattr(maps, "one_of_labels_steps", never)
     assert bpy.ops.ctmc.map_add(quantity="deviation") == {"FINISHED"}
     assert read_map(active().data, "deviation_mm").statistics.maximum > 0
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from weakref import WeakKeyDictionary
 
+import numpy as np
 import pytest
 
 bpy = pytest.importorskip("bpy")
@@ -12,6 +13,7 @@ bpy = pytest.importorskip("bpy")
 from ui.drawing import meshes_in
 
 from ctmc_addon.core import Budget
+from ctmc_addon.core.solid import solid_cost
 from ctmc_addon.core.volume.statistics import thresholding
 from ctmc_addon.ui import jobs
 from ctmc_addon.ui.properties import preferences
@@ -267,3 +269,56 @@ def test_the_preview_stays_that_of_the_present_scene_when_memory_is_freed(loaded
         assert live.live.scene == loaded.session_uid
     finally:
         bpy.data.scenes.remove(other)
+
+
+@pytest.fixture
+def labels(scene, tmp_path):
+    """Three cubes, labels 1 to 3; the first is ticked."""
+    values = np.zeros((12, 12, 36), np.uint8)
+    for at in range(3):
+        values[3:9, 3:9, 3 + 11 * at : 9 + 11 * at] = at + 1
+    np.save(tmp_path / "labels.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"), spacing=(1, 1, 1))
+    scene.ctmc.use_label = True
+    for at, item in enumerate(scene.ctmc.labels):
+        item.chosen = at == 0
+    return scene
+
+
+def counted_labels(scene):
+    return [settings.label for settings in session.of(scene).cost.settings]
+
+
+def test_labels_that_only_a_combination_names_are_counted(labels, rested):
+    rested()
+    assert counted_labels(labels) == [1]
+    alone = session.of(labels).cost
+    bpy.ops.ctmc.combination_add(how="merge")
+    for operand, name in zip(labels.ctmc_solid.combinations[0].of, ("1", "3"), strict=False):
+        operand.structure = name
+    assert session.of(labels).cost is None
+    rested()
+    assert counted_labels(labels) == [1, 3]
+    assert session.of(labels).cost.faces == 2 * alone.faces
+    labels.ctmc_solid.combinations[0].how = "subtract"
+    assert session.of(labels).cost is not None  # The same surfaces.
+    bpy.ops.ctmc.solid_remove(kind="combinations", index=0)
+    rested()
+    assert counted_labels(labels) == [1]
+
+
+def test_the_cost_of_a_solid_in_a_region_is_that_of_a_volume_of_its_size(scene, rested, tmp_path):
+    values = np.zeros((12, 12, 60), np.uint8)
+    for at, first in enumerate((1, 13, 25, 37)):  # The boxes of the two labels overlap.
+        values[1:11, 1:11, first : first + 8] = 1 + at % 2
+    np.save(tmp_path / "labels.npy", values)
+    bpy.ops.ctmc.load(filepath=str(tmp_path / "labels.npy"), spacing=(1, 1, 1))
+    scene.ctmc.use_label = True
+    for item in scene.ctmc.labels:
+        item.chosen = True
+    scene.ctmc.use_region, scene.ctmc.region = True, (0, 0, 0, 47, 11, 11)
+    scene.ctmc_solid.hollow = 2.0
+    rested()
+    cost, solid = cost_estimates.of_scene(scene), scene.ctmc_solid.to_request()
+    assert cost.solid == solid_cost(cost.estimates, solid, 48 * 12 * 12)
+    assert cost.solid.work < solid_cost(cost.estimates, solid, values.size).work
