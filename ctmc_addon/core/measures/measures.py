@@ -234,7 +234,7 @@ def _dose_measure(dose: float) -> Measure:
 
     Examples
     --------
-    >>> dose_measure(20.0).name, dose_measure(7.5).label
+    >>> _dose_measure(20.0).name, _dose_measure(7.5).label
     ('v20_gy_percent', 'V7.5 Gy')
     """
     number = f"{dose:.9g}"
