@@ -20,10 +20,10 @@ OTHER_SOURCES = [path for folder in ("tests", "benchmarks", "tools") for path in
 RIDDLE = re.compile(r"(Return |Yield )?[Ww]hat\b|Of |Those |So many|There (is|are|stand)")  # Beginnings of docstrings.
 # The thing that is meant is the name: `components` instead of `found`, `is_finite` instead of `known`.
 NO_NAMES = {
-    *("alone", "beside", "chosen", "found", "gone", "known", "looks", "made", "others", "said", "say", "some"),
+    *("alone", "beside", "chosen", "found", "gone", "known", "looks", "made", "one", "others", "said", "say", "some"),
     *("told", "together", "wanted"),
 }
-SAVED = {"ctmc_addon/ui/properties/structures.py chosen"}  # Blender files hold this property.
+SAVED = {"ctmc_addon/ui/properties/surface/structures.py chosen"}  # Blender files hold this property.
 WORDS = re.compile(r"\w+")
 SENTENCE = re.compile(r"[A-Z0-9`].*\s.*\.")
 DIRECTIVE = re.compile(r"(noqa|type|fmt|ruff)\b")

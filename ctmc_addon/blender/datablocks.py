@@ -24,7 +24,7 @@ def remove_from_scene(scene: bpy.types.Scene, obj: bpy.types.Object) -> bool:
     if len(obj.users_scene) <= 1:
         bpy.data.objects.remove(obj)
         return True
-    shared = {child for other in bpy.data.scenes if other != scene for child in other.collection.children_recursive}
+    shared = {child for each in bpy.data.scenes if each != scene for child in each.collection.children_recursive}
     for owner in {scene.collection, *scene.collection.children_recursive} - shared:
         if obj.name in owner.objects:
             owner.objects.unlink(obj)

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Numbers: from gray values to triangles, with NumPy and the standard library alone."""
+"""The numbers: from gray values to triangles, with only NumPy and the standard library."""
 
 from typing import TYPE_CHECKING
 
@@ -58,7 +58,7 @@ from .machine.own_process import (
     interpreter as interpreter,
     own_output as own_output,
     requests as requests,
-    say as say,
+    send as send,
     temporary_files_in as temporary_files_in,
 )
 from .machine.parallel import (

@@ -167,15 +167,15 @@ def read_volume(
     region_unit : {"voxel", "mm"}
         Whether the region is in voxel indices or RAS+ mm, in which every voxel that it touches belongs to it.
     stride : (x, y, z) int
-        Keep every so many samples along each axis, from the region's first on.
+        Steps between kept samples along each axis, from the first of the region on.
     options : ReadingOptions, optional
         How the path is read; of its fields, those that are given above win.
 
     Returns
     -------
     Volume
-        Whose notes say what was assumed. Of a region or stride it has the values, the type and the kind that these
-        samples have in the whole volume.
+        Its notes report assumptions. With a region or stride, its samples have the values, type and kind that they have
+        in the whole volume.
 
     Raises
     ------

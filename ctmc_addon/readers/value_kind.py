@@ -313,5 +313,5 @@ def is_mask_steps(reader: SliceReader) -> Steps[int]:
             return 0
         if len(seen) > 2 or not seen <= {0.0, *map(float, MASK_VALUES)}:
             return 0
-        yield Step((number + 1) / len(slices), "Looking at the values")
+        yield Step((number + 1) / len(slices), "Checking values")
     return next((value for value in MASK_VALUES if seen == {0.0, float(value)}), 0)

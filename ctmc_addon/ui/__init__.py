@@ -12,9 +12,9 @@ def modules() -> tuple[Any, ...]:
     from .properties.render import figure, studio
     from .properties.surface import settings, solid
     from .state import session
-    from .state.ct import scans as active_scan, volumes
+    from .state.ct import scans as active_scan, stored_paths, volumes
     from .state.draw import drawing_files, drawings
-    from .state.surface import label_looks, solids, structures
+    from .state.results import surfaces
     from .viewport import overlays
     from .viewport.ct import slice_objects, volume_objects
     from .viewport.draw import draw_tools, drawn
@@ -22,8 +22,8 @@ def modules() -> tuple[Any, ...]:
     from .viewport.surface import histogram, live, region, solid_handles
 
     return (
-        *(translations, preferences, session, volumes, structures, solids, settings, scans, active_scan),
-        *(page, view, studio, maps, solid, drawing, drawings, drawing_files, figure, jobs, label_looks, live),
+        *(translations, preferences, session, volumes, stored_paths, settings, scans, active_scan),
+        *(page, view, studio, maps, solid, drawing, drawings, drawing_files, figure, jobs, surfaces, live),
         *operators.modules(),
         *panels.modules(),
         *(region, solid_handles, overlays, drawn, draw_tools, slice_objects, volume_objects, histogram, rulers),

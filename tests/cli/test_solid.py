@@ -240,7 +240,7 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--merge", "a=kidney,3"), "--merge a names 'kidney', as labels 1 and 2 are called; give a number"),
+        (("--merge", "a=kidney,3"), "--merge a names 'kidney', the name of labels 1 and 2; give a number"),
         (
             ("--merge", "a=1,2", "--intersect", "b=1,3"),
             "--intersect b names '1', which an earlier combination has taken; combine liver, a",

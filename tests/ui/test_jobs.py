@@ -86,7 +86,7 @@ def context(scene, monkeypatch):
         "bpy",
         SimpleNamespace(app=SimpleNamespace(background=False), context=found, data=bpy.data, types=bpy.types),
     )
-    monkeypatch.setattr(jobs.Job.advance, "__defaults__", (0.0,))  # every step its own tick
+    monkeypatch.setattr(jobs, "TICK", 0.0)  # every step its own tick
     monkeypatch.setattr(session, "redraw_panels", lambda: None)
     monkeypatch.setattr(session, "redraw_viewports", lambda: None)
     yield found

@@ -33,7 +33,7 @@ def show_map(obj: bpy.types.Object, name: str) -> None:
 def hide_map(obj: bpy.types.Object) -> None:
     """Show an object in its own materials."""
     _drop_material(obj)
-    if not any(shown_name(other) for other in bpy.data.objects if other.data == obj.data):
+    if not any(shown_name(user) for user in bpy.data.objects if user.data == obj.data):
         unpaint(obj.data)
 
 
@@ -53,8 +53,8 @@ def recolor_map(obj: bpy.types.Object, stored: StoredMap) -> None:
     """Store the range, ramp and limits of a map, and apply them to all objects of the mesh that show it."""
     change_map(obj.data, stored)
     painted = False
-    for other in bpy.data.objects:
-        material = _map_material_of(other) if other.data == obj.data else None
+    for user in bpy.data.objects:
+        material = _map_material_of(user) if user.data == obj.data else None
         if material is not None and material[MAP] == stored.name:
             set_colors(material, stored)
             painted = True
@@ -64,9 +64,9 @@ def recolor_map(obj: bpy.types.Object, stored: StoredMap) -> None:
 
 def delete_map(obj: bpy.types.Object, name: str) -> None:
     """Remove a map from the mesh of an object, and from all objects that show it."""
-    for other in bpy.data.objects:
-        if other.data == obj.data and shown_name(other) == name:
-            hide_map(other)
+    for user in bpy.data.objects:
+        if user.data == obj.data and shown_name(user) == name:
+            hide_map(user)
     remove_map(obj.data, name)
 
 

@@ -238,7 +238,7 @@ class CaseWork:
         """Return the surface of an output; the first call makes those of all `shared_labels` and keeps them."""
         label = settings.label
         if label not in self.outcomes:
-            every = [replace(settings, label=other) for other in shared_labels] or [settings]
+            every = [replace(settings, label=each_label) for each_label in shared_labels] or [settings]
             own = HOLD if writer is None else writer.sink_of(label)
             sinks = [own if each.label == label else HOLD for each in every]
             requests = [

@@ -255,4 +255,4 @@ def values_of(path: Path, allow_outside: bool) -> tuple[int, int]:
         raise
     except (CtmcError, OSError):
         return 0, LARGEST_VALUE
-    return max(((math.prod(one.shape), one.voxel_bytes) for one in series), default=(0, LARGEST_VALUE))
+    return max(((math.prod(each.shape), each.voxel_bytes) for each in series), default=(0, LARGEST_VALUE))

@@ -168,11 +168,11 @@ def unfinished_folder(folder: Path) -> Iterator[str]:
     own = create_folder(folder / temporary_name(UNFINISHED))
     try:
         # Made first, asked then: of two that start together at least one sees the other.
-        for other in folder.glob(UNFINISHED + "*"):
-            if other != own and may_be_in_use(other.name):
+        for unfinished in folder.glob(UNFINISHED + "*"):
+            if unfinished != own and may_be_in_use(unfinished.name):
                 raise OutputError(
-                    f"another batch is at work in {folder}; wait for it, choose another folder, "
-                    f"or remove {other.name} there if that batch was ended on another machine"
+                    f"another batch is running in {folder}; wait for it, choose another folder, "
+                    f"or remove {unfinished.name} there if that batch was ended on another machine"
                 )
         yield own.name
     finally:

@@ -163,8 +163,8 @@ def _column_of(title: str, where: str, own: Mapping[str, Parse]) -> tuple[str, s
         columns[name] = ("reading", name, _parse_of(name, about))
     column = columns.get(_underscored(title.lower()), ("", "", str))
     if not column[1]:
-        others = [*(name.replace("_", "-") for name in READING), *KINDS, *map(_word_of, SOLID)]
-        there = ", ".join([*own, *map(_word_of, SETTINGS), *others])
+        further = [*(name.replace("_", "-") for name in READING), *KINDS, *map(_word_of, SOLID)]
+        there = ", ".join([*own, *map(_word_of, SETTINGS), *further])
         raise ReadError(f"{where}: unknown column '{title}'; the columns are {there}")
     return column
 

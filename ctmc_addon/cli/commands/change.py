@@ -32,7 +32,7 @@ from ..flags.solid import given_solid
 from ..terminal import Progress, listing, table, titled
 from .reconstruct import head_of, needed_steps, source_of
 
-STAGES = {"Reading before": 2, "Reading after": 2, "Comparing": 20}
+STAGES = {"Reading earlier labels": 2, "Reading later labels": 2, "Comparing": 20}
 
 
 def add_change(parser: Any) -> None:

@@ -32,7 +32,7 @@ STAGES = {"Reading": 1, "Reconstructing": 3, "Measuring": 2, "Rendering": 4}
 HELP = "figure 8: alpha"
 DESCRIPTION = (
     "Place the vertices of one surface by several alphas, and measure how smooth it is and how far it moves. "
-    "Needs --threshold or --label; on a label with --smoothing none alpha does nothing."
+    "Needs --threshold or --label; on a label with --smoothing none alpha has no effect."
 )
 
 

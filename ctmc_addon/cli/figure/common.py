@@ -255,9 +255,9 @@ def shown_of(
     )
     require_opacities(args.opacities, ((result.settings.label or 0, result.label_name) for result in results))
     with objects_of(results, names=names, opacities=opacities_of(results)) as (scene, objects, shown):
-        chosen, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
+        opacities, clear = chosen_opacities(results, args.opacities), Transparency(**values_of(args, Transparency))
         with silence():  # most of this is NumPy, which an interrupt may end
-            cell = shown_surfaces(objects, scene, style, names, chosen, clear, exploded_by(args))
+            cell = shown_surfaces(objects, scene, style, names, opacities, clear, exploded_by(args))
         yield scene, cell, shown
 
 

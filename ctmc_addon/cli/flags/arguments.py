@@ -39,6 +39,14 @@ class UsageError(CtmcError):
     """Flags that are wrong for any input: exit code 2."""
 
 
+class _Help(argparse.HelpFormatter):
+    """Begin the text of every flag with a capital, as texts of settings do."""
+
+    def _get_help_string(self, action: argparse.Action) -> str | None:
+        text = super()._get_help_string(action)
+        return text[0].upper() + text[1:] if text and re.match(r"(?!mm )[a-z]+,? ", text) else text
+
+
 class Parser(argparse.ArgumentParser):
     """A parser in which INPUT may follow a flag with several numbers, and whose first word may name a command below.
 
@@ -47,7 +55,7 @@ class Parser(argparse.ArgumentParser):
     """
 
     def __init__(self, *args: Any, **options: Any) -> None:
-        super().__init__(*args, **{"allow_abbrev": False, **options})
+        super().__init__(*args, **{"allow_abbrev": False, "formatter_class": _Help, **options})
         self._negative_number_matcher = re.compile(r"-\.?\d")
         self.commands: dict[str, Parser] = {}
         self.set_defaults(parser=self)

@@ -155,7 +155,7 @@ def add_maps(parser: argparse.ArgumentParser, *, shown: bool = True, without: Se
         Flags of quantities that the command uses for something else.
     """
     repeated = "--paint, --distance-to and --map-limit may be repeated"
-    group = parser.add_argument_group("maps", f"values on the vertices of every surface; {repeated}")
+    group = parser.add_argument_group("maps", f"Values on the vertices of every surface; {repeated}")
     parser.set_defaults(maps=None)
     options = []
     for kind in QUANTITIES:

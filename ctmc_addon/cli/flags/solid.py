@@ -29,7 +29,7 @@ COMBINING = {how.value: how for how in Combining}
 COMBINING_TEXTS = {
     "merge": "make one structure of several, such as legs=left,right",
     "subtract": "make a structure of the first without the others, such as rest=bone,implant",
-    "intersect": "make a structure of what lies in all of them, such as overlap=tumor,vessel",
+    "intersect": "make a structure of what all have in common, such as overlap=tumor,vessel",
 }
 REPEATED = ("drain", "cut", *COMBINING)
 
@@ -37,7 +37,7 @@ REPEATED = ("drain", "cut", *COMBINING)
 def add_solid(parser: argparse.ArgumentParser) -> None:
     """Add the flags for solids."""
     repeated = ", ".join(f"--{name}" for name in REPEATED)
-    group = parser.add_argument_group("solid", f"parts for 3D print, in RAS+ mm; {repeated} may be repeated")
+    group = parser.add_argument_group("solid", f"Parts for 3D print, in RAS+ mm; {repeated} may be repeated")
     own = defaults(SolidRequest)
     add_flag(group, "thicken", DESCRIBED["thicken"], own["thicken"])
     add_flag(group, "hollow", DESCRIBED["hollow"], own["hollow"])
@@ -47,7 +47,7 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
         4,
         _drains,
         f"X Y Z MM|{AUTO}",
-        "round hole of a diameter from a point in a cavity or wall straight out through the nearest wall; "
+        "round hole of this diameter from a point straight out through the nearest wall; "
         f"{AUTO} opens a hollow at its lowest and its highest point",
     )
     _add_numbers(
@@ -293,7 +293,7 @@ def _structure_of(
             "has it, or leave out --label to take those that are combined"
         )
     if len(matches) > 1:
-        raise UsageError(f"{flag} names {name!r}, as labels {' and '.join(matches)} are called; give a number")
+        raise UsageError(f"{flag} names {name!r}, the name of labels {' and '.join(matches)}; give a number")
     if matches[0] not in left:
         raise UsageError(f"{flag} names {name!r}, which an earlier combination has taken; combine {', '.join(left)}")
     return matches[0]

@@ -30,7 +30,7 @@ from .label_pairs import LabelPair, label_pairs_steps
 from .limits import IN_VIEW, ChangeLimits, ChangeStatus
 from .matching import matches_steps
 
-STAGES = {"Finding the labels": 1, "Reconstructing before": 8, "Reconstructing after": 8, "Comparing": 6}
+STAGES = {"Finding the labels": 1, "Reconstructing earlier labels": 8, "Reconstructing later labels": 8, "Comparing": 6}
 
 
 @dataclass(frozen=True)
@@ -351,12 +351,12 @@ def _notes_of(pair: LabelPair, rows: Sequence[ChangeRow], before: MeasuredLabel,
         opened = [each for each in label.components if each.diameter_mm is not None and not each.closed]
         if small:
             notes.append(
-                f"{_count(small)} of {pair.name} {when}: too small for a surface; the volume is of the voxels."
+                f"{_count(small)} of {pair.name} {when}: too small for a surface, so the volume is that of the voxels."
             )
         if opened:
             notes.append(
                 f"{_count(opened)} of {pair.name} {when}: open at the border of the volume or region, so the volume is "
-                "of the voxels; close_border closes the surface."
+                "that of the voxels; close_border closes the surface."
             )
         if label.dropped:
             notes.append(f"{label.dropped} small components of {pair.name} {when} are dropped, as the settings ask.")

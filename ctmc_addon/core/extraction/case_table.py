@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""How a surface can pass through one voxel: 256 cases, derived from the cube alone.
+"""Derive the 256 cases of a surface in one voxel from the cube.
 
 A voxel's corner k lies at x = k & 1, y = k >> 1 & 1, z = k >> 2. Bit k of a case says that corner k is
 inside. Edge `4 a + b` runs along axis a from one of the four corners without a.

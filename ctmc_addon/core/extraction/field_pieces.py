@@ -357,9 +357,9 @@ def _complete_normals(piece: Surface, below: _Seam, following: Surface | None) -
         return
     points = [piece.linear, *([] if following is None else [following.linear])]
     beyond = sum(map(len, points))
-    other = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
+    next_numbers = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
     around = np.concatenate([*points, below.corners.reshape(-1, 3)])
-    triangles = np.concatenate([np.where(below.numbers < 0, other, below.numbers), piece.faces])
+    triangles = np.concatenate([np.where(below.numbers < 0, next_numbers, below.numbers), piece.faces])
     missing = np.zeros(len(around), bool)
     missing[:own][zero] = True
     touched = missing.take(triangles[:, 0]) | missing.take(triangles[:, 1]) | missing.take(triangles[:, 2])

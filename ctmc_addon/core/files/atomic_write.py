@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write a file whole or not at all, and check before the work whether a file can be written.
 
-A file is written beside its path under another name and moved there once it is complete: neither a full disk nor a
+A file is written next to its path under a temporary name and moved there when complete: neither a full disk nor a
 crash leaves half of one, and an older file stays until the new one is ready. A link stays a link: what it points to
 is replaced. The new file gets the permissions of the older one. A file of the input is never replaced.
 """

@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Write labels for other programs: a segmentation of 3D Slicer (.seg.nrrd), or NIfTI.
 
-Of the CT a file has the grid alone: no word of its names, dates or paths. The same labels give the same bytes.
+A file has only the grid of the CT, without its names, dates or paths. The same labels give the same bytes.
 slicer.readthedocs.io, developer guide, modules/segmentations; nifti.nimh.nih.gov/nifti-1.
 """
 

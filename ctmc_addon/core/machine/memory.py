@@ -29,7 +29,7 @@ NO_THREAD = "can't start new thread"  # Python's message if there is no memory f
 
 
 def available_bytes() -> int | None:
-    """Return the bytes of memory that can be used without swapping; None where the system does not tell.
+    """Return the bytes of memory that can be used without swapping; None if the system does not report them.
 
     Small works ask a hundred times a second, and the system answers from twenty files: it is asked now and then.
     """
@@ -38,6 +38,12 @@ def available_bytes() -> int | None:
     if now - _seen[0] > LOOK_AGAIN:
         _seen = now, _available()
     return _seen[1]
+
+
+def look_again() -> None:
+    """Ask the system for its memory at the next question, whenever that is."""
+    global _seen
+    _seen = (-math.inf, None)
 
 
 def _available() -> int | None:
@@ -94,12 +100,11 @@ def _unrefused() -> int | None:
 
 def _limit_for(needed_bytes: int, available: Callable[[], int | None]) -> int | None:
     """Return the available bytes; if they are too few, without the freed pages that the C library keeps."""
-    global _seen
     limit = available()
     if limit is None or needed_bytes <= limit:
         return limit
     give_back()
-    _seen = (-math.inf, None)
+    look_again()
     return available()
 
 
@@ -128,7 +133,7 @@ def give_back() -> None:
 def keep_little() -> None:
     """Let the C library keep few freed pages where memory is short, as they count as used.
 
-    Otherwise it keeps as many as it was told to (cli/machine/address_space.py), and others for each thread.
+    Otherwise it keeps as many as cli/machine/address_space.py has set, and more for each thread.
     """
     available = available_bytes()
     short = address_space_available() is not None or (available is not None and available < PLENTY)
@@ -140,7 +145,7 @@ def keep_little() -> None:
 
 
 def resident_bytes() -> int | None:
-    """Return the bytes of memory that this process has now; None where the system does not tell (not Linux)."""
+    """Return the bytes of memory that this process has now; None if the system does not report them (not Linux)."""
     if sys.platform == "win32":
         return None
     words = "".join(_lines(Path("/proc/self/statm"))).split()

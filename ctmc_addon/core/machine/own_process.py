@@ -142,7 +142,7 @@ def own_output() -> int:
     return output
 
 
-def say(output: int, words: bytes) -> None:
+def send(output: int, words: bytes) -> None:
     """Write all of the words to the other side, although a pipe accepts only some at a time."""
     left = memoryview(words)
     with suppress(OSError):  # it is gone, which standard input says too

@@ -21,7 +21,7 @@ class SmallestAngle(Quantity):
     """Smallest angle of all triangles around a vertex, degrees; NaN without triangles."""
 
     flag: ClassVar[str] = "angle"
-    text: ClassVar[str] = "Smallest angle of the triangles around, for simulation; small ones are bad"
+    text: ClassVar[str] = "Smallest angle of the triangles around each vertex; small angles are bad for simulation"
     label: ClassVar[str] = "Smallest Angle"
 
     @property

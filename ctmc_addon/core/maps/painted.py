@@ -29,7 +29,7 @@ class PaintOptions(Described):
 
     paint_depth: float = setting(
         0.0,
-        "How far painting looks from the surface inward; 0 takes the values on the surface itself",
+        "Depth below the surface down to which values are sampled. 0 = only on the surface",
         label="Paint Depth",
         unit="mm",
         low=0.0,
@@ -37,7 +37,7 @@ class PaintOptions(Described):
     )
     paint_how: str = setting(
         "mean",
-        "Which of the values found within the paint depth is kept",
+        "Which of the values within the paint depth is kept",
         label="Keep",
         type=str,
         choices=KEPT,

@@ -21,7 +21,7 @@ from .quantity import MappedSurface, MapValues, Quantity
 GAP_UP_TO_MM = 50.0
 BETWEEN = 2.0  # Triangles with a longest edge of more than this many voxels get samples inside.
 BOX_MARGIN = 0.1  # Enlarge the box by this share, because normals are inexact.
-STAGES = {"Sampling the surface": 1, "Measuring balls": 8}
+STAGES = {"Sampling the surface": 1, "Fitting balls": 8}
 
 
 @dataclass(frozen=True)

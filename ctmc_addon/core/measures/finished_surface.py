@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What is known of a finished surface; `measures.py` has the names and units of it."""
+"""The facts about a finished surface; `measures.py` has their names and units."""
 
 from __future__ import annotations
 

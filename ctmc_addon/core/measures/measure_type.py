@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""What a measure is: a name, a unit, the way to its value, its text, and the places that show it."""
+"""A measure: its name, its unit, the way to its value, its text, and the places that show it."""
 
 from __future__ import annotations
 

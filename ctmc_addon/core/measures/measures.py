@@ -220,11 +220,11 @@ def _statistics_text(statistics: Mapping[str, float | None], unit: str) -> str:
         f"{numbers['maximum']} (90 %: {numbers['percentile_5']} to {numbers['percentile_95']})"
     )
     shares = {"without a value": "share_without", "below": "share_below", "above": "share_above"}
-    known = {words: statistics.get(part) for words, part in shares.items()}
-    return ", ".join([text, *(f"{100 * share:.3g} % {words}" for words, share in known.items() if share)])
+    parts = {words: statistics.get(part) for words, part in shares.items()}
+    return ", ".join([text, *(f"{100 * share:.3g} % {words}" for words, share in parts.items() if share)])
 
 
-def dose_measure(dose: float) -> Measure:
+def _dose_measure(dose: float) -> Measure:
     """Return the measure of the volume that gets at least a dose, in percent.
 
     Parameters
@@ -266,19 +266,19 @@ def measures_in(
     kind : ValueKind, optional
         Kind of the values inside, for the measures that only a dose or a PET has.
     doses : iterable of float
-        Gy, for the share of the volume that gets at least so much.
+        Doses in Gy; the share of the volume that gets at least each dose is measured.
     printed : collection of str
         Names of those of `PRINT_MEASURES` that are known.
     """
     of_print = (each for each in PRINT_MEASURES if each.name in printed)
-    every = (*MEASURES, *of_print, *map(dose_measure, doses), *(map_measure(*about) for about in maps))
+    every = (*MEASURES, *of_print, *map(_dose_measure, doses), *(map_measure(*about) for about in maps))
     return tuple(each for each in every if each.where & place and each.kind in (None, kind))
 
 
 def doses_of(surfaces: Iterable[FinishedSurface]) -> tuple[float, ...]:
     """Return the doses, Gy, at which the volume of any surface is known, in their order."""
-    found = {dose: None for surface in surfaces for dose in getattr(surface.inside, "percent_at", ())}
-    return tuple(found)
+    doses = {dose: None for surface in surfaces for dose in getattr(surface.inside, "percent_at", ())}
+    return tuple(doses)
 
 
 def maps_of(surfaces: Iterable[FinishedSurface]) -> dict[str, str]:

@@ -62,12 +62,12 @@ class StructureRow:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """Return what was left out, in sentences."""
+        """Return notes on values that were left out."""
         inside = self.surface.inside
         beyond = getattr(inside, "beyond", 0)
         if inside is None or not beyond:
             return ()
-        text = f"{beyond} of {inside.samples + beyond} voxels of {self.name} lie beyond the values"
+        text = f"{beyond} of {inside.samples + beyond} voxels of {self.name} lie outside the grid of the values"
         return (f"{text} and do not count" if inside.samples else text,)
 
 
@@ -97,7 +97,7 @@ def measure_structures(
     names : sequence of str
         Name of each; by default that of its label, or of the volume.
     doses : sequence of float
-        Gy; of a dose, the share of the volume that gets at least so much is measured.
+        Doses in Gy; the share of the volume that gets at least each dose is measured.
 
     Raises
     ------

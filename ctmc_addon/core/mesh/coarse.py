@@ -94,9 +94,9 @@ def light_faces_steps(
     if normals is None:
         normals = vertex_normals(vertices, faces)
     axis, most = np.zeros(len(vertices), np.int8), normals[:, 0]
-    for other in (1, 2):
-        is_more = np.abs(normals[:, other]) > np.abs(most)
-        axis[is_more], most = other, np.where(is_more, normals[:, other], most)
+    for next_axis in (1, 2):
+        is_more = np.abs(normals[:, next_axis]) > np.abs(most)
+        axis[is_more], most = next_axis, np.where(is_more, normals[:, next_axis], most)
     direction = 2 * axis + (most < 0)
     columns = np.ascontiguousarray(vertices.T, np.float64)  # (3, V)
     start = columns.min(axis=1)

@@ -148,11 +148,11 @@ def _products(starts: Indices, first: Indices, second: Indices) -> tuple[Indices
 def _bounds(level: _BoxLevel, first: Indices, second: Indices) -> Doubles:
     """Return for pairs of boxes a square that no squared distance between their vertices exceeds."""
     far = np.maximum(level.high[first] - level.low[second], level.high[second] - level.low[first])
-    one, other = level.distance[first], level.distance[second]
+    from_middle, away = level.distance[first], level.distance[second]
     # By how much the vertices at least miss lying opposite each other.
     missed = _angle(np.sqrt(_lengths(level.axis[first] + level.axis[second])))
     missed = np.maximum(missed - level.spread[first] - level.spread[second] - ROUNDING, 0.0)
-    opposite = (one * one + other * other + 2 * one * other * np.cos(missed)) * (1 + ROUNDING)
+    opposite = (from_middle * from_middle + away * away + 2 * from_middle * away * np.cos(missed)) * (1 + ROUNDING)
     return np.where(missed < math.pi / 2, np.minimum(_lengths(far), opposite), _lengths(far))
 
 
@@ -169,8 +169,8 @@ def _compared(points: Doubles, level: _BoxLevel, first: Indices, second: Indices
     cuts = np.searchsorted(pairs, np.arange(0, int(pairs.max(initial=0)), MOST_COMPARED)).tolist()
     for start, end in pairwise([*cuts, len(first)]):
         if start < end:
-            one, other = _products(level.first_vertex, first[start:end], second[start:end])
-            best = max(best, float(_squares(points[one], points[other]).max()))
+            of_first, of_second = _products(level.first_vertex, first[start:end], second[start:end])
+            best = max(best, float(_squares(points[of_first], points[of_second]).max()))
     return best
 
 

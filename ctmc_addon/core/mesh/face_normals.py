@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Normals from the triangles alone: of faces, and averaged to vertices."""
+"""Compute normals of faces, and average them to vertices."""
 
 from __future__ import annotations
 

@@ -16,7 +16,7 @@ from ..volume.value_kind import ValueKind
 
 SKIN_HU = (-900.0, 60.0)  # A threshold between air and soft tissue gives skin.
 BAND_MM = 10.0
-# A head, of a child or with ears and headrest: 1 to 99 % of a band's vertices lie within so much.
+# Widths and depths of heads, from a child's to one with ears and headrest, from 1 to 99 % of a band's vertices.
 WIDTH_MM = (110.0, 235.0)  # From right to left.
 DEPTH_MM = (130.0, 270.0)  # From back to front.
 LEAST_MM = 80.0  # This much of the body's length is that wide and deep; a face is longer.

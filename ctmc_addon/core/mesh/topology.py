@@ -92,20 +92,11 @@ def _order(lower: Ints, higher: Ints, vertex_count: int) -> NDArray[np.int64]:
     return keys & (1 << bits) - 1
 
 
-def edge_counts_steps(faces: Ints, vertex_count: int) -> Steps[tuple[Ints, NDArray[np.int64], NDArray[np.int64]]]:
-    """Return every edge of `faces` (F, 3) once, (2, E), how many triangles it has, (E,), and how many run up it, (E,).
+def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
+    """Return every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     A triangle runs up an edge that it passes from the lower to the higher vertex number. A mesh is closed where
     every edge has two triangles, one of which runs up it.
-    """
-    keys, irregular, counts = yield from edge_keys_steps(faces, vertex_count)
-    count, upwards = np.full(len(keys), 2), np.ones(len(keys), np.int64)
-    count[irregular], upwards[irregular] = counts
-    return edge_ends(keys), count, upwards
-
-
-def edge_keys_steps(faces: Ints, vertex_count: int) -> Steps[EdgeKeys]:
-    """Return every edge of `faces` (F, 3) once, as `edge_ends` takes it, rising; and those that are not closed.
 
     Returns
     -------
@@ -231,9 +222,9 @@ class Groups:
             number = above[number]
         return number
 
-    def join(self, one: int, other: int) -> bool:
+    def join(self, first: int, second: int) -> bool:
         """Join the groups of two numbers; returns whether they were two."""
-        low, high = sorted((self.root(one), self.root(other)))
+        low, high = sorted((self.root(first), self.root(second)))
         self._above[high] = low
         return low != high
 
@@ -294,7 +285,7 @@ def component_roots_steps(faces: Ints, vertex_count: int) -> Steps[Ints]:
             if len(differ):
                 a, b = a[differ], b[differ]
                 open_links.append((a, b))
-                lowest[np.maximum(a, b)] = np.minimum(a, b)  # of several any will do: the others are asked again
+                lowest[np.maximum(a, b)] = np.minimum(a, b)  # Any of several works: the rest is tested again.
             yield PAUSE
         while True:
             shorter = np.take(lowest, lowest)

@@ -141,9 +141,9 @@ def solid_parts_steps(
 
     def surface_steps(settings: ReconstructionSettings) -> Steps[TriangleMesh]:
         source = volume if settings.label is None else labels or volume
-        [other] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
-        assert isinstance(other, MadeSurface), "an error is raised"
-        return other.result.mesh
+        [outcome] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(outcome, MadeSurface), "an error is raised"
+        return outcome.result.mesh
 
     mapped = yield from stages.run(MAPPING, mapped_steps(volume, parts, maps, budget, surface_steps))
     return MadeParts(mapped, sentences)

@@ -199,8 +199,8 @@ class PartsMaking:
         def added_by_slot(shapes: Mapping[tuple[int, int], Shape]) -> dict[tuple[int, int], int]:
             """Add shapes, by structure and a second number, as one shape for each slot and second number."""
             of_slots: dict[tuple[int, int], list[Shape]] = {}
-            for (number, other), shape in sorted(shapes.items(), key=lambda each: each[0]):
-                of_slots.setdefault((slots.slots[number], other), []).append(shape)
+            for (number, second), shape in sorted(shapes.items(), key=lambda each: each[0]):
+                of_slots.setdefault((slots.slots[number], second), []).append(shape)
             return {key: added(own[0] if len(own) == 1 else Union(own)) for key, own in sorted(of_slots.items())}
 
         if self.hollow:

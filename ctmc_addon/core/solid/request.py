@@ -172,7 +172,7 @@ class SolidRequest(Described):
     )
     hollow: float = setting(
         0.0,
-        "Wall that is left below the surface; what lies deeper becomes a cavity. 0 = not hollow",
+        "Thickness of the wall below the surface; everything deeper becomes a cavity. 0 = not hollow",
         label="Hollow",
         unit="mm",
         low=0.0,
@@ -184,7 +184,7 @@ class SolidRequest(Described):
     combinations: tuple[Combination, ...] = ()
     base: float = setting(
         0.0,
-        "Height of a flat foot at the lowest point, which is wider than the part by as much. 0 = none",
+        "Height of a flat foot at the lowest point; the foot is wider than the part by the same length. 0 = none",
         label="Base",
         unit="mm",
         low=0.0,

@@ -24,7 +24,7 @@ from .body import Body, OnEdges, edges_of
 from .cells.recipe import MOST_FIELDS
 from .fields.distances import distances_bytes
 from .fields.lattice import Lattice, with_box
-from .fields.lattice_fields import Field, HeldField
+from .fields.lattice_fields import HeldField, LatticeField
 
 LEAST_BLOCK = 2  # A block has at least this many samples along a side, more if triangles are larger.
 OUTSIDE = np.float32(-1e6)  # Depth far from all structures, mm.
@@ -68,8 +68,8 @@ class StructureSlots:
         self._owners = np.full((self.count, *regions[0].shape), -1, np.int16)
         for number, (slot, region) in enumerate(zip(self.slots, regions, strict=True)):
             self._owners[slot][region] = number
-        self._fields: dict[float, list[Field]] = {}
-        self._hollow: Field | None = None
+        self._fields: dict[float, list[LatticeField]] = {}
+        self._hollow: LatticeField | None = None
 
     @property
     def is_alone(self) -> bool:
@@ -110,7 +110,7 @@ class StructureSlots:
                 f"choose at most {max(1, most)} of them at once, or set interfaces to separate"
             )
 
-    def fields_steps(self, thicken: float) -> Steps[tuple[list[Field], dict[int, OnEdges]]]:
+    def fields_steps(self, thicken: float) -> Steps[tuple[list[LatticeField], dict[int, OnEdges]]]:
         """Return the fields of the slots for a `PartRule`, and their zeros on edges of the lattice."""
         if thicken not in self._fields:
             if self.is_alone:
@@ -121,7 +121,7 @@ class StructureSlots:
         fields = list(self._fields[thicken])
         return fields, {} if on_edges is None else dict.fromkeys(range(len(fields)), on_edges)
 
-    def _slots_steps(self, thicken: float) -> Steps[list[Field]]:
+    def _slots_steps(self, thicken: float) -> Steps[list[LatticeField]]:
         """Return the fields of several slots.
 
         Depths are exact only near surfaces. Where two structures are far, the later one counts as farther, so that no
@@ -135,7 +135,7 @@ class StructureSlots:
             here = depths[slot][lattice.window_of(body.lattice)]
             np.maximum(here, own + np.float32(thicken), out=here)
             body.forget_distances(-thicken)
-        behind, fields = depths.pop(), list[Field]()
+        behind, fields = depths.pop(), list[LatticeField]()
         while depths:
             front = depths.pop()
             either = np.maximum(front, behind)
@@ -145,7 +145,7 @@ class StructureSlots:
             yield PAUSE
         return [HeldField(lattice, behind, keeps_volume=thicken != 0), *reversed(fields)]
 
-    def hollow_steps(self, level: float) -> Steps[Field]:
+    def hollow_steps(self, level: float) -> Steps[LatticeField]:
         """Return the field that is above 0 deeper than a level in any body."""
         if self._hollow is None and self.is_alone:
             self._hollow = yield from self.bodies[0].field_steps(level)

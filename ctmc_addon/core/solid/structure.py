@@ -24,7 +24,7 @@ from .cells.extract import extract_parts_steps
 from .cells.recipe import Recipe
 from .fields.depth import depth_below
 from .fields.lattice import Lattice, lattice_around, steps_in, with_box
-from .fields.lattice_fields import Field
+from .fields.lattice_fields import LatticeField
 from .fields.shapes import Bar
 from .placing.cubes import deepest_steps
 from .placing.drains import drains_steps
@@ -217,7 +217,7 @@ def bulged_steps(structure: SolidStructure, body: Body, thicken: float) -> Steps
 
 
 def extracted_steps(
-    fields: Sequence[Field], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
+    fields: Sequence[LatticeField], rule: PartRule, on_edges: OnEdges | None, body: Body, name: str, flag: str
 ) -> Steps[Body]:
     """Extract a body from fields on the same lattice, so that distances start at its surface.
 
@@ -231,7 +231,7 @@ def extracted_steps(
     return (yield from body_steps(mesh, body.lattice, body.budget))
 
 
-def hollow_steps(structure: SolidStructure, body: Body, wall: float, thicken: float) -> Steps[Field]:
+def hollow_steps(structure: SolidStructure, body: Body, wall: float, thicken: float) -> Steps[LatticeField]:
     """Return the field of a structure's hollow."""
     hollow = yield from body.field_steps(wall - thicken)
     if any(hollow.above(layer, layer + 1).any() for layer in range(body.lattice.shape[0])):

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from ..simplification.whole import Simplification
 
 # Names of stages that a user reads, in the panel and in report.json.
-PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
+PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Selecting components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 LOOKING = "Looking for labels that cross"
 LARGEST_COLLAPSED_MM3 = 20.0

@@ -65,9 +65,9 @@ def reconstruct(
     if not maps:
         return finish(reconstruct_steps(volume, settings, budget))
     making = make_surfaces_steps(volume, [SurfaceRequest(settings)], budget, all_needed=True, maps=MapRequest.of(maps))
-    [made] = finish(making)
-    assert isinstance(made, MadeSurface), "an error is raised"
-    return made.result
+    [outcome] = finish(making)
+    assert isinstance(outcome, MadeSurface), "an error is raised"
+    return outcome.result
 
 
 def make_surfaces_steps(
@@ -151,10 +151,10 @@ def _with_maps_steps(
             if own == settings:
                 return mesh
         source = volume if settings.label is None else labels or volume
-        [made] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        held.append((settings, made.result.mesh))
-        return made.result.mesh
+        [outcome] = yield from make_surfaces_steps(source, [SurfaceRequest(settings)], budget, all_needed=True)
+        assert isinstance(outcome, MadeSurface), "an error is raised"
+        held.append((settings, outcome.result.mesh))
+        return outcome.result.mesh
 
     source = volume if labels is None or requests[0].settings.label is None else labels
     assert source is not None, "maps are made with the volume"

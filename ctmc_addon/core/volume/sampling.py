@@ -20,7 +20,7 @@ from ..progress import Step, Steps, finish
 from .affine import cofactors, determinant, transform_points
 from .volume import SampleGrid, Volume
 
-POINTS = 1 << 14  # Points are sampled so many at once, whose arrays stay in the processor's cache.
+POINTS = 1 << 14  # Sample this many points at once; their arrays stay in the processor's cache.
 STEP_SAMPLES = 1 << 18  # Samples between two steps.
 SLAB_SHARE = 0.25  # Share of the working memory that slices of a file take.
 ROUNDING = 2.0**-22  # Positions in float32 may be off by this share of their largest coordinate.
@@ -108,7 +108,7 @@ def sampled_steps(
 
 
 def _batches(parts: Sequence[slice], steps: int) -> int:
-    """Return in how many steps parts are sampled, each of them along so many steps of a line."""
+    """Return the number of batches in which parts are sampled, each along `steps` steps of a line."""
     return min(len(parts), max(1, len(parts) * POINTS * steps // STEP_SAMPLES))
 
 

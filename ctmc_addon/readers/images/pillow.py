@@ -146,8 +146,8 @@ def gray(pixels: NDArray[Any], name: str, tolerance: int) -> NDArray[Any]:
     if channels in (2, 4) and (pixels[..., -1] != pixels[..., -1].max()).any():
         raise ReadError(f"{name} is partly transparent; flatten it to gray without an alpha channel")
     first = pixels[..., 0]
-    for other in range(1, 3 if channels > 2 else 1):
-        low, high = np.minimum(first, pixels[..., other]), np.maximum(first, pixels[..., other])
+    for channel in range(1, 3 if channels > 2 else 1):
+        low, high = np.minimum(first, pixels[..., channel]), np.maximum(first, pixels[..., channel])
         difference = (high - low).max()
         if difference > tolerance:
             raise ReadError(

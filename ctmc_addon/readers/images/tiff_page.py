@@ -88,7 +88,7 @@ class PageLayout(NamedTuple):
 
 
 class _Complaints(logging.Handler):
-    """A collection of what tifffile logs in this thread."""
+    """Collect the messages that tifffile logs in this thread."""
 
     def __init__(self) -> None:
         super().__init__(logging.WARNING)

@@ -84,9 +84,9 @@ class LabelMap:
             if not covered.size:
                 free = layer if free is None else free
                 continue
-            for other, count in enumerate(np.bincount(covered).tolist()):
+            for covered_label, count in enumerate(np.bincount(covered).tolist()):
                 if count:
-                    pair = (min(label, other), max(label, other))
+                    pair = (min(label, covered_label), max(label, covered_label))
                     self.overlaps[pair] = self.overlaps.get(pair, 0) + count
         if free is None:
             self._add_layer()

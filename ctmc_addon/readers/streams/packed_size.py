@@ -10,7 +10,7 @@ import zlib
 from collections.abc import Callable
 from typing import Any
 
-HARMLESS = 1 << 27  # Any machine can unpack so many bytes.
+HARMLESS = 1 << 27  # Any machine can unpack this many bytes.
 LONGEST_HEAD = 16  # The first bytes of Blosc, LZ4 and Zstandard tell the length.
 STREAMS: dict[str, Callable[[], Any]] = {
     "zlib": zlib.decompressobj,
@@ -18,7 +18,7 @@ STREAMS: dict[str, Callable[[], Any]] = {
     "bz2": bz2.BZ2Decompressor,
     "lzma": lzma.LZMADecompressor,
 }
-MOST_RATIOS = {"zlib": 1032.0, "gzip": 1032.0}  # Deflate makes at most so many bytes of one.
+MOST_RATIOS = {"zlib": 1032.0, "gzip": 1032.0}  # Deflate unpacks a byte to at most this many.
 
 
 def bytes_to_look_at(length: int, codec: str, most: int) -> int:

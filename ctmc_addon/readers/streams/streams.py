@@ -86,7 +86,7 @@ def check_end_steps(stream: IO[bytes], name: str) -> Steps[None]:
                 return
         except STREAM_ERRORS as error:
             raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
-    raise ReadError(f"{name} unpacks to far more than the values that its header tells of; export it again")
+    raise ReadError(f"{name} unpacks to far more bytes than its header says; export it again")
 
 
 def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
@@ -116,5 +116,5 @@ def skip_steps(stream: IO[bytes], count: int, name: str) -> Steps[None]:
         except STREAM_ERRORS as error:
             raise ReadError(f"{name} is truncated or damaged ({reason(error)}); copy it again") from error
         if not passed:
-            raise ReadError(f"{name} is truncated: it ends before the values that its header tells of; copy it again")
+            raise ReadError(f"{name} is truncated: it has fewer values than its header says; copy it again")
         left -= passed

@@ -107,10 +107,9 @@ class _MetaImageFile(VolumeSource):
         return PackedSlices(file, unpacked, 0, shape, self.dtype)
 
 
-def open_steps(path: Path) -> Steps[_MetaImageFile]:
+def open_source(path: Path) -> _MetaImageFile:
     """Open the file."""
     return _MetaImageFile(path)
-    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> tuple[dict[str, str], list[str]]:

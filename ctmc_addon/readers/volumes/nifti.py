@@ -22,13 +22,13 @@ from ...core.volume import ValueKind, axis_codes, determinant, farthest_corner_m
 from ..geometry import differ, lengths_text
 from ..labels.colors import RGB, is_palette, rgb_of_shares
 from ..length_units import in_mm
-from ..optional_imports import imported_steps, needed, quiet, reason
+from ..optional_imports import needed, quiet, reason
+from ..registry import NIFTI_LIBRARY
 from ..result import RawValues, ReadRequest, Series, VolumeSource
 from ..streams.streams import STREAM_ERRORS, opened
 from ..value_kind import scaled_steps
 from .grid import grid_slices
 
-MODULE = "nibabel.nifti2"  # It imports that of NIfTI-1 too.
 LONGEST_HEADER = 540  # A header of NIfTI-2 has these bytes, one of NIfTI-1 fewer.
 MOST_HEADER = 2**24  # At most these bytes are before the values; label tables of extensions take some thousands.
 MOST_SCALE = 1e20  # The product of a slope, or of an intercept, and a value must be a float32.
@@ -68,9 +68,8 @@ class NiftiFile(VolumeSource):
         return RawValues(values, affine, notes, kind, names, colors, is_palette(colors))
 
 
-def open_steps(path: Path) -> Steps[NiftiFile]:
+def open_source(path: Path) -> NiftiFile:
     """Open the file."""
-    yield from imported_steps(MODULE, "nibabel", "NIfTI")
     return NiftiFile(path)
 
 
@@ -85,7 +84,7 @@ def read_header(stream: IO[bytes], name: str, pair: bool = False) -> tuple[Any, 
     pair : bool
         Whether the values are in another file.
     """
-    second, first = needed(MODULE, "nibabel", "NIfTI"), needed("nibabel.nifti1", "nibabel", "NIfTI")
+    second, first = needed(*NIFTI_LIBRARY, "NIfTI"), needed("nibabel.nifti1", "nibabel", "NIfTI")
     try:
         head = stream.read(LONGEST_HEADER)
         kind = second.Nifti2Header if second.Nifti2Header.may_contain_header(head) else first.Nifti1Header

@@ -124,10 +124,9 @@ class _NrrdFile(VolumeSource):
         return TimeSlices(stored, time * slices, slices)
 
 
-def open_steps(path: Path) -> Steps[_NrrdFile]:
+def open_source(path: Path) -> _NrrdFile:
     """Open the file."""
     return _NrrdFile(path)
-    yield  # its header is short
 
 
 def read_header(stream: IO[bytes], name: str) -> Mapping[str, Any]:

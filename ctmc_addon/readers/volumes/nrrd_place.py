@@ -73,7 +73,7 @@ def _by_directions(header: Mapping[str, Any], kept: list[int]) -> tuple[NDArray[
     if signs is None:
         signs = (1.0, 1.0, 1.0)
         notes.append(
-            f"the file's space '{space or 'none'}' names no side of the patient: taken as right-anterior-superior"
+            f"the file's space '{space or 'none'}' does not name sides of the patient: taken as right-anterior-superior"
         )
     affine[:3] *= np.array(signs)[:, None]
     of_space, of_axes = _units_of_space(header), _units_of_axes(header, kept)

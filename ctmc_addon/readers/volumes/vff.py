@@ -61,10 +61,9 @@ class _VffFile(VolumeSource):
         return RawValues(values, None, notes, spacing=_spacing_of_fields(self.fields, name))
 
 
-def open_steps(path: Path) -> Steps[_VffFile]:
+def open_source(path: Path) -> _VffFile:
     """Open the file."""
     return _VffFile(path)
-    yield  # its header is short
 
 
 def read_header(path: Path) -> tuple[dict[str, str], int]:

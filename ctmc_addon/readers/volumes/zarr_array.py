@@ -173,7 +173,7 @@ def missing_note(header: ArrayHeader, fill: Any) -> list[str]:
     if count >= header.grid:
         return []
     missing = f"{header.grid - count} of {header.grid} chunks are not in the store"
-    return [f"{missing}: they have its fill value {float(fill or 0):g}, as Zarr means it"]
+    return [f"{missing}: they have its fill value {float(fill or 0):g}"]
 
 
 def _chunk_files(folder: Path) -> Iterator[str]:

@@ -253,7 +253,7 @@ def panel_properties() -> dict[str, Any]:
             "Motion to time",
             items=[
                 ("rotate", "Rotate", "Turn about the patient's long axis"),
-                ("zoom", "Zoom", "Draw nearer and back"),
+                ("zoom", "Zoom", "Move closer and back"),
                 ("pan", "Pan", "Move sideways and back"),
             ],
         ),

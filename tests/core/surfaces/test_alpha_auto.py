@@ -22,7 +22,6 @@ from ctmc_addon.core import (
     result_and_full_steps,
     simplified_steps,
 )
-from ctmc_addon.core.surfaces.extract import FieldSurface
 
 VOLUME = Volume(waves((20, 18, 24)), AFFINE)
 AUTO = ReconstructionSettings(threshold=0.0, alpha="auto", normals="mesh")
@@ -117,17 +116,17 @@ def test_a_simplified_surface_chooses_on_its_full_one(result):
     assert anew.mesh.vertices.tobytes() == simplified.mesh.vertices.tobytes()
 
 
-def test_a_full_surface_that_does_not_fit_is_looked_at_piece_by_piece(result, monkeypatch):
+def test_a_full_surface_that_does_not_fit_is_looked_at_piece_by_piece(result):
     settings, budget = replace(AUTO, reduction=0.5), Budget(slab_bytes=4096)
     here, full = finish(result_and_full_steps(in_file(VOLUME), settings, budget))
     assert full is not None
 
-    def refused_steps(self, pieces):
-        yield from ()
-        raise MemoryLimitError("the surface does not fit")
+    class TooSmall(Budget):
+        def require(self, needed_bytes, what, remedy):
+            if what.startswith("a surface of at least"):
+                raise MemoryLimitError("the surface does not fit")
 
-    monkeypatch.setattr(FieldSurface, "_fitting_steps", refused_steps)
-    there, nothing = finish(result_and_full_steps(in_file(VOLUME), settings, budget))
+    there, nothing = finish(result_and_full_steps(in_file(VOLUME), settings, TooSmall(slab_bytes=4096)))
     assert nothing is None
     assert there.alpha_choice == here.alpha_choice == result.alpha_choice
     assert there.mesh.vertices.tobytes() == here.mesh.vertices.tobytes()

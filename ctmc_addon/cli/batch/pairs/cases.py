@@ -22,7 +22,7 @@ from ..manifest import ManifestRow, Parse, input_of, manifest_rows
 
 COLUMNS: Mapping[str, Parse] = {"case": str, "before": str, "after": str, "days": days}
 REQUIRED = {"before": "it names each case's earlier labels", "after": "it names each case's later labels"}
-TAKEN = "changes"  # changes.csv is the combined table.
+TAKEN = "changes"  # The combined table is changes.csv.
 
 
 @dataclass(frozen=True, eq=False)

@@ -198,8 +198,8 @@ def _split_off(fan: Fan, label: int, own: list[Triangle], center: int, inner: li
             a, b, c = first if fan[first][0] == label else first[::-1]
             leads = (node, center) in ((a, b), (b, c), (c, a))
             walls[(node, point, center) if leads else (point, node, center)] = (beyond[first], beyond[second])
-    sides = [other for both in walls.values() for other in both]
-    if any(sides.count(other) > 2 for other in sides):
+    sides = [segment_end for both in walls.values() for segment_end in both]
+    if any(sides.count(segment_end) > 2 for segment_end in sides):
         return False
     edges = [node for node in around if node < FACE_POINT]
     of_center = inner[center - INNER_POINT]

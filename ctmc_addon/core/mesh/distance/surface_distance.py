@@ -74,7 +74,7 @@ class SurfaceDistance:
     from_full : OneWayDistance
         From those components of the full surface that are still there.
     lost : LostComponents
-        The others.
+        Components of the full surface that are lost.
     """
 
     to_full: OneWayDistance = field(default_factory=OneWayDistance)
@@ -185,7 +185,7 @@ def _prepare_steps(surface: ReferenceSurface, full: ReferenceSurface) -> Steps[t
     for each in (surface, full):
         yield from each.tree_steps()
     component = yield from full.component_steps()
-    lost = yield from lost_components_steps(surface.mesh, full.mesh, (yield from full.tree_steps()), component)
+    lost = yield from lost_components_steps(surface.mesh, (yield from full.tree_steps()), component)
     if not lost.any():
         return np.zeros(len(component), bool), LostComponents()
     volumes = yield from component_volumes_steps(full.mesh.vertices, full.mesh.faces, component)

@@ -39,7 +39,7 @@ class SurfaceSamples(NamedTuple):
 
     @property
     def places(self) -> Indices:
-        """One place in the tree of every sample, (n,) int64; others repeat a sample."""
+        """One place in the tree of every sample, (n,) int64; further places repeat a sample."""
         places = np.empty(len(self.areas), np.int64)
         places[self.tree.order[::-1]] = np.arange(len(self.tree.order))[::-1]  # The first place is written last.
         return places

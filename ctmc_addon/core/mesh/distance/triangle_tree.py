@@ -1,11 +1,11 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
 """Exact distance from points to the nearest triangle of a mesh.
 
-The triangles stand in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box
+The triangles are in Morton order (Morton 1966), so that neighbors in space are neighbors in memory, and every box
 of the tree holds four boxes, or triangles, of the level below: box b holds 4 b to 4 b + 3. A point first tries two
 triangles beside it in that order. The distance to the nearer of them is a bound, mostly a tight one. Then blocks of
-points go down the tree together, level by level, as pairs of point and box; a pair is dropped when its box is farther
-than the point's bound, or near the bottom the disc of its triangles (discs.py). What is left is measured exactly.
+points go down the tree level by level, as pairs of point and box; a pair is dropped when its box is farther than the
+point's bound, or near the bottom the disc of its triangles (discs.py). The remaining pairs are measured exactly.
 
 Of many points every 64th goes first, then every 16th and so on: what is nearest to those before and after a point in
 Morton order bounds its own distance too.
@@ -86,7 +86,7 @@ class TriangleTree:
             finish(self.prepare_steps(mesh))
 
     def prepare_steps(self, mesh: TriangleMesh) -> Steps[None]:
-        """Take in a mesh."""
+        """Build the tree of a mesh."""
         if not len(mesh.faces):
             raise MeshError("no distance can be measured to a mesh without triangles; lower the threshold or reduction")
         low, high = mesh.vertices.min(axis=0).astype(np.float64), mesh.vertices.max(axis=0).astype(np.float64)

@@ -54,8 +54,8 @@ class BoxTree:
             if height:
                 stack.append((height - 1, first, second))
                 continue
-            other = first != second
-            yield first[other], second[other]
+            differ = first != second
+            yield first[differ], second[differ]
 
     def _children(self, height: int, first: Ints, second: Ints) -> tuple[Ints, Ints]:
         """Pairs of overlapping boxes of the level in these pairs of boxes of the level above."""
@@ -70,8 +70,8 @@ class BoxTree:
         near[:, :, itself] &= _FORWARD[:, :, None]
         flat = np.flatnonzero(_by_column(near.reshape(2, 8, -1))).astype(np.int32)
         pair = flat >> 2 * SHIFT
-        one, other = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
-        return (np.take(first, pair) << SHIFT) + one, (np.take(second, pair) << SHIFT) + other
+        of_first, of_second = flat >> SHIFT & BRANCH - 1, flat & BRANCH - 1
+        return (np.take(first, pair) << SHIFT) + of_first, (np.take(second, pair) << SHIFT) + of_second
 
 
 def _by_column(flags: Flags) -> Flags:

@@ -1,14 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Pairs of triangles of a mesh that have a point in common besides common vertices and edges, decided exactly.
+"""Find exactly the pairs of triangles of a mesh that have a common point besides common vertices and edges.
 
-What counts is what other programs call a self-intersection (as CGAL's `does_self_intersect`): touching too. Triangles
-without a common vertex must not have a common point. Those with one common vertex must meet there alone; those with a
-common edge must not lie on each other. A triangle without area counts as one that meets itself, and is compared with
-no other. A vertex is its number: two vertices at one position are two.
+These are self-intersections as in other programs (CGAL's `does_self_intersect`), including triangles that touch. Two
+triangles without a common vertex must not have a common point; with one common vertex they must meet only there; with a
+common edge they must not lie on each other. A triangle without area counts as meeting itself, and is compared with no
+other. Vertices are identified by number: two vertices at one position are different.
 
-Most pairs that are near each other are neighbors, and most neighbors are proved apart by looking at the vertex between
-them (`stars`). Of the others most lie on one side of each other's plane, which float64 decides. The rest is decided
-exactly (`triangle_pairs`).
+Most near pairs are neighbors, and most neighbors are proved apart by the vertex between them (`stars`). Most other
+pairs lie on one side of each other's plane, which float64 decides. The rest is decided exactly (`triangle_pairs`).
 """
 
 from __future__ import annotations

@@ -2,11 +2,12 @@
 """Decide exactly on which side of a plane or line a point lies, for float32 positions.
 
 float64 decides where its result is larger than its rounding can be (the bounds of Shewchuk 1997,
-doi:10.1007/PL00009321); the others are worked out with whole numbers, as a float32 is one over a power of two. Where
-the float64 result is nearly 0, so is the whole one. It then fits 64 bits even if the products in it do not, since these
-are wrong by multiples of 2^64 only. Python's whole numbers are left for points that need too many bits themselves: one
-has a coordinate that is far smaller than the distance to the others.
-All arrays stand in columns: (3, n) float64 that hold float32 values.
+doi:10.1007/PL00009321). The rest is computed with integers, since a float32 is an integer over a power of two. If the
+float64 result is nearly 0, so is the integer. It then fits 64 bits even if its products do not, because these are wrong
+only by multiples of 2^64. Python's integers are used for points that need more bits: those with a coordinate far
+smaller than the distance to the other points.
+
+All arrays are columns: (3, n) float64 that hold float32 values.
 """
 
 from __future__ import annotations

@@ -39,14 +39,14 @@ def surely_apart(first: Triangle, second: Triangle) -> Flags:
     if not len(apart):
         return apart
     reach = max(float(np.abs(corner).max()) for corner in (*first, *second))
-    for one, two in ((first, second), (second, first)):
-        normal = cross(one[1] - one[0], one[2] - one[0])
+    for parting, opposite in ((first, second), (second, first)):
+        normal = cross(parting[1] - parting[0], parting[2] - parting[0])
         for start in range(3):
-            # Any direction will do that parts their shadows on it by more than what rounding makes of these.
-            way = cross(one[start] - one[start - 1], normal)
+            # Any direction works on which their projections are separated by more than the rounding.
+            way = cross(parting[start] - parting[start - 1], normal)
             error = np.abs(way).max(axis=0)
             error *= 16 * EPSILON * reach
-            inner, outer = ([dot(way, corner) for corner in corners] for corners in (one, two))
+            inner, outer = ([dot(way, corner) for corner in corners] for corners in (parting, opposite))
             apart |= np.maximum.reduce(inner) + error < np.minimum.reduce(outer) - error
     return apart
 

@@ -56,12 +56,12 @@ def neighbors_of(label: int, interfaces: Iterable[_Interface]) -> tuple[Neighbor
     >>> neighbors_of(2, [_Interface(1, 0, 4, 8.0), _Interface(2, 0, 9, 7.0), _Interface(2, 1, 5, 3.5)])
     (Neighbor(label=1, triangles=5, area_mm2=3.5),)
     """
-    both = ((each, other) for each in interfaces for other in (each.behind, each.front))
+    both = ((each, neighbor) for each in interfaces for neighbor in (each.behind, each.front))
     return tuple(
         sorted(
-            Neighbor(other, each.triangles, each.area)
-            for each, other in both
-            if other not in (0, label) and label in (each.behind, each.front)
+            Neighbor(neighbor, each.triangles, each.area)
+            for each, neighbor in both
+            if neighbor not in (0, label) and label in (each.behind, each.front)
         )
     )
 

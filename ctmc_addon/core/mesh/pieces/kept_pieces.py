@@ -38,7 +38,7 @@ class KeptPieces:
     Parameters
     ----------
     one_pass : callable
-        Gives the pieces from the first to the last, as often as it is called; it is told when it is the last time.
+        Returns the pieces from the first to the last at every call; its argument is true at the last call.
     limits : ComponentLimits
         Limits that decide which components stay.
     spool : Spool, optional

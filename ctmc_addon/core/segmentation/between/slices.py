@@ -60,7 +60,7 @@ def between_slices_steps(
         If fewer than two slices are drawn, or a number is not that of a slice.
     """
     layers = np.moveaxis(mask, axis, 0)
-    sides = [spacing_mm[2 - other] for other in range(3) if other != axis]  # of a layer's rows and columns
+    sides = [spacing_mm[2 - across] for across in range(3) if across != axis]  # of a layer's rows and columns
     if drawn is None:
         drawn = np.flatnonzero(layers.any(axis=(1, 2))).tolist()
     numbers = np.array(sorted(set(drawn)), np.intp)

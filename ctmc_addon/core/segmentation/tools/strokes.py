@@ -186,7 +186,7 @@ def _near_line(
     return near & inside
 
 
-def _dot(vectors: Sequence[NDArray[np.float64]], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def _dot(vectors: Sequence[NDArray[np.float64]], vector: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the scalar products of vectors, given as x, y and z, with another one."""
-    x, y, z = other.tolist()
+    x, y, z = vector.tolist()
     return vectors[0] * x + vectors[1] * y + vectors[2] * z

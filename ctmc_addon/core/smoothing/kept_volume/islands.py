@@ -282,18 +282,18 @@ class _Solving:
         first = np.full(len(self.selected), np.iinfo(np.int64).min)  # where sample (0, 0, 0) of the grid would be
         z, y, x = self.corner[part].T
         first[part] = (np.cumsum(layers) - layers) * layer - (z * layer + y * length + x)
-        chosen = first > np.iinfo(np.int64).min
+        in_stack = first > np.iinfo(np.int64).min
         stack = np.full(int(layers.sum()) * layer, -self.nearest, np.float32)
         places = samples.core.shape[1]
         position = first[samples.component] + samples.y.astype(np.int64) * length + samples.x
         position += (samples.z.astype(np.int64) * self.steps + (1 - self.steps)) * layer  # of a voxel's first place
 
-        rim = np.flatnonzero(chosen[samples.component[samples.rim_place // places]])
+        rim = np.flatnonzero(in_stack[samples.component[samples.rim_place // places]])
         voxel, step = np.divmod(samples.rim_place[rim], places)
         offsets = np.array([dz * layer + dy * length + dx for dz, dy, dx in WAYS])
         stack[position[voxel] + step * np.int64(layer) + offsets[samples.rim_way[rim]]] = all_values[samples.rim[rim]]
         yield PAUSE
-        voxel = np.flatnonzero(chosen[samples.component])
+        voxel = np.flatnonzero(in_stack[samples.component])
         core = all_values[samples.core[voxel]]  # (voxels, 2 steps - 1)
         # What lies behind the first value below zero, seen from the voxel, stays below zero.
         for way in (core[:, self.steps - 1 :], core[:, self.steps - 1 :: -1]):

@@ -63,11 +63,11 @@ def signs_of(values: Doubles) -> NDArray[np.uint8]:
         for group in combinations(range(fields), count):
             for corners in corner_sets:
                 place = zero_of(values[:, group][:, :, corners])
-                for other in range(fields):
-                    if other not in group:
+                for further in range(fields):
+                    if further not in group:
                         at = np.zeros(len(values))
                         for number, corner in enumerate(corners):
-                            at += values[:, other, corner] * place[:, number]
+                            at += values[:, further, corner] * place[:, number]
                         bits.append(at > 0)
     return np.stack(bits, axis=1).astype(np.uint8)
 
@@ -117,22 +117,22 @@ class _Signs:
         for count, corner_sets in ((2, TRIANGLES), (3, (tuple(CORNERS),))):
             for group in combinations(range(fields), count):
                 for corners in corner_sets:
-                    for other in range(fields):
-                        if other not in group:
-                            self._at_zero[(corners, group), other] = bool(next(source))
+                    for further in range(fields):
+                        if further not in group:
+                            self._at_zero[(corners, group), further] = bool(next(source))
 
-    def at(self, node: Node, other: int) -> bool:
+    def at(self, node: Node, further: int) -> bool:
         """Return whether a field is above 0 at a node of other fields."""
         corners, group = node
         if len(group) > 3:
             return False
         if len(group) > 1:
-            return self._at_zero[node, other]
-        low, high = self.at_corner[other][corners[0]], self.at_corner[other][corners[1]]
+            return self._at_zero[node, further]
+        low, high = self.at_corner[further][corners[0]], self.at_corner[further][corners[1]]
         if low == high:
             return low
         field = group[0]
-        is_first = self._first[field, other, corners] if field < other else not self._first[other, field, corners]
+        is_first = self._first[field, further, corners] if field < further else not self._first[further, field, corners]
         return low if is_first else high
 
 
@@ -147,16 +147,16 @@ def _pieces_of_plane(signs: _Signs, field: int) -> list[Piece]:
     """Return the pieces into which the other fields cut a field's plane."""
     whole = _polygon(signs.at_corner[field], field)
     parts: list[tuple[list[Node], list[Side], list[bool]]] = [(*whole, [False] * signs.fields)] if whole else []
-    for other in range(signs.fields):
-        if other == field:
+    for cutter in range(signs.fields):
+        if cutter == field:
             continue
         cut = []
         for nodes, sides, above in parts:
-            inside = [signs.at(node, other) for node in nodes]
+            inside = [signs.at(node, cutter) for node in nodes]
             for keep in (True, False):
-                own = _clipped(nodes, sides, inside, keep, field, other)
+                own = _clipped(nodes, sides, inside, keep, field, cutter)
                 if own is not None:
-                    cut.append((*own, [keep if number == other else each for number, each in enumerate(above)]))
+                    cut.append((*own, [keep if number == cutter else each for number, each in enumerate(above)]))
         parts = cut
     return [Piece(field, tuple(nodes), tuple(above)) for nodes, _, above in parts]
 
@@ -193,7 +193,7 @@ def _is_turned(edges: list[tuple[int, int]], inside: list[int]) -> bool:
 
 
 def _clipped(
-    nodes: list[Node], sides: list[Side], inside: list[bool], keep: bool, field: int, other: int
+    nodes: list[Node], sides: list[Side], inside: list[bool], keep: bool, field: int, cutter: int
 ) -> tuple[list[Node], list[Side]] | None:
     """Return the part of a convex piece on one side of another field's plane."""
     if all(each != keep for each in inside):
@@ -207,7 +207,7 @@ def _clipped(
             out_sides.append(side)
         if inside[at] != following:
             of_side = side if side[0] >= 0 else tuple(CORNERS)
-            cutters = {field, other} if side[0] >= 0 else {field, other, side[1]}
+            cutters = {field, cutter} if side[0] >= 0 else {field, cutter, side[1]}
             out.append((of_side, tuple(sorted(cutters))))
-            out_sides.append((-1, other) if inside[at] == keep else side)
+            out_sides.append((-1, cutter) if inside[at] == keep else side)
     return out, out_sides

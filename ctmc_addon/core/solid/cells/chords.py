@@ -22,7 +22,7 @@ from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ...volume.affine import cofactors, determinant
 from ..fields.lattice import Lattice
-from ..fields.lattice_fields import Field
+from ..fields.lattice_fields import LatticeField
 
 CREASE = 0.4  # A unit gradient that changes by more than this, 23 degrees, marks a crease.
 STEEPEST = 2.0  # Skip an edge if the gradient is longer by more than this factor than its part along the edge.
@@ -31,13 +31,13 @@ SIDES = ((0, 1), (1, 2), (2, 0))
 
 
 def gradients_steps(
-    field: Field, lattice: Lattice, keys: NDArray[np.int64], share: Doubles, threads: int
+    field: LatticeField, lattice: Lattice, keys: NDArray[np.int64], share: Doubles, threads: int
 ) -> Steps[tuple[Doubles, Doubles]]:
     """Return the gradients of a distance at vertices on edges of a lattice, and its values there.
 
     Parameters
     ----------
-    field : Field
+    field : LatticeField
         Sampled at corners of the cells around the edges.
     lattice : Lattice
     keys : (n,) int64

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ...arrays import Doubles, Flags, Floats
 from ...extraction.case_table import NEAREST
 from ...progress import PAUSE, Step, Steps
-from ..fields.lattice_fields import Field
+from ..fields.lattice_fields import LatticeField
 from .arrangement import Node, pieces_of, signs_of, zero_of
 
 TETRAHEDRA = np.array([[0, 1 << a, 1 << a | 1 << b, 7] for a, b, _ in permutations(range(3))], np.intp)
@@ -80,7 +80,7 @@ class CutRims:
 
 
 def cut_rims_steps(
-    fields: Sequence[Field],
+    fields: Sequence[LatticeField],
     table: NDArray[Any],
     words: NDArray[Any],
     cells: NDArray[np.intp],
@@ -281,7 +281,7 @@ def _along(start: Doubles, end: Doubles, between: Doubles) -> Doubles:
     return np.asarray(start + shares[:, None] * way)
 
 
-def beside(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:
+def touches_rims(is_rim: Flags, keys: NDArray[np.int64], steps: tuple[int, int, int]) -> Flags:
     """Return whether any of the four cells around each edge, `3 * sample + axis`, holds a rim."""
     flat, axis = np.divmod(keys, 3)
     first, second = (np.array(steps).take((axis + turn) % 3) for turn in (1, 2))

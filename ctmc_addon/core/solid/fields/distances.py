@@ -253,7 +253,7 @@ class _LevelDistances:
         for offsets in ORDER:
             required_flat = []
             for offset in offsets:
-                self._infer(low, offset, [other for other in measured if _touch(other, offset)])
+                self._infer(low, offset, [earlier for earlier in measured if _touch(earlier, offset)])
                 yield PAUSE
             for offset in offsets:
                 flat = self._flat(np.minimum(low + np.array(offset)[:, None], self.last))
@@ -369,8 +369,8 @@ class _LevelDistances:
         return np.asarray((sample[0] * height + sample[1]) * width + sample[2])
 
 
-def _touch(offset: Offset, other: Offset) -> bool:
-    return all(abs(first - second) <= 1 for first, second in zip(offset, other, strict=True))
+def _touch(offset: Offset, neighbor: Offset) -> bool:
+    return all(abs(first - second) <= 1 for first, second in zip(offset, neighbor, strict=True))
 
 
 def _has_open_steps(state: Bytes) -> Steps[dict[int, tuple[Flags, Flags]]]:

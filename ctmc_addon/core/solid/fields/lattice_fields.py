@@ -20,7 +20,7 @@ LEAST = 2.0**-8  # Values are at least this share of the shortest step, so that 
 POINTS_AT_ONCE = 1 << 18
 
 
-class Field(Protocol):
+class LatticeField(Protocol):
     """A field on a lattice."""
 
     @property

@@ -42,7 +42,7 @@ MORE = 1 / 8  # Each repetition adds this share of a spacing on either side, whi
 SEARCHED = 1.05  # Search for balls with diameters up to this share of the least wall.
 EMPTY = 0.7  # A ball whose center is nearer to the surface than this share of its radius lies at a rim.
 FAR = 2.0  # Points farther outside than this many spacings count as that far away.
-STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing their middle": 1}
+STAGES = {"Sampling the surface": 1, "Measuring walls": 8, "Preparing the middle of walls": 1}
 
 
 @dataclass(frozen=True)

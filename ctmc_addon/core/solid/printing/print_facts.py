@@ -93,7 +93,7 @@ class PrintFacts:
             bed = " x ".join(number_text(side) for side in self.bed_mm)
             remedy = f"cut it with {' '.join(self.cuts)}"
             if len(self.cuts) > MOST_CUTS:
-                remedy = f"it takes {len(self.cuts)} cuts, and {MOST_CUTS} are possible; give a larger bed"
+                remedy = f"it takes {len(self.cuts)} cuts, and at most {MOST_CUTS} are possible; give a larger bed"
             notes.append(f"The part does not fit the bed of {bed} mm; {remedy}")
         if self.closed_cavities:
             what = "1 cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"

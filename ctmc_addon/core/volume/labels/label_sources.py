@@ -88,9 +88,9 @@ def samples_on_grid(labels: Volume, ct: Volume) -> tuple[NDArray[np.int64], NDAr
     matrix = index_to_index(labels.affine, ct.affine)
     axes = np.rint(matrix[:3, :3]).astype(np.int64)
     if np.abs(axes).max() > 1 or any((np.abs(axes).sum(axis=axis) != 1).any() for axis in (0, 1)):
-        own, other = (" x ".join(f"{side:.3g}" for side in volume.spacing) for volume in (labels, ct))
+        own, of_ct = (" x ".join(f"{side:.3g}" for side in volume.spacing) for volume in (labels, ct))
         raise VolumeError(
-            f"{labels.name} has samples every {own} mm along {labels.orientation}, the CT every {other} mm along "
+            f"{labels.name} has samples every {own} mm along {labels.orientation}, the CT every {of_ct} mm along "
             f"{ct.orientation}; resample it to the CT, or use it without this CT"
         )
     shift = np.rint(matrix[:3, 3]).astype(np.int64)

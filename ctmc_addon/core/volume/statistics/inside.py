@@ -86,7 +86,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
             mask |= turned_values(layer.samples(z, y, x) == label, axes)
         return ct.samples(slab, rows, columns)[mask]
 
-    return (yield from _summed_steps(selected_values, on_ct, "Looking inside the label"))
+    return (yield from _summed_steps(selected_values, on_ct, "Reading values inside the label"))
 
 
 def range_values_steps(
@@ -108,7 +108,7 @@ def range_values_steps(
         values = ct.samples(slab, rows, columns)
         return values[(values >= low) & (values <= (math.inf if high is None else high))]
 
-    return (yield from _summed_steps(selected_values, box or _whole_box(ct), "Looking at the values inside"))
+    return (yield from _summed_steps(selected_values, box or _whole_box(ct), "Reading the values inside"))
 
 
 def _whole_box(volume: Volume) -> Box:

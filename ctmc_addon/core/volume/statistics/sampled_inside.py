@@ -24,9 +24,9 @@ from ..value_kind import ValueKind
 from ..volume import Box, Volume
 
 SLAB_VALUES = 1 << 20  # Look at about this many voxels in one go.
-COVERED = 95  # D95 is the dose that so many percent of the volume get at least.
-BALL_MM3 = 1000.0  # SUVpeak is the mean in a ball of 1 cm3 (PERCIST 1.0, Wahl et al. 2009).
-BALL_MM = 6.203504908994  # Its radius, the cube root of 3 / (4 pi) cm.
+COVERED = 95  # D95 is the dose that this percentage of the volume gets at least.
+# SUVpeak is the mean in a ball of 1 cm3 (PERCIST 1.0, Wahl et al. 2009); its radius is the cube root of 3 / (4 pi) cm.
+BALL_MM = 6.203504908994
 BALL_EDGE = 1e-6  # A voxel center this share of the radius beyond the ball belongs to it.
 BLOCK = 16  # Voxels along each side of a block of ball centers, which are judged by one bound.
 
@@ -51,7 +51,7 @@ class SampledValues:
     peak : float or None
         Of a PET: the highest mean in a ball of 1 cm3 around any voxel center of the structure.
     percent_at : mapping of float to (float or None)
-        Of a dose: percent of the volume that get at least so many Gy.
+        For a dose: percent of the volume that get at least this many Gy.
     """
 
     kind: ValueKind
@@ -145,8 +145,8 @@ def _whole_box(volume: Volume) -> Box:
 
 
 def _sampled_inside_steps(volume: Volume, structure: _Structure, doses: Sequence[float]) -> Steps[SampledValues]:
-    stages = Stages({"Looking inside the structure": 2, "Looking for the peak": 3})
-    values = yield from stages.run("Looking inside the structure", _values_steps(volume, structure))
+    stages = Stages({"Reading values inside the structure": 2, "Looking for the peak": 3})
+    values = yield from stages.run("Reading values inside the structure", _values_steps(volume, structure))
     finite = values[np.isfinite(values)]
     beyond = len(values) - len(finite)
     if not len(finite):
@@ -176,7 +176,7 @@ def _in_doubles(values: Floats) -> Iterator[NDArray[np.float64]]:
 
 
 def _got_by(values: Floats, percent: int) -> float:
-    """Return the value that so many percent of all values reach or exceed, linear between the two around it.
+    """Return the value that a percentage of all values reach or exceed, linear between the two around it.
 
     Examples
     --------

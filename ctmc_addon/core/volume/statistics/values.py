@@ -51,7 +51,7 @@ def value_facts_steps(values: NDArray[Any] | Volume) -> Steps[ValueFacts]:
     """
     lows, highs, broken, done = [], [], 0, 0
     for slab in slabs_of(values):
-        yield Step(done / values.shape[0], "Looking at the values")
+        yield Step(done / values.shape[0], "Checking values")
         done += len(slab)
         finite = slab if slab.dtype.kind != "f" else slab[np.isfinite(slab)]
         broken += slab.size - finite.size

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-START, END = b"\xff\xd8", b"\xff\xd9"  # SOI and EOI; EOC of JPEG 2000 has the same value as EOI
-JPEG_2000 = b"\xff\x4f\xff\x51"  # SOC and SIZ
+START, END = b"\xff\xd8", b"\xff\xd9"  # The markers SOI and EOI; EOC of JPEG 2000 has the value of EOI.
+JPEG_2000 = b"\xff\x4f\xff\x51"  # The markers SOC and SIZ.
 BOXES = b"\x00\x00\x00\x0cjP"  # Some writers put a whole JPEG 2000 file here, which DICOM forbids.
 MOST_BOXES = 4096  # Bytes in which the codestream of such a file must begin.
 # Start of frame: all of 0xC0 to 0xCF that are not DHT, JPG and DAC; 0xF7 is JPEG-LS.

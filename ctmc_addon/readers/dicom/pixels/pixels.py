@@ -110,7 +110,7 @@ def stored_frames(image: ImageFile, frames: Sequence[int]) -> Iterator[NDArray[A
         if isinstance(error, OSError) and error.errno is not None:  # the system's
             raise
         why = reason(error)
-        if why.startswith("Unable to decode"):  # a list of what pydicom tried
+        if why.startswith("Unable to decode"):  # It lists the decoders that pydicom tried.
             raise ReadError(
                 f"the pixels of {image.path.name} ({syntax_name(syntax)}) cannot be decoded: they are damaged, or "
                 "pylibjpeg does not support them; copy the file again, or export it uncompressed"

@@ -42,10 +42,10 @@ class _DicomSlices(SliceReader):
         image = slices[0].image
         self.slices, self.stack, self.lowest = slices, stack, lowest
         self.shape, self.dtype = (len(stack.below), image.rows, image.columns), np.dtype(dtype)
-        if self.dtype.kind == "f" and not any(one.image.pixels.floating for one in slices):
-            scales = {(one.geometry.slope, one.geometry.intercept) for one in slices}
+        if self.dtype.kind == "f" and not any(each.image.pixels.floating for each in slices):
+            scales = {(each.geometry.slope, each.geometry.intercept) for each in slices}
             self.value_step = min(step_of_scale(np.dtype(np.int32), *scale) for scale in scales)
-        self._fits = _fit_by_headers(slices, dtype) and all(plain_type(one.image) is not None for one in slices)
+        self._fits = _fit_by_headers(slices, dtype) and all(plain_type(each.image) is not None for each in slices)
         self._pixels = StoredPixels(slices)
         finalize(self, self._pixels.close)
 
@@ -119,7 +119,7 @@ def values_steps(
     MemoryLimitError
         If they do not fit.
     """
-    types = output_types([one.geometry for one in slices], any(one.image.is_float for one in slices))
+    types = output_types([each.geometry for each in slices], any(each.image.is_float for each in slices))
     if not whole:
         dtype, seen = yield from _type_steps(slices, types)
         return _DicomSlices(slices, stack, dtype, seen.lowest), padding_notes(seen)
@@ -147,10 +147,10 @@ def _type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[An
         return types[0], SliceRead(math.inf, 0)
     low, high, padded = math.inf, -math.inf, 0
     with StoredPixels(slices) as pixels:
-        for number, one in enumerate(slices):
-            step = Step(number / len(slices), "Looking at the values")
+        for number, each in enumerate(slices):
+            step = Step(number / len(slices), "Checking values")
             stored = yield from pixels.slice_steps(number, step)
-            lowest, highest, mask = real_ends(stored, one.geometry, one.image.pixels.padding)
+            lowest, highest, mask = real_ends(stored, each.geometry, each.image.pixels.padding)
             low, high = min(low, lowest), max(high, highest)
             padded += 0 if mask is None else int(mask.sum())
             yield step
@@ -159,11 +159,11 @@ def _type_steps(slices: Sequence[Slice], types: Sequence[Any]) -> Steps[tuple[An
 
 def _fit_by_headers(slices: Sequence[Slice], dtype: Any) -> bool:
     """Return whether the headers say that all values fit into a type, and that none of them is padding."""
-    if any(one.image.pixels.padding is not None for one in slices):
+    if any(each.image.pixels.padding is not None for each in slices):
         return False
-    if any(one.image.pixels.floating for one in slices):
+    if any(each.image.pixels.floating for each in slices):
         return np.dtype(dtype).kind == "f"
-    scales = {(value_range(one.image.pixels), one.geometry.slope, one.geometry.intercept) for one in slices}
+    scales = {(value_range(each.image.pixels), each.geometry.slope, each.geometry.intercept) for each in slices}
     ends = [end * slope + intercept for both, slope, intercept in scales for end in both]
     return fits(min(ends), max(ends), dtype)
 
@@ -210,6 +210,6 @@ def _clear_padding_steps(values: NDArray[Any], lowest: float) -> Steps[None]:
     """Give padding the lowest real value, so that no surface surrounds it."""
     mark = padding_mark(values.dtype)
     for at in range(0, len(values), PLANES):
-        yield Step(1.0, "Clearing padding")
+        yield Step(1.0, "Removing padding")
         slices = values[at : at + PLANES]
         slices[slices == mark] = lowest

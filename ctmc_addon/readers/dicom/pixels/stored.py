@@ -16,7 +16,7 @@ from ...optional_imports import quiet
 from ..header import UNCOMPRESSED, Slice
 from .pixels import stored_frames, syntax_name
 
-RLE = "1.2.840.10008.1.2.5"  # pydicom unpacks RLE in Python.
+RLE = "1.2.840.10008.1.2.5"  # Slow, because pydicom unpacks RLE in Python.
 
 
 class StoredPixels:
@@ -50,7 +50,7 @@ class StoredPixels:
     def slice_steps(self, number: int, step: Step) -> Steps[NDArray[Any]]:
         """Return a slice's pixels, (rows, columns) as stored; `step` is yielded while another process decodes."""
         if not self.decodes_here and self.process is None:
-            self.process = yield from started_steps(max(one.image.rows * one.image.columns for one in self.slices))
+            self.process = yield from started_steps(max(each.image.rows * each.image.columns for each in self.slices))
             self.decodes_here = self.process is None
         if self.process is None:
             return self._decoded_here(number)
@@ -106,4 +106,4 @@ def frames_of(slices: Sequence[Slice]) -> Iterator[NDArray[Any]]:
     iterator of (rows, columns) arrays
     """
     groups = groupby(slices, key=lambda ct_slice: ct_slice.image)
-    return chain.from_iterable(stored_frames(image, [one.frame for one in group]) for image, group in groups)
+    return chain.from_iterable(stored_frames(image, [each.frame for each in group]) for image, group in groups)

@@ -120,9 +120,9 @@ def damaged_notes(damaged: Sequence[Broken], slices: Sequence[Slice], stack: Sta
     gap = "the gap was filled by linear interpolation" if stack.resampled else "no gap remains within the stack"
     if len(left_out) == 1:
         return [f"slice {left_out[0]} of {len(paths)}, by file name, is damaged and was left out; {gap}"]
-    some = [str(number) for number in left_out[:MOST_NUMBERED]]
-    some += ["more"] if len(left_out) > MOST_NUMBERED else []
-    named = f"{', '.join(some[:-1])} and {some[-1]}"
+    words = [str(number) for number in left_out[:MOST_NUMBERED]]
+    words += ["more"] if len(left_out) > MOST_NUMBERED else []
+    named = f"{', '.join(words[:-1])} and {words[-1]}"
     return [f"slices {named} of {len(paths)}, by file name, are damaged and were left out; {gap}"]
 
 

@@ -191,7 +191,7 @@ def turning(slices: Sequence[Slice], best: Sequence[Slice]) -> str:
         The largest group of one direction.
     """
     ordered = sorted((ct_slice for ct_slice in slices if _same_grid(best[0], ct_slice)), key=in_order)
-    steps = [_turn_degrees(one, following) for one, following in pairwise(ordered)]
+    steps = [_turn_degrees(before, following) for before, following in pairwise(ordered)]
     if not steps or (len(best) > 1 and (2 * len(best) >= len(ordered) or median(steps) < ROUNDED_DEGREES)):
         return ""
     first, last = ordered[0], max(ordered, key=lambda ct_slice: _turn_degrees(ordered[0], ct_slice))

@@ -17,7 +17,7 @@ def middle_is_mask_steps(slices: Sequence[Slice]) -> Steps[bool]:
     """Return whether the middle slice has at most two values, which no CT has."""
     try:
         with StoredPixels([slices[len(slices) // 2]]) as pixels:
-            two_values((yield from pixels.slice_steps(0, Step(0.0, "Looking at masks"))))
+            two_values((yield from pixels.slice_steps(0, Step(0.0, "Checking masks"))))
     except (CtmcError, NotAMask):
         return False
     return True
@@ -36,13 +36,13 @@ def masks_among_steps(candidates: Sequence[Sequence[Slice]], root: Path) -> Step
         The opened folder; names of folders above it do not count.
     """
     named = [number for number, slices in enumerate(candidates) if is_named_mask(_folders_below(slices[0], root))]
-    others = [number for number in range(len(candidates)) if number not in named]
+    unnamed = [number for number in range(len(candidates)) if number not in named]
     masks: list[int] = []
-    for number in (*others, *named):
+    for number in (*unnamed, *named):
         if not (yield from middle_is_mask_steps(candidates[number])):
-            return frozenset([*masks, *(named if number in others else ())])
+            return frozenset([*masks, *(named if number in unnamed else ())])
         masks.append(number)
-    return frozenset(named if others else ())
+    return frozenset(named if unnamed else ())
 
 
 def _folders_below(ct_slice: Slice, root: Path) -> tuple[str, ...]:

@@ -125,26 +125,26 @@ class DicomSource(VolumeSource):
             if image.pixels.compressed:
                 yield from imported_steps("pydicom", "pydicom", "DICOM")
                 check_codec(image)
-        kind, said = ValueKind.GRAY, _meaning(slices)
+        kind, meaning = ValueKind.GRAY, _meaning(slices)
         if all(ct_slice.image.hounsfield for ct_slice in slices):
             kind = ValueKind.HU
         elif slices[0].image.modality == DOSE_MODALITY:
             is_gray = all(ct_slice.geometry.unit == GY for ct_slice in slices)
-            kind, said = ValueKind.DOSE if is_gray else ValueKind.GRAY, list(slices[0].image.remarks)
+            kind, meaning = ValueKind.DOSE if is_gray else ValueKind.GRAY, list(slices[0].image.remarks)
         elif slices[0].image.modality == PET_MODALITY:
             uptake = yield from uptake_steps(slices, self.content.series[uid])
-            slices, said = uptake.slices, uptake.notes
+            slices, meaning = uptake.slices, uptake.notes
             kind = ValueKind.SUV if uptake.is_suv else kind
         stack, own_spacing = stack_and_spacing_note(slices, request)
         ordered = [slices[at] for at in stack.order]
         notes += damaged_notes(damaged, self.content.series[uid], stack)
-        stages = Stages({"Decoding slices": 9, "Looking at the values": 1})
+        stages = Stages({"Decoding slices": 9, "Checking values": 1})
         decoding = values_steps(ordered, stack, request.whole, request.budget)
         values, padding_notes = yield from stages.run("Decoding slices", decoding)
         mask = 0
         if not request.mask and kind in (ValueKind.HU, ValueKind.GRAY):
-            mask = yield from stages.run("Looking at the values", is_mask_steps(values))
-        notes += [*([] if mask or request.mask else said), *stack.notes, *padding_notes]
+            mask = yield from stages.run("Checking values", is_mask_steps(values))
+        notes += [*([] if mask or request.mask else meaning), *stack.notes, *padding_notes]
         notes += high_bit_notes(ct_slice.image.pixels for ct_slice in ordered)
         names = {mask: self.name} if mask else {}
         return RawValues(
@@ -171,7 +171,7 @@ class DicomSource(VolumeSource):
         count = len(self.series)
         if self.masks:
             return line.uid, [f"{count} series found: series {line.number}, which is not a mask, was read"]
-        longest = max(other.slices for other in self.series)
+        longest = max(each.slices for each in self.series)
         why = "with the most slices" if line.slices == longest else "which is not a PET"
         return line.uid, [f"{count} series found: series {line.number}, {why}, was read"]
 
@@ -195,13 +195,13 @@ def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSo
     ReadError
         If a file at `path` is no DICOM image or is damaged.
     """
-    stages = Stages({"Reading header": 1, "Reading headers": 19, "Looking at masks": 1})
+    stages = Stages({"Reading header": 1, "Reading headers": 19, "Checking masks": 1})
     if path.is_dir() or path.name.upper() == "DICOMDIR":
         folder = path if path.is_dir() else path.parent
         candidates = [file for file in files or files_below(folder) if not has_other_suffix(file)]
         headers = yield from stages.run("Reading headers", headers_steps(candidates))
         source = DicomSource(path, sorted_by_series(headers))
-        yield from stages.run("Looking at masks", source.find_masks_steps())
+        yield from stages.run("Checking masks", source.find_masks_steps())
         return source
     (own,) = yield from stages.run("Reading header", each_header_steps([path]))
     if own is None or (isinstance(own, Broken) and own.stray):

@@ -84,7 +84,7 @@ def _by_acquisition(group: list[int], keys: Sequence[str], along: NDArray[np.flo
     pieces = grouped(group, keys)
     if min(map(len, pieces)) < FEWEST:
         return [group]
-    several = any(overlaps(along[one], along[other]) for at, one in enumerate(pieces) for other in pieces[:at])
+    several = any(overlaps(along[first], along[second]) for at, first in enumerate(pieces) for second in pieces[:at])
     return pieces if several else [group]
 
 
@@ -130,12 +130,12 @@ def _tells_apart(ranked: Sequence[Sequence[Any]]) -> bool:
 
     They differ at each place, and each time ends before the next begins, or each place before the next.
     """
-    if any(one == other for level in ranked for one, other in itertools.pairwise(level)):
+    if any(first == second for level in ranked for first, second in itertools.pairwise(level)):
         return False
     times = list(zip(*ranked, strict=True))
-    by_time = all(max(one) < min(other) for one, other in itertools.pairwise(times))
+    by_time = all(max(first) < min(second) for first, second in itertools.pairwise(times))
     ends = sorted((level[0], level[-1]) for level in ranked)
-    by_level = all(one[1] < other[0] for one, other in itertools.pairwise(ends))
+    by_level = all(first[1] < second[0] for first, second in itertools.pairwise(ends))
     return by_time or by_level
 
 

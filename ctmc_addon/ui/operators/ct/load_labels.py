@@ -85,7 +85,7 @@ def conclude(placed: Sequence[structures.PlacedLabels], uid: int) -> str:
     earlier_keys = {source.key for source in stored.label_sources}
     count = 0
     for path, labels, key in placed:
-        structures.put(key, labels)
+        structures.put(scene, key, labels)
         if key not in earlier_keys:
             count += len(structures.add_labels(scene, labels, key, path))
     new = {called(item) for item in list(stored.labels)[len(stored.labels) - count :]}

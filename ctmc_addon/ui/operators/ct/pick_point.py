@@ -85,9 +85,9 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         session.redraw_viewports()
 
     def ask(self, context: bpy.types.Context) -> None:
-        self.say(context, "")
+        self.show_status(context, "")
 
-    def say(self, context: bpy.types.Context, text: str) -> None:
+    def show_status(self, context: bpy.types.Context, text: str) -> None:
         help_text = translate("Click: the slices meet there. Esc: done")
         context.workspace.status_text_set(f"{text}   |   {help_text}" if text else help_text)
 
@@ -101,7 +101,7 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         if event.type != "MOUSEMOVE" and not is_click:
             return {"PASS_THROUGH"}
         hit_point = _hit_under(context, ct.volume, area, event)
-        self.say(context, "" if hit_point is None else _point_text(ct.volume, hit_point[1]))
+        self.show_status(context, "" if hit_point is None else _point_text(ct.volume, hit_point[1]))
         if hit_point is None or not is_click:
             return {"PASS_THROUGH"}
         self.pick(context, *hit_point)

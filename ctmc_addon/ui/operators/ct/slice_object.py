@@ -72,8 +72,8 @@ class CTMC_OT_add_slice(bpy.types.Operator):
 
 def chosen_slices(scene: bpy.types.Scene) -> dict[str, SliceIndex]:
     """Return the slice of each plane as set in the sidebar."""
-    volume, chosen = volumes.require_loaded(scene).volume, zip(PLANES, positions_of(scene.ctmc_view), strict=True)
-    return {plane: slice_at(volume, plane, position) for plane, position in chosen}
+    volume, positions = volumes.require_loaded(scene).volume, zip(PLANES, positions_of(scene.ctmc_view), strict=True)
+    return {plane: slice_at(volume, plane, position) for plane, position in positions}
 
 
 def add_slices(context: bpy.types.Context, sections: dict[str, SliceIndex]) -> int:

@@ -79,7 +79,9 @@ class CTMC_OT_draw_grow(jobs.LongOperator, bpy.types.Operator):
                 volume, sample, before, limits, drawing.reach_mm, drawing.opening_mm, self.surroundings
             )
             return _conclusion_steps(work, target_of(scene, item), None)
-        earlier_clicks = [] if item is None else [Click(tuple(one.sample), int(one.inside)) for one in item.clicks]
+        earlier_clicks = (
+            [] if item is None else [Click(tuple(click.sample), int(click.inside)) for click in item.clicks]
+        )
         clicks = (*earlier_clicks, Click(sample, 0 if self.surroundings else 1))
         grown = None if item is None else masks.of(scene, item).grown
         how = (limits, drawing.hu_per_mm, drawing.reach_mm)

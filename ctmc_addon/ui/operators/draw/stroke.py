@@ -127,7 +127,7 @@ class CTMC_OT_draw_stroke(Needs, bpy.types.Operator):
         """Restore the mask from the file, if structure and CT still exist, and the list as it was."""
         masks.end_stroke(self)
         scene = context.scene
-        item = next((one for one in drawings.structures(scene) if one.key == self.key), None)
+        item = next((each for each in drawings.structures(scene) if each.key == self.key), None)
         if item is None or volumes.loaded(scene) is None:
             return
         masks.revert(scene, item, self.touched)

@@ -147,11 +147,11 @@ def shown_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     return surfaces.selected_surfaces(context) or ([active] if surfaces.is_surface(active) else [])
 
 
-def _chosen_of(obj: bpy.types.Object) -> float | None:
-    """Return the opacity that a user has chosen for a surface; None if it is that of its name."""
-    chosen, label = chosen_opacity(obj), settings_of(obj).label
+def _own_opacity(obj: bpy.types.Object) -> float | None:
+    """Return the opacity that the user has set for a surface; None if it is that of its name."""
+    opacity, label = chosen_opacity(obj), settings_of(obj).label
     by_name = structure_color(label, None, obj.name).opacity
-    return None if chosen == by_name < 1.0 else chosen
+    return None if opacity == by_name < 1.0 else opacity
 
 
 def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
@@ -176,8 +176,8 @@ def cell_of(context: bpy.types.Context) -> tuple[Cell, str]:
     )
     transparency = Transparency(**values_of(panel, Transparency))
     names = [obj.name for obj in objects] if len(objects) > 1 else []
-    chosen = [_chosen_of(obj) for obj in objects]
-    shown = figure_surfaces(objects, context.scene, style_of(panel), names, chosen, transparency, explode)
+    opacities = [_own_opacity(obj) for obj in objects]
+    shown = figure_surfaces(objects, context.scene, style_of(panel), names, opacities, transparency, explode)
     if explode:  # Slices, distances and angles are true only where the surfaces have their places.
         return Cell(shown), caption
     seen = [obj for obj in context.scene.objects if obj.visible_get() and not obj.hide_render]

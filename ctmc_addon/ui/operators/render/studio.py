@@ -20,7 +20,7 @@ from ...translations import translate
 from ..paths import RELATIVE
 
 
-def rendered_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
+def _rendered_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
     """Return the surfaces of the scene that a render shows."""
     return [
         obj
@@ -30,8 +30,8 @@ def rendered_surfaces(context: bpy.types.Context) -> list[bpy.types.Object]:
 
 
 def render_text(context: bpy.types.Context) -> str:
-    """Return what F12 renders with: 'Cycles, 24 samples, 1920 x 1080, about 40 s'."""
-    plan = render_plan(context.scene, sum(len(obj.data.polygons) for obj in rendered_surfaces(context)))
+    """Return the settings of F12 as text: 'Cycles, 24 samples, 1920 x 1080, about 40 s'."""
+    plan = render_plan(context.scene, sum(len(obj.data.polygons) for obj in _rendered_surfaces(context)))
     label = ENGINES[plan.engine].label if plan.engine else context.scene.render.engine
     parts = [label]
     if plan.samples:
@@ -45,18 +45,18 @@ def render_text(context: bpy.types.Context) -> str:
 def _set_engine(context: bpy.types.Context) -> str:
     """Set the engine of the panel in the scene; return a sentence if it had to be another one."""
     figure = context.scene.ctmc_figure
-    chosen = figure.engine
-    figure.engine = engine_here(chosen)
+    requested = figure.engine
+    figure.engine = engine_here(requested)
     set_render_engine(context.scene, figure.engine)
-    if figure.engine == chosen:
+    if figure.engine == requested:
         return ""
     text = translate("{engine} would take minutes without a graphics card")
-    return ". " + text.format(engine=ENGINES[chosen].label)
+    return ". " + text.format(engine=ENGINES[requested].label)
 
 
 def _has_surface(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
     """Return whether there is a surface to render, with the reason if not."""
-    if not rendered_surfaces(context):
+    if not _rendered_surfaces(context):
         operator.poll_message_set("Show or reconstruct a surface first")
         return False
     return True
@@ -84,7 +84,7 @@ class CTMC_OT_setup_studio(bpy.types.Operator):
         panel, background = scene.ctmc_figure, scene.ctmc_studio.background
         try:
             note = "" if self.keeps_engine else _set_engine(context)
-            set_up_studio(scene, rendered_surfaces(context), panel.azimuth, panel.elevation, background)
+            set_up_studio(scene, _rendered_surfaces(context), panel.azimuth, panel.elevation, background)
         except CtmcError as error:
             return jobs.refuse(self, scene.session_uid, error)
         self.report({"INFO"}, f"F12: {render_text(context)}{note}")
@@ -102,10 +102,7 @@ class CTMC_OT_render(bpy.types.Operator):
     )
 
     filepath: StringProperty(
-        name="File",
-        description="Picture to write; empty writes none",
-        subtype="FILE_PATH",
-        options={"SKIP_SAVE", *RELATIVE},
+        name="File", description="Picture to write. Empty = none", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE}
     )
 
     @classmethod

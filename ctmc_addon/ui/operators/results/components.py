@@ -29,7 +29,7 @@ _CHOICES = [(name, SETTINGS[name].label, SETTINGS[name].text) for name in REMOVI
 
 
 def removal_text(settings: Any, name: str) -> str:
-    """Return what a setting of the panel takes away or adds, in words; empty if nothing."""
+    """Return the text of the components that a setting of the panel removes or adds; empty without any."""
     value = getattr(settings, name)
     if name == "region":
         return translate("Leaves out everything outside the region") if settings.use_region else ""

@@ -46,7 +46,7 @@ def _first_corners(context: bpy.types.Context, surfaces: list[bpy.types.Object])
 
 
 class CTMC_OT_cut_away(bpy.types.Operator):
-    """Take what lies in a box away from the selected surfaces."""
+    """Cut away what lies inside a box from the selected surfaces."""
 
     bl_idname = "ctmc.cut_away"
     bl_label = "Cut Away"

@@ -27,7 +27,7 @@ SEVERAL = ".glb"
 """The format of several surfaces where the last one used holds a single one."""
 
 
-def default_which(context: bpy.types.Context, suffix: str) -> str:
+def _default_which(context: bpy.types.Context, suffix: str) -> str:
     """Return which surfaces go to a file: several selected ones, else all visible ones if its format holds them."""
     if len(selected_surfaces(context)) > 1:
         return "SELECTED"
@@ -87,7 +87,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         if not self.properties.is_property_set("which"):
-            self.which = default_which(context, self.kind)
+            self.which = _default_which(context, self.kind)
         if len(self.surfaces(context)) > 1 and self.kind not in SCENE_SUFFIXES:
             self.kind = SEVERAL
         self.shown_kind, self.shown_which = self.kind, self.which
@@ -106,7 +106,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
     def follow(self, context: bpy.types.Context) -> None:
         """Choose the surfaces of another format, and the name of other surfaces, where no hand has changed them."""
         if self.kind != self.shown_kind and self.which == self.shown_which:
-            self.which = default_which(context, self.kind)
+            self.which = _default_which(context, self.kind)
         self.shown_which = self.which
         path, suggestion = Path(self.filepath), self.suggestion(context)
         if path.name == str(Path(self.suggested).with_suffix(path.suffix)):
@@ -134,7 +134,7 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     def write(self, context: bpy.types.Context, path: Path) -> None:
         if not self.properties.is_property_set("which"):
-            self.which = default_which(context, path.suffix.lower())
+            self.which = _default_which(context, path.suffix.lower())
         objects = self.surfaces(context)
         if not objects:
             raise OutputError("no surface is visible; show or select one first")
@@ -161,12 +161,12 @@ class CTMC_OT_export(SaveDialog, bpy.types.Operator):
 
     def surfaces(self, context: bpy.types.Context) -> list[bpy.types.Object]:
         """Return the surfaces to write, in the order of the labels; the active one if none is selected or visible."""
-        chosen = []
+        written = []
         if self.which == "SELECTED":
-            chosen = [obj for obj in context.selected_objects if _is_exportable(obj)]
+            written = [obj for obj in context.selected_objects if _is_exportable(obj)]
         elif self.which == "VISIBLE":
-            chosen = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
-        return sorted(chosen, key=label_and_name) or [obj for obj in (context.object,) if _is_exportable(obj)]
+            written = [obj for obj in context.visible_objects if read_provenance(obj) is not None]
+        return sorted(written, key=label_and_name) or [obj for obj in (context.object,) if _is_exportable(obj)]
 
 
 register, unregister = bpy.utils.register_classes_factory((CTMC_OT_export,))

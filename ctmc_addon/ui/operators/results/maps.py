@@ -144,17 +144,17 @@ CTMC_OT_map_add = type(
         "__module__": __name__,
         "bl_idname": "ctmc.map_add",
         "bl_label": "Add Map",
-        "bl_description": "Work out a quantity on every vertex of the active surface, and show it in colors",
+        "bl_description": "Compute a quantity on every vertex of the active surface and show it in colors",
         "bl_options": {"REGISTER", "UNDO"},
         "needs": (jobs.idle, surfaces.can_change),
         "__annotations__": {
             "quantity": choice(
                 "Quantity",
-                "Quantity to work out",
+                "Quantity to compute",
                 items=[(kind.flag, kind.label, _sentence(kind.text)) for kind in QUANTITIES],
             ),
             "structure": choice("Structure", "Structure to measure to", items=_structure_items),
-            "map_name": text("Name", "Name of the map; empty for that of the file"),
+            "map_name": text("Name", "Name of the map. Empty = name of the file"),
             "filepath": StringProperty(name="File", subtype="FILE_PATH", options={"SKIP_SAVE", *RELATIVE}),
             **_option_properties(),
         },
@@ -269,7 +269,7 @@ class CTMC_OT_map_show(_OfMap, bpy.types.Operator):
     bl_description = "Show a map in the viewport and in renders, with a legend; press again for the surface's own look"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
+    map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
 
     def change(self, obj: bpy.types.Object, name: str) -> None:
         """Show the map, or hide it."""
@@ -289,7 +289,7 @@ class CTMC_OT_map_remove(_OfMap, bpy.types.Operator):
     bl_description = "Remove a map from the active surface"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
-    map_name: text("Name", "Name of the map; empty for the one that is shown, else the last")
+    map_name: text("Name", "Name of the map. Empty = the map that is shown, else the last one")
 
     def change(self, obj: bpy.types.Object, name: str) -> None:
         """Remove the map."""

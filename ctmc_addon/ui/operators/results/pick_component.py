@@ -90,12 +90,12 @@ def picked(context: bpy.types.Context, obj: bpy.types.Object, point_mm: Sequence
     """Apply the action to the component at a point of a surface, RAS+ mm; return the message."""
     require_updatable(obj)
     before, result = measurements.of(obj), own_surface(obj)
-    chosen = component_at(result, np.array(point_mm, np.float64))
+    selected = component_at(result, np.array(point_mm, np.float64))
     changed: list[Any] = [obj]
     if action == "SEPARATE":
-        changed.append(separated(obj, result, chosen))
+        changed.append(separated(obj, result, selected))
     else:
-        give_triangles(obj, result, chosen if action == "KEEP" else ~chosen)
+        give_triangles(obj, result, selected if action == "KEEP" else ~selected)
     for surface in changed:
         mesh = own_surface(surface).mesh
         measures = finish(measures_steps(mesh.vertices, mesh.faces))

@@ -88,7 +88,7 @@ class CTMC_OT_copy_command(bpy.types.Operator):
     """Copy the command line that makes the same mesh."""
 
     bl_idname = "ctmc.copy_command"
-    bl_label = "Copy as Command"
+    bl_label = "Copy Command"
     bl_description = "Copy the ctmc command line that makes the same mesh as Reconstruct Surface does now"
 
     @classmethod

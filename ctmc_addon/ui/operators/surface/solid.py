@@ -134,7 +134,7 @@ class CTMC_OT_drain_add(Needs, bpy.types.Operator):
 
     auto: BoolProperty(
         name="Auto",
-        description="Place two holes where a liquid runs out: at the lowest point and at the highest",
+        description="Place two holes, at the lowest and at the highest point, so that liquid runs out",
         options={"SKIP_SAVE"},
     )
 
@@ -183,7 +183,7 @@ class CTMC_OT_cut_flip(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.cut_flip"
     bl_label = "Flip Cut"
-    bl_description = "Exchange parts a and b of this cut; pegs then stand on the other one"
+    bl_description = "Exchange parts a and b of this cut, and with them pegs and holes"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     index: IntProperty(options={"HIDDEN", "SKIP_SAVE"})
@@ -252,7 +252,7 @@ class CTMC_OT_solid_reset(Needs, bpy.types.Operator):
 
     bl_idname = "ctmc.solid_reset"
     bl_label = "Reset Solid"
-    bl_description = "Reset the part Solid, so that the next surfaces are as they were extracted"
+    bl_description = "Reset everything in Solid, so that the next surfaces are made without it"
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012  (Blender reads it from the class)
 
     needs = (jobs.idle,)

@@ -137,8 +137,8 @@ def components_text(measures: Measures | None) -> str:
     return ", ".join(counts)
 
 
-def _counted(one: str, several: str, number: int) -> str:
-    return translate(one if number == 1 else several).format(count=count(number))
+def _counted(single: str, several: str, number: int) -> str:
+    return translate(single if number == 1 else several).format(count=count(number))
 
 
 def facts_of(

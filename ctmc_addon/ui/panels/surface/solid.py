@@ -111,7 +111,7 @@ def draw_solid_line(layout: Any, context: bpy.types.Context) -> None:
         text = translate("Makes a solid")
     if text:
         row = layout.row(align=True)
-        draw_text(row, context, text, "MOD_SOLIDIFY", beside=BUTTON)
+        draw_text(row, context, text, "MOD_SOLIDIFY", reserved=BUTTON)
         row.operator("ctmc.solid_reset", text="", icon="X", emboss=False)
 
 
@@ -119,10 +119,10 @@ def draw_places(layout: Any, context: bpy.types.Context) -> None:
     """Draw notes on pegs and drains that do not fit, or that they are still being placed."""
     placed = solid_places.places_of(context.scene)
     if solid_places.is_looking(context.scene):
-        draw_text(layout, context, translate("Looking for places of pegs and drains"), "TIME")
+        draw_text(layout, context, translate("Placing pegs and drains"), "TIME")
     if placed is None:
         return
     for note in placed.notes:
         draw_text(layout, context, translate_sentence(note), "ERROR")
     if placed.coarse and (placed.drains.bars or (placed.pegs and placed.pegs.bars)):
-        draw_text(layout, context, translate("Placed on a coarse surface; places may differ when made"), "INFO")
+        draw_text(layout, context, translate("Placed on a coarse surface; final places may differ"), "INFO")

@@ -49,16 +49,16 @@ def option(name: str, axis: str = "", **options: Any) -> Any:
 
 def options_of_scene(stored: Any) -> ReadingOptions:
     """Return the reading options in the panel for the scene's CT."""
-    return chosen(stored, "".join(axis for axis in SIDES if getattr(stored, f"flip_{axis}")))
+    return _options_of(stored, "".join(axis for axis in SIDES if getattr(stored, f"flip_{axis}")))
 
 
 def options_of_dialog(operator: Any) -> ReadingOptions:
     """Return the reading options of the dialog, a button or a script."""
     ticked = "".join(axis for axis, is_ticked in zip(SIDES, operator.flip_axes, strict=True) if is_ticked)
-    return chosen(operator, operator.flip or ticked)
+    return _options_of(operator, operator.flip or ticked)
 
 
-def chosen(properties: Any, flip: str) -> ReadingOptions:
+def _options_of(properties: Any, flip: str) -> ReadingOptions:
     """Return the options in the properties of a scene or a dialog."""
     values: dict[str, Any] = {}
     for name in SHOWN:

@@ -53,12 +53,12 @@ def _generated_properties() -> dict[str, Any]:
     for kind in FIGURE_SETTINGS:
         own = defaults(kind)
         for name, about in descriptions(kind).items():
-            looks = {"name": with_unit(about), **LOOKS.get(name, {})}
+            options = {"name": with_unit(about), **LOOKS.get(name, {})}
             if name in OF_EACH_PAGE:
                 for page_kind, page in PAGES.items():
-                    properties[f"{page_kind}_{name}"] = property_of(about, getattr(page, name), **looks)
+                    properties[f"{page_kind}_{name}"] = property_of(about, getattr(page, name), **options)
             elif name in SHOWN:
-                properties[name] = property_of(about, own[name], **looks)
+                properties[name] = property_of(about, own[name], **options)
             elif name in COMPARED:
                 properties[name] = text(with_unit(about), tooltip(about), default=COMPARED[name])
             elif name == "deviation":

@@ -28,7 +28,7 @@ from .structures import CLASSES, StructureMethods, structure_properties, tick_on
 
 OF_ONE_VOLUME = {"region", "region_unit", "nan_as"}
 """Settings that mean nothing for another CT, which presets leave alone."""
-OF_GRAY = {other for group in EXCLUSIVE if "label" in group for other in group} - {"label"}
+OF_GRAY = {rival for group in EXCLUSIVE if "label" in group for rival in group} - {"label"}
 """Settings of a surface by gray value. `use_label` alone decides between them and the structures: each side keeps its
 own, so looking at the other side loses nothing."""
 
@@ -93,14 +93,14 @@ def _on_change(name: str) -> Callable[[Any, Any], None]:
 def _on_switch(name: str) -> Callable[[Any, Any], None]:
     """Return an update function: switching one of several rivals on switches the others off."""
     rivals = [
-        other for group in EXCLUSIVE if name in group and "label" not in group for other in group if other != name
+        rival for group in EXCLUSIVE if name in group and "label" not in group for rival in group if rival != name
     ]
 
     def update(properties: Any, _context: Any) -> None:
         if getattr(properties, switch(name)):
-            for other in rivals:
-                if getattr(properties, switch(other)):
-                    setattr(properties, switch(other), False)
+            for rival in rivals:
+                if getattr(properties, switch(rival)):
+                    setattr(properties, switch(rival), False)
         if name == "region" and properties.use_region and properties.region_for != properties.volume_fingerprint:
             fit_region(properties)
         if name == "label" and properties.use_label and not any(item.chosen for item in properties.labels):

@@ -34,9 +34,9 @@ from .structures import structure_choices
 ABOUT = descriptions(SolidRequest)
 LEAST_MM = 0.1  # Least length of properties that must be above 0.
 COMBININGS = (
-    (Combining.MERGE, "Merge", "Make one structure of all that lies in any of them"),
-    (Combining.SUBTRACT, "Subtract", "Take the others away from the first structure"),
-    (Combining.INTERSECT, "Intersect", "Keep what lies in all of them"),
+    (Combining.MERGE, "Merge", "Join all of them into one structure"),
+    (Combining.SUBTRACT, "Subtract", "Subtract the other structures from the first one"),
+    (Combining.INTERSECT, "Intersect", "Keep only what all of them have in common"),
 )
 """Ways to combine structures, with their names and explanations."""
 
@@ -167,10 +167,10 @@ class CTMCSolid(PropertyGroup):
     peg_count: integer("Number", "Choose the number of pegs on each cut", default=2, min=1, max=MOST_PEGS)
     peg_diameter: _length("Diameter", "Set the diameter of a peg", Pegs.diameter, LEAST_MM)
     peg_length: _length(
-        "Length", "Set how far a peg stands out from the cut, its round end included", Pegs.length, LEAST_MM
+        "Length", "Set the length of a peg above the cut, including its round end", Pegs.length, LEAST_MM
     )
     clearance: _length("Clearance", "Set the gap between a peg and its hole", Pegs.clearance, soft_max=1.0)
-    combinations: collection("Combinations", "Structures made of others", type=CTMCCombination)
+    combinations: collection("Combinations", "Structures made from other structures", type=CTMCCombination)
     base: _own("base")
     least_wall: _own("least_wall")
     use_bed: boolean(f"Use {ABOUT['bed'].label}", tooltip(ABOUT["bed"]))

@@ -21,7 +21,7 @@ from bpy.types import PropertyGroup
 
 from ....core import ReconstructionSettings, SettingsError
 from ....core.volume import structure_color
-from ...state.change_events import notify
+from ...state.change_events import COLOR, NAME, OPACITY, notify
 from ..described import as_written
 from ..kinds import boolean, choice, collection, decimal, decimals, integer, text
 
@@ -90,14 +90,14 @@ def on_look(event: str) -> Callable[[Any, Any], None]:
     return update
 
 
-def on_opacity(item: Any, context: Any) -> None:
+def _on_opacity(item: Any, context: Any) -> None:
     """Apply the new opacity of a structure to its surfaces; a surface made opaque counts as chosen by hand."""
     if not _filling:
         item.opaque = item.opacity == 1.0
-    _on_opacity(item, context)
+    _copy_opacity(item, context)
 
 
-_on_opacity = on_look("label_opacity")
+_copy_opacity = on_look(OPACITY)
 
 
 def _on_limits(item: Any, _context: Any) -> None:
@@ -120,17 +120,9 @@ class CTMCLabel(PropertyGroup):
     upper: decimal("Upper Limit", "Values above it are outside [HU or gray value]", update=_on_limits)
     source: text("Source", "Label source of the structure; empty for the CT's own labels", options={"HIDDEN"})
     chosen: boolean("Reconstruct", "Make a surface of this structure", update=_on_tick)
-    name: text(
-        "Name", "Name of the structure and of its surface. Double-click to change it", update=on_look("label_name")
-    )
+    name: text("Name", "Name of the structure and of its surface. Double-click to change it", update=on_look(NAME))
     color: decimals(
-        "Color",
-        "Color of the structure's surface",
-        subtype="COLOR",
-        size=3,
-        min=0.0,
-        max=1.0,
-        update=on_look("label_color"),
+        "Color", "Color of the structure's surface", subtype="COLOR", size=3, min=0.0, max=1.0, update=on_look(COLOR)
     )
     opacity: decimal(
         "Opacity",
@@ -141,7 +133,7 @@ class CTMCLabel(PropertyGroup):
         max=1.0,
         default=1.0,
         precision=2,
-        update=on_opacity,
+        update=_on_opacity,
     )
     opaque: boolean("Opaque", "Whether an opacity of 1 was chosen in the list", options={"HIDDEN"})
 
@@ -150,7 +142,7 @@ class CTMCLabelSource(PropertyGroup):
     """A file or mask whose labels are structures of the CT; `state.structures` holds its voxels by the key."""
 
     key: text("Key", "Fingerprint of its labels", options={"HIDDEN"})
-    path: text("Path", "File or folder that the labels were read from; empty where they were made here")
+    path: text("Path", "File or folder that the labels were read from. Empty = made here")
     offset: integer("Offset", "Offset of its numbers, so that no two labels share one", options={"HIDDEN"})
 
 

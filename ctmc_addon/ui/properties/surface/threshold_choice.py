@@ -33,7 +33,7 @@ def take_tissue(properties: Any, key: str) -> None:
         properties.upper = tissue.upper
 
 
-def tissue_of(properties: Any) -> str:
+def _tissue_of(properties: Any) -> str:
     """Return the tissue whose usual limits are set; empty if there is none."""
     limits = (properties.threshold, properties.upper if properties.use_upper else None)
     return next((key for key, tissue in TISSUES.items() if (tissue.threshold, tissue.upper) == limits), "")
@@ -42,7 +42,7 @@ def tissue_of(properties: Any) -> str:
 def _get_choice(properties: Any) -> int:
     if not properties.use_threshold:
         return 0
-    return KEYS.index(tissue_of(properties) or "custom")
+    return KEYS.index(_tissue_of(properties) or "custom")
 
 
 def _set_choice(properties: Any, number: int) -> None:

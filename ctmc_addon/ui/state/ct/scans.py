@@ -16,17 +16,9 @@ from ....blender.surface import read_provenance
 from ... import jobs
 from ...properties.ct.scans import clear as clear_state, take_over
 from ...properties.surface.structures import filling
-from .. import change_events
+from .. import change_events, session
 from . import volumes
-
-_seen: dict[int, tuple[Any, ...]] = {}  # Last active object and collection, by the scene's session_uid.
-_had_box: set[tuple[int, str]] = set()  # CTs whose box was seen in a scene: session_uid and fingerprint.
-_checked: dict[int, tuple[Any, ...]] = {}  # Number of objects and CTs when boxes were looked for, by session_uid.
-
-
-def all_of(scene: bpy.types.Scene) -> tuple[Any, ...]:
-    """Return the panel's state of each CT of a scene, the present one first."""
-    return (scene.ctmc, *scene.ctmc_scans)
+from .stored_paths import name_of as name_of_path, states_in
 
 
 def park(scene: bpy.types.Scene) -> None:
@@ -48,7 +40,7 @@ def forget(scene: bpy.types.Scene, fingerprint: str) -> None:
 
 def state_of(scene: bpy.types.Scene, fingerprint: str) -> Any | None:
     """Return the panel's state of a CT of a scene; None for a CT that the scene does not have."""
-    return next((ct for ct in all_of(scene) if fingerprint and ct.volume_fingerprint == fingerprint), None)
+    return next((ct for ct in states_in(scene) if fingerprint and ct.volume_fingerprint == fingerprint), None)
 
 
 def name_of(scene: bpy.types.Scene, ct: Any) -> str:
@@ -57,12 +49,12 @@ def name_of(scene: bpy.types.Scene, ct: Any) -> str:
     if loaded is not None:
         return volumes.called_as(ct, loaded)
     box = box_of(scene, ct.volume_fingerprint, ct.volume_path)
-    return str(ct.volume_name).strip() or (volumes.name_of(ct.volume_path) if box is None else box.name)
+    return str(ct.volume_name).strip() or (name_of_path(ct.volume_path) if box is None else box.name)
 
 
 def listed(scene: bpy.types.Scene) -> list[Any]:
     """Return the panel's state of each CT of a scene, by name: a CT that becomes the panel's keeps its row."""
-    cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
+    cts = [ct for ct in states_in(scene) if ct.volume_fingerprint]
     return sorted(cts, key=lambda ct: (name_of(scene, ct).casefold(), ct.volume_fingerprint))
 
 
@@ -70,8 +62,8 @@ def other_readings(scene: bpy.types.Scene, fingerprint: str) -> list[str]:
     """Return the fingerprints of the other CTs that share a CT's box: series, times and spacings of the same path."""
     ct = state_of(scene, fingerprint)
     path = "" if ct is None else ct.volume_path
-    same = [other.volume_fingerprint for other in all_of(scene) if path and other.volume_path == path]
-    return [other for other in same if other and other != fingerprint]
+    same = [reading.volume_fingerprint for reading in states_in(scene) if path and reading.volume_path == path]
+    return [reading for reading in same if reading and reading != fingerprint]
 
 
 def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
@@ -82,7 +74,7 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
     ct = state_of(scene, fingerprint)
     if ct is None:
         return
-    others = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
+    readings = other_readings(scene, fingerprint)  # Before another CT takes this one's place.
     if ct == scene.ctmc:
         following = next(iter(scene.ctmc_scans), None)
         with filling():
@@ -94,11 +86,11 @@ def remove(scene: bpy.types.Scene, fingerprint: str) -> None:
         change_events.notify(ct, "volume")
     else:
         forget(scene, fingerprint)
-    if others:
-        give_box(scene, fingerprint, others[0])
+    if readings:
+        give_box(scene, fingerprint, readings[0])
     else:
         remove_box(scene, fingerprint)
-    _had_box.discard((scene.session_uid, fingerprint))
+    session.of(scene).boxes.discard(fingerprint)
 
 
 def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
@@ -107,23 +99,23 @@ def drop_deleted(scene: bpy.types.Scene, *_: Any) -> None:
     Two readings of a path share a box. Objects are looked through only when their number or the CTs have changed,
     because this runs at each frame of playback.
     """
-    cts = [ct for ct in all_of(scene) if ct.volume_fingerprint]
+    cts = [ct for ct in states_in(scene) if ct.volume_fingerprint]
     if not cts or jobs.running() is not None:
         return
-    uid, present = scene.session_uid, (len(scene.objects), *(ct.volume_fingerprint for ct in cts))
-    if _checked.get(uid) == present:
+    own, present = session.of(scene), (len(scene.objects), *(ct.volume_fingerprint for ct in cts))
+    if own.looked_for == present:
         return
-    _checked[uid], boxes = present, paths_of_boxes(scene)
-    gone = []
+    own.looked_for, boxes = present, paths_of_boxes(scene)
+    deleted = []
     for ct in cts:
         fingerprint = ct.volume_fingerprint
         if fingerprint in boxes or ct.volume_path in boxes.values():
-            _had_box.add((uid, fingerprint))
-        elif (uid, fingerprint) in _had_box:
-            gone.append(fingerprint)
-    for fingerprint in gone:  # Removing one moves the others.
+            own.boxes.add(fingerprint)
+        elif fingerprint in own.boxes:
+            deleted.append(fingerprint)
+    for fingerprint in deleted:  # Removing one moves the others.
         remove(scene, fingerprint)
-        _had_box.add((uid, fingerprint))  # Undo may bring back the list without the box.
+        own.boxes.add(fingerprint)  # Undo may bring back the list without the box.
 
 
 def activate(scene: bpy.types.Scene, fingerprint: str) -> bool:
@@ -159,7 +151,7 @@ def _active_fingerprint(context: bpy.types.Context, what: tuple[Any, ...]) -> st
         Changed parts of `_active_in`; the object comes first.
     """
     layer = context.view_layer
-    obj, before = layer.objects.active, _seen.get(context.scene.session_uid)
+    obj, before = layer.objects.active, session.of(context.scene).active
     if what[0] is not None and (before is None or before[0] != what[0]):
         provenance = read_provenance(obj)
         return provenance.fingerprint if provenance is not None else fingerprint_of_box(obj)
@@ -179,7 +171,7 @@ def _active_in(context: bpy.types.Context) -> tuple[Any, ...]:
 
 def note(context: bpy.types.Context) -> None:
     """Take the present active object as seen, so that a CT that has just been loaded stays the panel's."""
-    _seen[context.scene.session_uid] = _active_in(context)
+    session.of(context.scene).active = _active_in(context)
 
 
 def follow(*_: Any) -> None:
@@ -187,41 +179,30 @@ def follow(*_: Any) -> None:
     context = bpy.context
     if context.scene is None or context.view_layer is None or not len(context.scene.ctmc_scans):
         return
-    what = _active_in(context)
-    if _seen.get(context.scene.session_uid) == what or jobs.running() is not None:
+    what, own = _active_in(context), session.of(context.scene)
+    if own.active == what or jobs.running() is not None:
         return
     fingerprint = _active_fingerprint(context, what)
-    _seen[context.scene.session_uid] = what
+    own.active = what
     activate(context.scene, fingerprint)
 
 
 def notice(context: bpy.types.Context) -> None:
     """Follow soon if the active object or collection changed; only drawing notices a click on a collection."""
-    has_changed = len(context.scene.ctmc_scans) and _seen.get(context.scene.session_uid) != _active_in(context)
+    has_changed = len(context.scene.ctmc_scans) and session.of(context.scene).active != _active_in(context)
     if has_changed and not bpy.app.timers.is_registered(follow):
         bpy.app.timers.register(follow, first_interval=0.0)
 
 
-def clear(*_: Any) -> None:
-    """Forget the active objects and the boxes, because another file is loaded."""
-    _seen.clear()
-    _had_box.clear()
-    _checked.clear()
+def after_update(scene: bpy.types.Scene, *_: Any) -> None:
+    """Follow the active object, and deleted boxes."""
+    follow()
+    drop_deleted(scene)
 
 
-HANDLERS = (("depsgraph_update_post", follow), ("depsgraph_update_post", drop_deleted), ("load_pre", clear))
-
-
-def register() -> None:
-    """Listen for changes of the active object, for deleted boxes, and for another file."""
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
-
-
-def unregister() -> None:
-    """Stop listening."""
-    for name, handler in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(handler)
+def _forget_timer() -> None:
     if bpy.app.timers.is_registered(follow):
         bpy.app.timers.unregister(follow)
-    clear()
+
+
+register, unregister = change_events.following(depsgraph_update_post=after_update, at_end=_forget_timer)

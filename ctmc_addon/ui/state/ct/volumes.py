@@ -6,20 +6,19 @@ Undo may bring back a scene that refers to an earlier volume, so those stay whil
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
 import bpy
 
-from ....blender.scene.ct_box import noted_paths
 from ....core import CtmcError, ReadError, ReconstructionSettings, Volume, available_bytes
 from ....core.volume import ValueKind, VolumeStatistics, lie_in_one_place, quick_threshold, settings_of_copy
 from ....readers import ReadingOptions, Series
 from .. import change_events, session
 from ..draw.drawn import Drawn
+from .stored_paths import stored_cts, stored_path
 
 OF_THE_SAME_SAMPLES = ("spacing", "flip", "remove_table")
 """Reading options that move samples or change values; each sample stays the same one."""
@@ -44,6 +43,8 @@ class Loaded:
         the file.
     shown_stride : (x, y, z) int
         Step between samples of the file in the copy.
+    labels : dict of str to Volume
+        Labels from files, on its grid, by the key of their source.
     drawn : dict of (int, str) to Drawn
         Drawings on it, by session_uid of the scene and key of the structure; `masks` makes and changes them.
     """
@@ -58,6 +59,7 @@ class Loaded:
     labels_beside: tuple[Path, ...] = ()
     file: Volume | None = None
     shown_stride: tuple[int, int, int] = (1, 1, 1)
+    labels: dict[str, Volume] = field(default_factory=dict)
     drawn: dict[tuple[int, str], Drawn] = field(default_factory=dict)
 
     @property
@@ -101,7 +103,9 @@ def keep(loaded: Loaded, scene: bpy.types.Scene) -> None:
     fingerprint = loaded.statistics.fingerprint
     scene.ctmc.volume_path = stored_path(loaded.path)
     scene.ctmc.volume_fingerprint = fingerprint
-    _loaded.pop(fingerprint, None)
+    before = _loaded.pop(fingerprint, None)
+    if before is not None:
+        loaded.labels.update(before.labels)
     _loaded[fingerprint] = loaded  # The last one loaded comes last.
     used, room = _panel_fingerprints(), available_bytes()
     for earlier in [name for name in reversed(_loaded) if name not in used]:
@@ -115,19 +119,19 @@ def _panel_fingerprints() -> set[str]:
     return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
 
 
-def _all_fingerprints() -> set[str]:
-    """Return the fingerprints of all CTs of the file's scenes, also of those that the panel does not show."""
-    return _panel_fingerprints() | {scan.volume_fingerprint for scene in bpy.data.scenes for scan in scene.ctmc_scans}
-
-
 def discard_unused(*_: Any) -> None:
-    """Release the volumes that no scene of a newly opened file uses."""
-    for fingerprint in set(_loaded) - _all_fingerprints():
+    """Release the volumes and labels that no scene of a newly opened file uses."""
+    stored = stored_cts()
+    for fingerprint in _loaded.keys() - {ct.volume_fingerprint for ct in stored}:
         del _loaded[fingerprint]
+    sources = {source.key for ct in stored for source in ct.label_sources}
+    for ct in _loaded.values():
+        for key in ct.labels.keys() - sources:
+            del ct.labels[key]
 
 
 def release(fingerprint: str) -> None:
-    """Release a CT: its samples, the masks of drawings on it, and the surfaces that wait for another simplification.
+    """Release a CT: its samples, labels and drawings, and the surfaces that wait for another simplification.
 
     The file keeps its path and all choices, so it can be loaded again.
     """
@@ -178,7 +182,7 @@ def ct_and_labels(fingerprint: str) -> tuple[Volume | None, Volume | None]:
     own = _loaded.get(fingerprint)
     if own is None or own.volume.kind != ValueKind.LABEL:
         return None if own is None else own.full, None
-    cts = [other.full for other in reversed(_loaded.values()) if other.volume.kind != ValueKind.LABEL]
+    cts = [each.full for each in reversed(_loaded.values()) if each.volume.kind != ValueKind.LABEL]
     return next((ct for ct in cts if lie_in_one_place(ct, own.full)), None), own.full
 
 
@@ -243,70 +247,4 @@ def has_volume(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-def exists(path: str) -> bool:
-    """Return whether a file or folder exists at a stored path of a .blend."""
-    return Path(bpy.path.abspath(path)).exists()
-
-
-def name_of(path: str) -> str:
-    """Return the last part of a stored path, whichever system wrote it."""
-    return path.replace("\\", "/").rstrip("/").rpartition("/")[2]
-
-
-def stored_path(path: Path, blend_path: str = "") -> str:
-    """Return a path as a file stores it: relative to `blend_path`, by default the present .blend, if possible."""
-    blend = blend_path or bpy.data.filepath
-    if not blend:
-        return str(path)
-    try:
-        return str(bpy.path.relpath(str(path), start=str(Path(blend).parent)))
-    except ValueError:  # The path is on another drive.
-        return str(path)
-
-
-_absolute: list[str] = []  # Absolute form of the stored paths, while the file is saved.
-
-
-def noted() -> list[tuple[str, Callable[[str], None]]]:
-    """Return the stored paths of the open file, each with a function that stores another."""
-    cts = [ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans)]
-    sources = [source for ct in cts for source in ct.label_sources]
-    notes = [(ct.volume_path, partial(setattr, ct, "volume_path")) for ct in cts]
-    notes += [(source.path, partial(setattr, source, "path")) for source in sources]
-    return notes + noted_paths()
-
-
-def before_save(target: str, *_: Any) -> None:
-    """Make paths relative to the .blend to save; those of another system stay as they are."""
-    paths = [bpy.path.abspath(path) for path, _ in noted()]
-    _absolute[:] = [path if Path(path).is_absolute() else "" for path in paths]
-    _relate_paths(target)
-
-
-def after_save(*_: Any) -> None:
-    """Make paths relative to the open file again, which differs from the saved one if that was a copy."""
-    _relate_paths(bpy.data.filepath)
-    _absolute.clear()
-
-
-def _relate_paths(blend: str) -> None:
-    """Store the paths relative to a .blend, or absolute if it is not saved yet."""
-    for (_, note), path in zip(noted(), _absolute, strict=False):
-        if path:
-            note(stored_path(Path(path), blend))
-
-
-HANDLERS = {"load_post": discard_unused, "save_pre": before_save, "save_post": after_save, "save_post_fail": after_save}
-
-
-def register() -> None:
-    """Listen for files that are opened and saved."""
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
-
-
-def unregister() -> None:
-    """Stop listening, and release every volume."""
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
-    _loaded.clear()
+register, unregister = change_events.following(load_post=discard_unused, at_end=_loaded.clear)

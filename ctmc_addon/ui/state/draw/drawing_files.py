@@ -19,13 +19,13 @@ from ....core.files.file_names import file_name
 from ....core.files.label_files import Segment, write_labels_steps
 from ....core.segmentation import layers_of
 from ...properties.surface.structures import called
-from .. import session
-from ..ct import scans, volumes
+from .. import change_events, session
+from ..ct import volumes
+from ..ct.stored_paths import states_in
 from . import drawings, masks
 
 SUFFIX = " drawn.seg.nrrd"  # A segmentation of a user next to the .blend has another name and is not overwritten.
 SHORT = 4  # Letters of a fingerprint in a file name.
-_written: dict[tuple[int, str], Any] = {}  # The written state, by session_uid of the scene, and path.
 
 
 def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
@@ -33,7 +33,7 @@ def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
 
     CTs may share a name, such as that of a file in each patient's folder, so the fingerprint tells them apart.
     """
-    drawn = {(other.name, item.fingerprint) for other in bpy.data.scenes for item in other.ctmc_draw.structures}
+    drawn = {(each.name, item.fingerprint) for each in bpy.data.scenes for item in each.ctmc_draw.structures}
     fingerprint = ct.volume_fingerprint
     called_ct = volumes.called_as(ct, volumes.require_ct(fingerprint))
     stem = Path(blend).stem + (f" {scene.name} {called_ct} {fingerprint[:SHORT]}" if len(drawn) > 1 else "")
@@ -43,7 +43,7 @@ def _path_of(blend: str, scene: bpy.types.Scene, ct: Any) -> Path:
 def after_save(blend: str, *_: Any) -> None:
     """Write the drawings of a saved .blend, on every CT in memory; the panel shows errors."""
     for scene in bpy.data.scenes if blend else ():
-        for ct in scans.all_of(scene):
+        for ct in states_in(scene):
             loaded = volumes.ct_of(ct.volume_fingerprint)
             if loaded is None or loaded.file is not None:
                 continue
@@ -59,8 +59,8 @@ def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
     items = [(item, drawn) for item, drawn in items if any(drawn.unpacked.values())]
     lines = [next(line for line in ct.labels if line.source == item.key) for item, _ in items]
     state = [(called(line), tuple(line.color), drawn.revision) for line, (_, drawn) in zip(lines, items, strict=True)]
-    key = (scene.session_uid, str(path))
-    if not items or (_written.get(key) == state and path.exists()):
+    written = session.of(scene).written
+    if not items or (written.get(str(path)) == state and path.exists()):
         return
     layers, used = layers_of([drawn.mask for _, drawn in items])
     segments = [
@@ -70,15 +70,7 @@ def write(path: Path, scene: bpy.types.Scene, ct: Any) -> None:
     affine = np.asarray(volumes.require_ct(ct.volume_fingerprint).volume.affine)
     with whole_file(path) as temporary_path:
         finish(write_labels_steps(temporary_path, layers, segments, affine))
-    _written[key] = state
+    written[str(path)] = state
 
 
-def register() -> None:
-    """Listen for files that are saved."""
-    bpy.app.handlers.save_post.append(bpy.app.handlers.persistent(after_save))
-
-
-def unregister() -> None:
-    """Stop listening."""
-    bpy.app.handlers.save_post.remove(after_save)
-    _written.clear()
+register, unregister = change_events.following(save_post=after_save)

@@ -11,11 +11,11 @@ from typing import Any
 
 import bpy
 
-from ....blender.surface import read_provenance
 from ....core.volume import ValueKind, linear, structure_color
 from ...properties.surface.structures import LABEL, filling
 from .. import change_events, session
 from ..ct import volumes
+from ..results import surfaces
 from . import masks
 
 
@@ -54,7 +54,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
     names = (name if not number else f"{name} {number + 1}" for number in count())
     item = scene.ctmc_draw.structures.add()
     item.key, item.fingerprint = f"drawn-{uuid.uuid4().hex}", scene.ctmc.volume_fingerprint
-    item.name = next(one for one in names if one not in taken)
+    item.name = next(free for free in names if free not in taken)
     value = _free_value(scene)
     item.color = linear(structure_color(value, None, item.name).rgb)
     line = connect(scene, item)
@@ -65,8 +65,7 @@ def add(scene: bpy.types.Scene, name: str) -> Any:
 
 def _free_value(scene: bpy.types.Scene) -> int:
     """Return a label that no line of the list and no surface of the CT uses."""
-    provenances = [provenance for provenance in map(read_provenance, scene.objects) if provenance is not None]
-    used = [one.settings.label or 0 for one in provenances if one.fingerprint == scene.ctmc.volume_fingerprint]
+    used = [provenance.settings.label or 0 for _, provenance in surfaces.of_panel(scene)]
     return max([0, *used, *(line.value for line in scene.ctmc.labels)]) + 1
 
 
@@ -143,12 +142,12 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
     Without a line, surfaces are made at a threshold again, but of a volume of labels.
     """
     stored, source = scene.ctmc, line.source
-    at = next(at for at, other in enumerate(stored.labels) if other == line)
+    at = next(at for at, each in enumerate(stored.labels) if each == line)
     stored.labels.remove(at)
     if at <= stored.label_index:
         stored.label_index = max(0, stored.label_index - 1)
-    if source and not any(other.source == source for other in stored.labels):
-        stored.label_sources.remove([other.key for other in stored.label_sources].index(source))
+    if source and not any(each.source == source for each in stored.labels):
+        stored.label_sources.remove([each.key for each in stored.label_sources].index(source))
         forget(scene, source)
     ct = volumes.loaded(scene)
     choose(stored, _left_to_choose(stored, of_labels=ct is None or ct.volume.kind == ValueKind.LABEL))
@@ -157,13 +156,13 @@ def remove(scene: bpy.types.Scene, line: Any) -> None:
 
 def _left_to_choose(stored: Any, of_labels: bool) -> dict[str, Any]:
     """Return a valid choice after lines of a CT's list were removed; a volume `of_labels` has no threshold."""
-    chosen, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
-    chosen["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
+    choice, labels = chosen_in(stored), [line for line in stored.labels if line.kind == LABEL]
+    choice["label_index"] = max(0, min(stored.label_index, len(stored.labels) - 1))
     if labels and stored.label not in [line.value for line in labels]:
-        chosen["label"] = next((line for line in labels if line.chosen), labels[0]).value
+        choice["label"] = next((line for line in labels if line.chosen), labels[0]).value
     if not len(stored.labels) and stored.use_label and not of_labels:
-        chosen["use_label"] = False
-    return chosen
+        choice["use_label"] = False
+    return choice
 
 
 def chosen_in(stored: Any) -> dict[str, Any]:
@@ -171,10 +170,10 @@ def chosen_in(stored: Any) -> dict[str, Any]:
     return {name: getattr(stored, name) for name in ("label_index", "label", "use_label")}
 
 
-def choose(stored: Any, chosen: dict[str, Any]) -> None:
+def choose(stored: Any, choice: dict[str, Any]) -> None:
     """Restore this choice without change events of ticks."""
     with filling():
-        for name, value in chosen.items():
+        for name, value in choice.items():
             if getattr(stored, name) != value:
                 setattr(stored, name, value)
 
@@ -226,25 +225,13 @@ def follow(properties: Any, name: str) -> None:
     scene = properties.id_data
     if name == "volume":
         _connect_all(scene)
-    elif name in ("label_name", "label_color"):
+    elif name in (change_events.NAME, change_events.COLOR):
         for item in structures(scene):
             line = line_of(scene, item)
             item.name, item.color = line.name, tuple(line.color)
         change_events.notify(properties, change_events.DRAWN)
 
 
-HANDLERS = {"undo_post": follow_file, "redo_post": follow_file, "load_post": after_load}
-
-
-def register() -> None:
-    """Listen for undo, for another file and for another CT."""
-    change_events.subscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
-
-
-def unregister() -> None:
-    """Stop listening."""
-    change_events.unsubscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
+register, unregister = change_events.following(
+    follow, undo_post=follow_file, redo_post=follow_file, load_post=after_load
+)

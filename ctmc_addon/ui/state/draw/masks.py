@@ -31,7 +31,9 @@ def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
     if volumes.loaded(scene) is None or volumes.is_coarse(scene):
         return None
     fingerprint = scene.ctmc.volume_fingerprint
-    item = next((one for one in scene.ctmc_draw.structures if (one.key, one.fingerprint) == (key, fingerprint)), None)
+    item = next(
+        (each for each in scene.ctmc_draw.structures if (each.key, each.fingerprint) == (key, fingerprint)), None
+    )
     return None if item is None else of(scene, item).labels
 
 

@@ -1,18 +1,21 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Find our surfaces in the scene, the selected ones, and the CT of each."""
+"""Find our surfaces in the scene, the selected ones, and the CT of each; keep them as the list of structures looks."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
 import bpy
 
-from ....blender.colors import BONE, Color
+from ....blender.colors import BONE, Color, part_color
 from ....blender.materials import material_color, material_opacity, recolor
 from ....blender.shape_change import ShapeChange
 from ....blender.surface import (
     PICKED,
+    Provenance,
+    call,
     is_large,
     is_prepared,
     light_modifier,
@@ -28,9 +31,10 @@ from ....blender.surface import (
 )
 from ....blender.tissue import set_opacity
 from ....core import MeshError, Reconstruction, ReconstructionSettings
-from ...properties.surface.structures import is_made_of
+from ...properties.surface.structures import called, is_made_of
 from ...translations import translate, translate_sentence
-from .. import session
+from .. import change_events, session
+from ..change_events import COLOR, NAME, OPACITY
 from ..ct import volumes
 
 DEFAULTS = ReconstructionSettings()
@@ -157,12 +161,15 @@ def unit_of(obj: bpy.types.Object | None, scene: bpy.types.Scene) -> str:
 
 def of_structure(scene: bpy.types.Scene, item: Any) -> list[bpy.types.Object]:
     """Return the surfaces in a scene that belong to a line of the list of structures."""
-    out = []
+    return [obj for obj, provenance in of_panel(scene) if is_made_of(item, provenance.settings)]
+
+
+def of_panel(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.Object, Provenance]]:
+    """Yield the surfaces in a scene of the panel's CT, in memory or not, and how they were made."""
     for obj in scene.objects:
         provenance = read_provenance(obj)
         if provenance is not None and provenance.fingerprint == scene.ctmc.volume_fingerprint:
-            out += [obj] * is_made_of(item, provenance.settings)
-    return out
+            yield obj, provenance
 
 
 def require_settings(obj: bpy.types.Object) -> ReconstructionSettings:
@@ -272,3 +279,23 @@ def is_updated(context: bpy.types.Context, *, makes_parts: bool) -> bool:
     """Return whether Reconstruct updates the active surface: a part by parts, another one by surfaces."""
     obj = active_surface(context)
     return obj is not None and is_of_ct(obj, context.scene) and bool(require_provenance(obj).part) == makes_parts
+
+
+def follow(properties: Any, name: str) -> None:
+    """Update the surfaces of the panel's CT to the names, colors and opacities of the list."""
+    if name not in (NAME, COLOR, OPACITY):
+        return
+    for obj, provenance in of_panel(properties.id_data):
+        item = None if obj.library is not None else properties.structure_of(provenance.settings)
+        if item is None:
+            continue
+        if name == NAME:
+            if called(item) and not provenance.part:  # A part keeps the name that Reconstruct finds it by.
+                call(obj, f"{properties.volume_name} {called(item)}".strip())
+        elif name == OPACITY:
+            set_opacity(obj, round(float(item.opacity), 3))
+        else:
+            recolor(obj, part_color(tuple(item.color), provenance.part_number))
+
+
+register, unregister = change_events.following(follow)

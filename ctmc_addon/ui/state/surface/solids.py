@@ -7,7 +7,6 @@ The box is looked for again only when it may have changed, because the viewport 
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import bpy
 import numpy as np
@@ -17,10 +16,9 @@ from ....core import ReconstructionSettings, SettingsError
 from ....core.solid import SolidRequest
 from ....core.volume import ValueKind, labels_region, region_corners, volume_box
 from ...properties.surface.structures import LABEL, of_structure, structure_choices
+from .. import session
 from ..ct import volumes
 from . import structures
-
-_boxes: dict[str, Any] = {}  # "key", "volume" and "corners" of the labels asked for last.
 
 
 def box_of(scene: bpy.types.Scene) -> NDArray[np.float64] | None:
@@ -32,10 +30,10 @@ def box_of(scene: bpy.types.Scene) -> NDArray[np.float64] | None:
     ticked = [item for item in settings.labels if item.chosen]
     if labels is not None and labels.kind == ValueKind.LABEL and ticked and all(item.kind == LABEL for item in ticked):
         values = tuple(item.value for item in ticked)
-        if _boxes.get("volume") is not labels or _boxes.get("key") != values:
-            corners = region_corners(labels, labels_region(labels, values, "mm"), "mm")
-            _boxes.update(volume=labels, key=values, corners=corners)
-        return np.asarray(_boxes["corners"])
+        kept = session.of(scene)
+        if kept.box is None or kept.box[0] is not labels or kept.box[1] != values:
+            kept.box = (labels, values, region_corners(labels, labels_region(labels, values, "mm"), "mm"))
+        return kept.box[2]
     if settings.use_region:
         return region_corners(volume, tuple(settings.region), settings.region_unit)
     return volume_box(volume)
@@ -92,19 +90,3 @@ def solid_of(scene: bpy.types.Scene) -> SolidRequest:
     numbers = {key: str(item.value) for key, item in structure_choices(scene.ctmc)}
     numbered = [replace(each, of=tuple(numbers.get(name, name) for name in each.of)) for each in solid.combinations]
     return replace(solid, combinations=tuple(numbered))
-
-
-def clear(*_: Any) -> None:
-    """Release what was found, because another file is loaded."""
-    _boxes.clear()
-
-
-def register() -> None:
-    """Listen for another file."""
-    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
-
-
-def unregister() -> None:
-    """Stop listening, and release what was found."""
-    bpy.app.handlers.load_pre.remove(clear)
-    clear()

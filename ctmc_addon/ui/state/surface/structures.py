@@ -2,7 +2,7 @@
 """Keep the voxels of a scene's structures: one label volume on the grid of its CT, combined from all sources.
 
 The list `scene.ctmc.labels` and the sources `scene.ctmc.label_sources` are the file's, so undo, saving and opening need
-nothing here; the voxels of a source are kept by its key while the session lasts. What is combined is derived from both.
+nothing here; the voxels of a source are kept with the CT, by the source's key. What is combined is derived from both.
 
 A structure from elsewhere is a source without a path: `add_labels(scene, labels, key)`. The voxels of a drawn
 structure are its mask.
@@ -10,7 +10,7 @@ structure are its mask.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -32,8 +32,9 @@ from ....core.volume import (
 from ....readers import ReadingOptions
 from ...properties.preferences import machine
 from ...properties.surface.structures import LABEL
-from .. import change_events
+from .. import session
 from ..ct import volumes
+from ..ct.stored_paths import stored_path
 from ..draw import masks
 
 STAGES = {"Reading headers": 10, "Reading values": 60, "Placing the labels": 20, "Counting the labels": 10}
@@ -47,14 +48,10 @@ class PlacedLabels(NamedTuple):
     key: str
 
 
-_sources: dict[str, Volume] = {}
-# By the scene's session_uid: of which sources, and the labels.
-_combined: dict[int, tuple[tuple[Any, ...], Volume]] = {}
-
-
 def voxels_of(scene: bpy.types.Scene, key: str) -> Volume | None:
     """Return the voxels of a source of a scene; None if they are not in memory."""
-    return _sources.get(key) or masks.voxels_of(scene, key)
+    ct = volumes.loaded(scene)
+    return None if ct is None else ct.labels.get(key) or masks.voxels_of(scene, key)
 
 
 def label_volume(scene: bpy.types.Scene) -> Volume | None:
@@ -70,12 +67,10 @@ def label_volume(scene: bpy.types.Scene) -> Volume | None:
     added = [(volume, offset) for volume, offset in sources if volume is not None]
     if not added:
         return own[0][0] if own else None
-    key = (*own, *added)  # Volumes, not ids, which Python reuses.
-    combined = _combined.get(scene.session_uid)
-    if combined is None or combined[0] != key:
-        combined = (key, combined_labels(own + added))
-        _combined[scene.session_uid] = combined
-    return combined[1]
+    parts, kept = own + added, session.of(scene)
+    if kept.labels is None or kept.labels[0] != parts:
+        kept.labels = (parts, combined_labels(parts))
+    return kept.labels[1]
 
 
 def named_labels(scene: bpy.types.Scene) -> Volume | None:
@@ -122,7 +117,7 @@ def require_volume_of(scene: bpy.types.Scene, settings: ReconstructionSettings) 
 
 def origin_of(scene: bpy.types.Scene, item: Any) -> tuple[str, int]:
     """Return the file of a label of the list, and its number there; no path for other labels."""
-    source = next((one for one in scene.ctmc.label_sources if item is not None and one.key == item.source), None)
+    source = next((each for each in scene.ctmc.label_sources if item is not None and each.key == item.source), None)
     return ("", 0) if source is None else (bpy.path.abspath(source.path), item.value - source.offset)
 
 
@@ -171,9 +166,9 @@ def read_again_steps(sources: Sequence[tuple[str, Path]], ct: Volume) -> Steps[l
     return out
 
 
-def put(key: str, labels: Volume) -> None:
-    """Store the voxels of a source, replacing earlier ones."""
-    _sources[key] = labels
+def put(scene: bpy.types.Scene, key: str, labels: Volume) -> None:
+    """Store the voxels of a source with the scene's CT, replacing earlier ones."""
+    volumes.require_loaded(scene).labels[key] = labels
 
 
 def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | None = None) -> list[Any]:
@@ -192,52 +187,13 @@ def add_labels(scene: bpy.types.Scene, labels: Volume, key: str, path: Path | No
     values = list(finish(label_extents_steps(labels)))
     used = [item.value for item in stored.labels if item.kind == "label"]
     offset = free_offset(used, values)
-    put(key, labels)
+    put(scene, key, labels)
     source = stored.label_sources.add()
     source.key, source.offset = key, offset
-    source.path = "" if path is None else volumes.stored_path(path)
+    source.path = "" if path is None else stored_path(path)
     names, colors = labels.label_names, labels.label_colors
     lines = [
         (value + offset, names.get(value, ""), color_of(value + offset, colors.get(value), names.get(value, "")))
         for value in values
     ]
     return list(stored.add_labels(lines, key))
-
-
-def follow(properties: Any, name: str) -> None:
-    """Release the labels on CTs that are no longer in memory."""
-    if name != change_events.RELEASED:
-        return
-    _keep_labels_of(ct for ct in _cts_of_file() if volumes.ct_of(ct.volume_fingerprint))
-
-
-def discard_unused(*_: Any) -> None:
-    """Release the labels that no scene of a newly opened file uses."""
-    _keep_labels_of(_cts_of_file())
-
-
-def _cts_of_file() -> Iterator[Any]:
-    """Yield the panel's state of every CT of the file."""
-    return (ct for scene in bpy.data.scenes for ct in (scene.ctmc, *scene.ctmc_scans))
-
-
-def _keep_labels_of(cts: Iterable[Any]) -> None:
-    """Release all labels but those of these CTs."""
-    used = {source.key for ct in cts for source in ct.label_sources}
-    for key in set(_sources) - used:
-        del _sources[key]
-    _combined.clear()
-
-
-def register() -> None:
-    """Listen for files that are opened and CTs that are released."""
-    change_events.subscribe(follow)
-    bpy.app.handlers.load_post.append(bpy.app.handlers.persistent(discard_unused))
-
-
-def unregister() -> None:
-    """Stop listening, and release all labels."""
-    change_events.unsubscribe(follow)
-    bpy.app.handlers.load_post.remove(discard_unused)
-    _sources.clear()
-    _combined.clear()

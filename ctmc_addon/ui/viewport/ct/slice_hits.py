@@ -56,7 +56,7 @@ def _slice_along(scene: bpy.types.Scene, space: Any, ray: tuple[Any, Any], corne
     planes = slices_in(scene, space) if corners is None else (corners,)
     ways = [(where_ray_meets(corners_mm * scale, origin, direction), corners_mm) for corners_mm in planes]
     way, corners_mm = min(
-        ((way, at) for way, at in ways if way is not None), key=lambda one: one[0], default=(None, None)
+        ((way, at) for way, at in ways if way is not None), key=lambda each: each[0], default=(None, None)
     )
     if way is None or corners_mm is None:
         return None
@@ -81,9 +81,9 @@ def brush_along(scene: bpy.types.Scene, space: Any, view: Any, ray: tuple[Any, A
     slice_hit = _slice_along(scene, space, ray)
     if not scene.ctmc_draw.on_surfaces or view.use_clip_planes:  # Quad View hides surfaces before a slice
         return slice_hit
-    hits = [one for one in (slice_hit, _surface_along(scene, ray)) if one is not None]
+    hits = [each for each in (slice_hit, _surface_along(scene, ray)) if each is not None]
     eye = np.array(ray[0]) / machine().scale
-    return min(hits, key=lambda one: distance_between(eye, one.point_mm), default=None)
+    return min(hits, key=lambda each: distance_between(eye, each.point_mm), default=None)
 
 
 def slice_under(scene: bpy.types.Scene, area: Any, event: Any) -> SliceHit | None:

@@ -84,23 +84,6 @@ def before_save(*_: Any) -> None:
     pack_pictures()
 
 
-HANDLERS = {
-    "depsgraph_update_post": _after_update,
-    "undo_post": after_undo,
-    "redo_post": after_undo,
-    "save_pre": before_save,
-}
-
-
-def register() -> None:
-    """Subscribe to changes of the scene."""
-    change_events.subscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
-
-
-def unregister() -> None:
-    """Stop listening for changes."""
-    change_events.unsubscribe(follow)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
+register, unregister = change_events.following(
+    follow, depsgraph_update_post=_after_update, undo_post=after_undo, redo_post=after_undo, save_pre=before_save
+)

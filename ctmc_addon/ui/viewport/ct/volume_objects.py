@@ -28,11 +28,4 @@ def follow(properties: Any, name: str) -> None:
                 adjust(material, **numbers)
 
 
-def register() -> None:
-    """Subscribe to changes of the scene."""
-    change_events.subscribe(follow)
-
-
-def unregister() -> None:
-    """Stop listening for changes."""
-    change_events.unsubscribe(follow)
+register, unregister = change_events.following(follow)

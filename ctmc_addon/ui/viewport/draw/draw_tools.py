@@ -189,7 +189,7 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
             under = brush_under if tool in BRUSHES else slice_under
             hit = under(context.scene, context.area, event)
             text = translate(HELP.get(tool, ""))
-            say(context, text if hit is None else f"{_place_text(volume, hit.point_mm)}   |   {text}")
+            _show_status(context, text if hit is None else f"{_place_text(volume, hit.point_mm)}   |   {text}")
             context.region.tag_redraw()
         return {"CANCELLED", "PASS_THROUGH"}
 
@@ -202,7 +202,7 @@ def _place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
     return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"
 
 
-def say(context: Any, text: str) -> None:
+def _show_status(context: Any, text: str) -> None:
     """Write into the status bar, until another tool is active."""
     context.workspace.status_text_set(text)
     if context.workspace.name not in _status:
@@ -230,24 +230,24 @@ def quiet() -> None:
 _register, _unregister = bpy.utils.register_classes_factory((CTMC_OT_draw_hover,))
 
 
-def is_in_toolbar() -> bool:
+def _is_in_toolbar() -> bool:
     """Return whether our tools are in the toolbar."""
     return hasattr(TOOLS[0], "_bl_tool")
 
 
-def follow_cts(*_: Any) -> None:
+def _follow_cts(*_: Any) -> None:
     """Put our tools into the toolbar behind Blender's own if a scene has a CT; take them out if none has."""
     has_ct = any(scene.ctmc.volume_path for scene in bpy.data.scenes)
-    if has_ct and not is_in_toolbar():
+    if has_ct and not _is_in_toolbar():
         for number, tool in enumerate(TOOLS):
             bpy.utils.register_tool(tool, separator=number == 0)
-    elif is_in_toolbar() and not has_ct:
+    elif _is_in_toolbar() and not has_ct:
         _remove_tools()
 
 
 def _follow_setting(_settings: Any, name: str) -> None:
     if name == "volume":
-        follow_cts()
+        _follow_cts()
 
 
 def _remove_tools() -> None:
@@ -262,28 +262,26 @@ def _remove_tools() -> None:
         bpy.utils.unregister_tool(tool)
 
 
-HANDLERS = ("load_post", "undo_post", "redo_post")
+_follow, _ignore = change_events.following(
+    _follow_setting, load_post=_follow_cts, undo_post=_follow_cts, redo_post=_follow_cts
+)
 
 
 def register() -> None:
     """Show the tools from now on while a scene has a CT."""
     _register()
-    change_events.subscribe(_follow_setting)
-    for name in HANDLERS:
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(follow_cts))
-    bpy.app.timers.register(follow_cts, first_interval=0.0)  # Scenes cannot be read while an add-on is enabled.
+    _follow()
+    bpy.app.timers.register(_follow_cts, first_interval=0.0)  # Scenes cannot be read while an add-on is enabled.
 
 
 def unregister() -> None:
     """Remove the tools and clear the status text."""
-    for timer in (watch, follow_cts):
+    for timer in (watch, _follow_cts):
         if bpy.app.timers.is_registered(timer):
             bpy.app.timers.unregister(timer)
-    for name in HANDLERS:
-        getattr(bpy.app.handlers, name).remove(follow_cts)
-    change_events.unsubscribe(_follow_setting)
+    _ignore()
     quiet()
     hold(None)
-    if is_in_toolbar():
+    if _is_in_toolbar():
         _remove_tools()
     _unregister()

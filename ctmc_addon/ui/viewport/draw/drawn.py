@@ -105,7 +105,7 @@ def discard(scene: bpy.types.Scene) -> None:
     ct, uid = volumes.loaded(scene), scene.session_uid
     slices = {"shown"} | {obj.session_uid for obj in slices_of(scene, "" if ct is None else ct.statistics.fingerprint)}
     structures = {item.key for item in drawings.structures(scene)}
-    other_scenes = {other.session_uid for other in bpy.data.scenes} - {uid}
+    other_scenes = {each.session_uid for each in bpy.data.scenes} - {uid}
     for of, key, at in list(_pictures):
         if of not in other_scenes and not (of == uid and key in structures and at in slices):
             del _pictures[of, key, at]
@@ -224,18 +224,19 @@ def clear(*_: Any) -> None:
     _surfaces.clear()
 
 
+_follow, _ignore = change_events.following(follow, load_pre=clear)
+
+
 def register() -> None:
     """Draw in every 3D viewport of a Blender with a window."""
-    change_events.subscribe(follow)
-    bpy.app.handlers.load_pre.append(bpy.app.handlers.persistent(clear))
+    _follow()
     if not bpy.app.background:
         _handlers.append(bpy.types.SpaceView3D.draw_handler_add(draw, (), "WINDOW", "POST_VIEW"))
 
 
 def unregister() -> None:
     """Remove handler, timer and pictures."""
-    change_events.unsubscribe(follow)
-    bpy.app.handlers.load_pre.remove(clear)
+    _ignore()
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
     while _handlers:

@@ -14,7 +14,7 @@ import bpy
 from ....blender.viewport import Shown, Strip, draw_strip, placed_names, strip_in, width_of
 from ....core import Volume
 from ....core.volume import (
-    Limits,
+    ThresholdLimits,
     ValueKind,
     grabbed_limit,
     histogram_bars,
@@ -121,7 +121,7 @@ def grabbed(strip: Strip, scene: bpy.types.Scene, x: float) -> bool:
     threshold, upper = volumes.used_limits(scene)
     value = strip.value_at(x)
     current_value = value if threshold is None else threshold
-    return grabbed_limit(Limits(current_value, upper), value, strip.high, strip.reach)
+    return grabbed_limit(ThresholdLimits(current_value, upper), value, strip.high, strip.reach)
 
 
 def line_at(strip: Strip, scene: bpy.types.Scene, is_upper: bool) -> float:
@@ -147,7 +147,7 @@ def drag(strip: Strip, scene: bpy.types.Scene, is_upper: bool, x: float) -> None
     value = strip.value_at(x)
     if strip.low < value < strip.high:
         value = rounded_to(value, strip.pixel)
-    before = Limits(strip.low if threshold is None else threshold, upper)
+    before = ThresholdLimits(strip.low if threshold is None else threshold, upper)
     after = moved_limit(before, is_upper, value, strip.low, strip.high)
     if is_upper and after.upper is None:
         settings.use_upper = False

@@ -22,7 +22,7 @@ from ...properties.preferences import machine
 from ...state import change_events, session
 from ...state.ct import volumes
 from ...state.draw import masks
-from ...state.surface import label_looks, solids, structures
+from ...state.surface import solids, structures
 from ...state.surface.cost_estimates import CostEstimates, estimate_steps
 from ..draw import drawn
 from . import alpha, preview, solid_places
@@ -82,7 +82,7 @@ def mark(properties: Any, name: str) -> None:
         return
     if name == change_events.DRAWN:
         solid_places.clear()
-    if name in (label_looks.NAME, label_looks.COLOR):
+    if name in (change_events.NAME, change_events.COLOR):
         preview.recolor(scene)
         return
     start(scene, stale=name not in LEAVE_IT and not (name == change_events.DRAWN and _shows_drawn(scene)))
@@ -247,34 +247,31 @@ def after_load(*_: Any) -> None:
         start(scene, stale=True)
 
 
-HANDLERS = {
-    "load_pre": clear,
-    "load_post": after_load,
-    "undo_pre": _before_undo,
-    "redo_pre": _before_undo,
-    "undo_post": after_undo,
-    "redo_post": after_undo,
-}
+_follow, _ignore = change_events.following(
+    mark,
+    load_pre=clear,
+    load_post=after_load,
+    undo_pre=_before_undo,
+    redo_pre=_before_undo,
+    undo_post=after_undo,
+    redo_post=after_undo,
+)
 _drawing: list[Any] = []
 
 
 def register() -> None:
     """Subscribe to changes, and draw if there is a window."""
-    change_events.subscribe(mark)
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).append(bpy.app.handlers.persistent(handler))
+    _follow()
     if not bpy.app.background:
         _drawing.append(bpy.types.SpaceView3D.draw_handler_add(preview.draw, (), "WINDOW", "POST_VIEW"))
 
 
 def unregister() -> None:
     """Remove timer, handlers and pictures."""
-    change_events.unsubscribe(mark)
+    _ignore()
     if bpy.app.timers.is_registered(tick):
         bpy.app.timers.unregister(tick)
     clear()
-    for name, handler in HANDLERS.items():
-        getattr(bpy.app.handlers, name).remove(handler)
     while _drawing:
         bpy.types.SpaceView3D.draw_handler_remove(_drawing.pop(), "WINDOW")
     free_shader()

@@ -115,6 +115,7 @@ def test_illustrations_are_sampled_until_the_noise_is_low_and_denoised_where_the
     assert found == {"illustration": (can_denoise(), True), "clinical": (False, False)}
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
 def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     thing = ShownSurface(add_reconstruction(ball(), scene), name="")
@@ -145,7 +146,7 @@ def test_what_is_even_has_16_samples(scene, ball, tmp_path):
     assert went_on.mean() > 0.1
 
 
-@pytest.mark.parametrize("mirrored", [False, True])
+@pytest.mark.parametrize("mirrored", [pytest.param(False, marks=pytest.mark.once), True])
 def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_path, mirrored):
     obj = add_reconstruction(ball(), scene)
     obj.scale.x *= -1 if mirrored else 1
@@ -174,6 +175,7 @@ def test_of_an_outline_the_renderer_gets_what_the_camera_sees(scene, ball, tmp_p
     assert np.abs(coarse[0] - coarse[1]).max() < 10, "but the noise of single pixels"
 
 
+@pytest.mark.once
 @pytest.mark.skipif(not can_denoise(), reason="this Blender has no denoiser")
 def test_letters_below_the_picture_are_not_denoised(scene, ball, tmp_path, monkeypatch):
     monkeypatch.setattr(pictures, "WRITTEN_PIXELS", 1000)

@@ -161,7 +161,7 @@ def test_labels_come_back_with_undo_and_with_the_file(scene, patient, tmp_path):
     load_labels(patient / "masks")
     scene.ctmc.labels[0].color = (0.1, 0.2, 0.3)
     bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "case.blend"))
-    structures._sources.clear()
+    volumes.require_loaded(scene).labels.clear()
     volumes._loaded.clear()
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "case.blend"))
     scene = bpy.context.scene
