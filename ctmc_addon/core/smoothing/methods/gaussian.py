@@ -112,11 +112,13 @@ class GaussianValues:
         )
         self._planes |= dict(zip(missing, planes, strict=True))
 
-        def across(number: int) -> NDArray[np.float32]:
-            around = range(number - reach, number + reach + 1)
-            return smoothed_middle([self._planes[min(max(at, 0), last)] for at in around], along_z)
+        smoothed = np.empty((len(numbers), *self.shape[1:]), self.dtype)  # Stacked at once, they would block a window.
 
-        smoothed = np.stack((yield from map_steps(across, numbers, threads, SMOOTHING)))
+        def across(row: int) -> None:
+            around = range(numbers[row] - reach, numbers[row] + reach + 1)
+            smoothed[row] = smoothed_middle([self._planes[min(max(at, 0), last)] for at in around], along_z)
+
+        yield from map_steps(across, range(len(numbers)), threads, SMOOTHING)
         if self.counted is not None:
             self._masks = {number: mask for number, mask in self._masks.items() if number >= numbers[0]}
             self._masks |= dict(zip(missing, fetched, strict=True))
