@@ -80,6 +80,7 @@ from .measures import (
     columns_in as columns_in,
     combined as combined,
     map_measure as map_measure,
+    map_numbers as map_numbers,
     maps_of as maps_of,
     measure as measure,
     measures_in as measures_in,
@@ -113,6 +114,7 @@ from .progress import (
 )
 from .reconstruction import Reconstruction as Reconstruction, Stage as Stage
 from .settings import (
+    COMPONENTS as COMPONENTS,
     EXCLUSIVE as EXCLUSIVE,
     GOALS as GOALS,
     SETTINGS as SETTINGS,
@@ -133,9 +135,15 @@ from .units import (
     UNITS as UNITS,
     Unit as Unit,
     distance_phrases as distance_phrases,
+    fitting_unit as fitting_unit,
     length_text as length_text,
+    mm_text as mm_text,
     number_text as number_text,
     one_way_text as one_way_text,
+    percent_text as percent_text,
+    position_text as position_text,
+    sizes_text as sizes_text,
+    spacing_text as spacing_text,
     specks_text as specks_text,
     unit_of as unit_of,
     volume_text as volume_text,

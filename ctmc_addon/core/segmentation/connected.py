@@ -15,6 +15,7 @@ import numpy as np
 from ..arrays import Flags
 from ..errors import SettingsError
 from ..progress import Step, Steps, equal_part
+from ..units import mm_text
 from .distance import SLACK, Spacing, far_inside_steps, near_steps
 from .islands import touching_steps
 from .points import Sample, sample_in, window_around
@@ -109,7 +110,7 @@ def _cores_steps(
             samples.append((z, y, x))
     if not samples:
         raise SettingsError(
-            f"no clicked point lies where the structure is {2 * half_mm:g} mm wide; choose a narrower opening_mm, or "
-            "click where it is wider"
+            f"no clicked point lies where the structure is {mm_text(2 * half_mm)} wide; choose a narrower "
+            "opening_mm, or click where it is wider"
         )
     return samples

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 
 from ..described import Described, plain, setting
 from ..errors import SettingsError
+from ..units import mm_text
 
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
@@ -101,12 +102,12 @@ class Pegs:
         object.__setattr__(self, "clearance", float(self.clearance))
         if self.length < self.diameter / 2:
             raise SettingsError(
-                f"a peg of {self.length:g} mm is shorter than its round end; give it a length of at least "
-                f"{self.diameter / 2:g} mm, or a smaller diameter"
+                f"a peg of {mm_text(self.length)} is shorter than its round end; give it a length of at least "
+                f"{mm_text(self.diameter / 2)}, or a smaller diameter"
             )
         if not 0 <= self.clearance <= LARGEST_MM:
             raise SettingsError(
-                f"the clearance of a peg is from 0 to {LARGEST_MM:g} mm, not {self.clearance:g}; such as 0.2"
+                f"the clearance of a peg is from 0 to {mm_text(LARGEST_MM)}, not {self.clearance:g}; such as 0.2"
             )
 
 
@@ -306,7 +307,7 @@ def _unit(normal: Point) -> Point:
 def _length(name: str, value: float) -> float:
     """Return a length as a float."""
     if not 0 < value <= LARGEST_MM:
-        raise SettingsError(f"{name} is above 0 and at most {LARGEST_MM:g} mm, not {value:g}")
+        raise SettingsError(f"{name} is above 0 and at most {mm_text(LARGEST_MM)}, not {value:g}")
     return float(value)
 
 

@@ -17,6 +17,7 @@ from ..progress import Steps
 from ..reconstruction import Reconstruction
 from ..surfaces.each_label import without_traceback
 from ..surfaces.request import scope_of
+from ..units import mm_text
 from ..volume.affine import to_index
 from ..volume.volume import Volume
 from .body import Body, OnEdges
@@ -240,7 +241,7 @@ def hollow_steps(structure: Structure, body: Body, wall: float, thicken: float) 
     _, deepest = yield from deepest_steps(depth_below(signed, thicken), low, high)
     thinner = float(f"{deepest / 2.1:.2g}")
     raise SettingsError(
-        f"a wall of {wall:g} mm leaves no hollow in {structure.name}, which is {deepest:.3g} mm deep at most; "
+        f"a wall of {mm_text(wall)} leaves no hollow in {structure.name}, which is {mm_text(deepest, 3)} deep at most; "
         f"give a thinner wall, such as --hollow {thinner:g}"
     )
 

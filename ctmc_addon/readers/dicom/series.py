@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ...core import DamagedSliceError, ReadError, Stages, Steps
+from ...core import DamagedSliceError, ReadError, Stages, Steps, mm_text
 from ...core.volume import SPACING_LIMITS, ValueKind, is_spacing
 from ..file_formats import files_below, natural_key, suffix, volume_stem
 from ..optional_imports import imported_steps, quiet, quiet_batches_steps
@@ -201,7 +201,7 @@ def _stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tu
         unusable = "no PixelSpacing"
         if pixel_spacing is not None:
             wrong = next(length for length in pixel_spacing if not is_spacing([length]))
-            unusable = f"a PixelSpacing of {wrong:g} mm"
+            unusable = f"a PixelSpacing of {mm_text(wrong)}"
         if request.spacing is None:
             raise ReadError(
                 f"the series has {unusable}, and it must be {SPACING_LIMITS}; give the spacing x, y, z in mm"
@@ -211,7 +211,7 @@ def _stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tu
     orientation = first.orientation or ()
     stack = stack_up(positions, orientation, pixel_spacing, [ct_slice.name for ct_slice in slices], request.strict)
     gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
-    return stack, f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
+    return stack, f"where the series has {unusable} and {mm_text(gap, 4)} between slices" if unusable else ""
 
 
 def open_steps(path: Path, files: Sequence[Path] | None = None) -> Steps[DicomSource]:

@@ -44,7 +44,7 @@ def _draw_drains(layout: Any, context: bpy.types.Context, solid: Any) -> None:
     for index, drain in enumerate(solid.drains):
         row = column.row(align=True)
         row.use_property_split = False
-        text = translate("Lowest and Highest") if drain.auto else place_text(drain.point)
+        text = translate("Lowest and Highest") if drain.auto else place_text(drain.point, drain.diameter)
         row.label(text=text, translate=False)
         size = row.row(align=True)
         size.ui_units_x = 4.0

@@ -133,4 +133,4 @@ def test_directions_that_are_no_perpendicular_units_are_refused(orientation):
 
 
 def test_many_different_gaps_are_named_by_the_smallest_and_the_largest():
-    assert named_gaps(np.arange(1, 20) / 2) == "0.5, 1, 1.5, 2, 2.5 and up to 9.5"
+    assert named_gaps(np.arange(1, 20) / 2) == "0.5, 1, 1.5, 2, 2.5 and up to 9.5 mm"

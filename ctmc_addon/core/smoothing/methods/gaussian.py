@@ -15,6 +15,7 @@ from ...machine.budget import Budget
 from ...machine.parallel import map_steps
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
+from ...units import length_text
 from ...volume.field import Field
 from ...volume.field_values import FieldValues
 from ...volume.volume import Box, Volume
@@ -51,7 +52,7 @@ class Gaussian(Smoothing):
 
     def caption(self, settings: ReconstructionSettings) -> str:
         """Return the words of a figure's caption on this smoothing."""
-        return f"Gaussian of {settings.smoothing_width_mm:g} mm"
+        return f"Gaussian of {length_text(settings.smoothing_width_mm)}"
 
 
 class GaussianValues:

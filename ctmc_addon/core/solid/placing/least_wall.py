@@ -30,6 +30,7 @@ from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
 from ...mesh.topology import compacted
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps, equal_part
+from ...units import mm_text
 from ..fields.shapes import Box, Plane
 from ..printing.walls import FACING, LEAST_MM2, LEAST_SHARE, MOST_SAMPLES, SAME
 from ..request import Point
@@ -129,7 +130,7 @@ def thin_walls_steps(
     before : sequence of Thickening
         What thickens the solid already: walls are looked for again near it; see `PER_WALL` and `MORE`.
     """
-    nothing = ThinWalls(notes=(f"No wall is thinner than {least:g} mm.",))
+    nothing = ThinWalls(notes=(f"No wall is thinner than {mm_text(least)}.",))
     if not len(mesh.faces):
         return nothing
     apart = BETWEEN * spacing
@@ -159,8 +160,8 @@ def _told(
     x, y, z = centers[at].tolist()
     thinnest, share = float(diameters[at]), own / whole if whole else 0.0
     note = (
-        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
-        f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
+        f"{_percent(share)} of the surface bounds walls thinner than {mm_text(least)}, down to {mm_text(thinnest, 3)} "
+        f"at {place_text((x, y, z), least)}; they are thickened, by up to {mm_text(least - thinnest, 3)}."
     )
     return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 

@@ -20,7 +20,7 @@ from ...mesh.face_normals import face_vectors
 from ...mesh.topology import FACES_PER_STEP
 from ...mesh.triangle_mesh import TriangleMesh
 from ...progress import PAUSE, Stages, Steps
-from ...units import number_text
+from ...units import spacing_text
 from ..request import MOST_CUTS, Point, SolidRequest
 from .walls import walls_steps
 
@@ -90,11 +90,10 @@ class PrintFacts:
         """Return in sentences what speaks against a print, each with a remedy."""
         notes = []
         if self.fits_bed is False and self.bed_mm is not None:
-            bed = " x ".join(number_text(side) for side in self.bed_mm)
             remedy = f"cut it with {' '.join(self.cuts)}"
             if len(self.cuts) > MOST_CUTS:
                 remedy = f"it takes {len(self.cuts)} cuts, and {MOST_CUTS} are possible; give a larger bed"
-            notes.append(f"The part does not fit the bed of {bed} mm; {remedy}")
+            notes.append(f"The part does not fit the bed of {spacing_text(self.bed_mm)}; {remedy}")
         if self.closed_cavities:
             what = "1 cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"
             notes.append(f"The part encloses {what} without a drain; --drain X Y Z MM opens one")

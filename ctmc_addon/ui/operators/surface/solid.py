@@ -14,7 +14,7 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
-from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text
+from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text, position_text
 from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
@@ -103,9 +103,9 @@ def solid_text(solid: SolidRequest) -> str:
     return translate("Makes a solid: {what}").format(what=", ".join(texts))
 
 
-def place_text(point: Sequence[float]) -> str:
-    """Return the place of a point in the patient, short enough for a line of a list."""
-    return "{:.0f}, {:.0f}, {:.0f} mm".format(*point)
+def place_text(point: Sequence[float], size: float) -> str:
+    """Return the place of something of this size in the patient, mm, short enough for a line of a list."""
+    return position_text(point, size, decimals=0)
 
 
 def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:
