@@ -9,9 +9,9 @@ from dataclasses import asdict, dataclass, fields
 from enum import Enum
 from typing import Any, TypeVar
 
-from ..described import Described, plain, setting
+from ..described import Described, descriptions, plain, setting
 from ..errors import SettingsError
-from ..units import mm_text
+from ..units import length_text, mm_text
 
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
@@ -167,6 +167,7 @@ class SolidRequest(Described):
         0.0,
         "Distance by which the surface moves outward, inward if negative. 0 = none",
         label="Thicken",
+        caption=lambda length: f"thicken {length_text(length)}",
         unit="mm",
         low=-LARGEST_MM,
         high=LARGEST_MM,
@@ -175,6 +176,7 @@ class SolidRequest(Described):
         0.0,
         "Wall that is left below the surface; what lies deeper becomes a cavity. 0 = not hollow",
         label="Hollow",
+        caption=lambda length: f"hollow {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -187,6 +189,7 @@ class SolidRequest(Described):
         0.0,
         "Height of a flat foot at the lowest point, which is wider than the part by as much. 0 = none",
         label="Base",
+        caption=lambda length: f"base {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -195,6 +198,7 @@ class SolidRequest(Described):
         0.0,
         "Thickness to which thinner walls are thickened. 0 = none",
         label="Least Wall",
+        caption=lambda length: f"least wall {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -227,9 +231,7 @@ class SolidRequest(Described):
 
     def __bool__(self) -> bool:
         """Return whether the shape of any structure changes."""
-        return bool(
-            self.thicken or self.hollow or self.drains or self.cuts or self.combinations or self.base or self.least_wall
-        )
+        return bool(self.drains or self.cuts or self.combinations or any(getattr(self, name) for name in LENGTHS))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, without fields at their default."""
@@ -260,6 +262,8 @@ class SolidRequest(Described):
 
 
 _DEFAULT = SolidRequest()
+LENGTHS = tuple(name for name, about in descriptions(SolidRequest).items() if about.caption is not None)
+"""Lengths that change the shape of every structure; flags, properties and texts are made from them."""
 
 
 def _plain(value: Any) -> Any:

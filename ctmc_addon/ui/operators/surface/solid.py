@@ -14,8 +14,8 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
-from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text, position_text
-from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
+from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, descriptions, position_text
+from ....core.solid import LENGTHS, MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
@@ -23,7 +23,7 @@ from ...properties.kinds import choice
 from ...properties.preferences import machine
 from ...properties.solid import COMBININGS
 from ...state import session, surfaces, volumes
-from ...translations import translate
+from ...translations import translate, translate_phrase
 from .placing import ObjectRequest
 
 DIRECTIONS = (
@@ -83,14 +83,10 @@ def solid_text(solid: SolidRequest) -> str:
     if not solid:
         return ""
     texts = []
-    for text, length in (
-        ("thicken {length}", solid.thicken),
-        ("hollow {length}", solid.hollow),
-        ("least wall {length}", solid.least_wall),
-        ("base {length}", solid.base),
-    ):
-        if length:
-            texts.append(translate(text).format(length=length_text(length)))
+    for name in LENGTHS:
+        caption, length = descriptions(SolidRequest)[name].caption, getattr(solid, name)
+        if caption is not None and length:
+            texts.append(translate_phrase(caption(length)))
     pegs = 0 if solid.pegs is None else solid.pegs.count
     for one, several, number in (
         ("1 drain", "{count} drains", len(solid.drains)),
