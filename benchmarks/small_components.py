@@ -20,7 +20,7 @@ from ctmc_addon.core.mesh.distance.triangle_tree import TriangleTree
 from ctmc_addon.core.mesh.triangle_mesh import TriangleMesh
 from ctmc_addon.core.progress import Steps
 from ctmc_addon.core.simplification import whole
-from ctmc_addon.core.simplification.clustering import Merged
+from ctmc_addon.core.simplification.merged_clusters import Merged
 from ctmc_addon.readers import read_volume
 
 from . import peers, scenes

@@ -22,7 +22,7 @@ from ..core.volume import (
     placed_labels_steps,
     structure_color,
 )
-from .arguments import with_flags
+from .flags.arguments import with_flags
 
 RGB = tuple[int, int, int]
 

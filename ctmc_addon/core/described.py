@@ -188,8 +188,8 @@ def checked(name: str, value: Any, about: Setting) -> Any:
     if about.check is not None:
         return about.check(value)
     if about.many:
-        one = dataclasses.replace(about, many=False)
-        return tuple(checked(name, item, one) for item in value)
+        single = dataclasses.replace(about, many=False)
+        return tuple(checked(name, item, single) for item in value)
     if about.size > 1:
         if isinstance(value, str) or not isinstance(value, (numbers.Real, Iterable)):
             raise SettingsError(f"{name} takes {about.size} numbers, not {value!r}")

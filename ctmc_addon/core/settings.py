@@ -12,8 +12,17 @@ from typing import Any
 
 from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
-from .smoothing.choices import CHOICES, TEXT, done_smoothing, for_labels_text, has_width, is_for_gray, no_width_text
-from .units import volume_text
+from .measures.units import volume_text
+from .smoothing.choices import (
+    CHOICES,
+    NONE,
+    TEXT,
+    done_smoothing,
+    for_labels_text,
+    has_width,
+    is_for_gray,
+    no_width_text,
+)
 
 GOALS = ("reduction", "target_faces", "max_error_mm")
 EXCLUSIVE = (("threshold", "label"), ("upper", "label"), GOALS)
@@ -268,8 +277,8 @@ class ReconstructionSettings(Described):
                 raise SettingsError(f"{' and '.join(given)} cannot be set together; choose one")
         for name in SETTINGS:
             if not is_allowed(self, name) and getattr(self, name) is not None:
-                other, choice = INCOMPATIBLE[name]
-                raise SettingsError(f"{name} is not possible with {other} {choice}; choose another {other}")
+                rival, choice = INCOMPATIBLE[name]
+                raise SettingsError(f"{name} is not possible with {rival} {choice}; choose another {rival}")
         if self.threshold is not None and self.upper is not None and self.upper < self.threshold:
             raise SettingsError(f"upper {self.upper:g} is below threshold {self.threshold:g}; give the lower one first")
         if self.threshold is not None and not is_for_gray(self.smoothing):
@@ -303,6 +312,11 @@ class ReconstructionSettings(Described):
     def smoothing_method(self) -> str:
         """The smoothing that is done, by its name in `smoothing.choices`."""
         return done_smoothing(self.smoothing, self.smoothing_mm, self.label is not None)
+
+    @property
+    def smoothing_is_automatic(self) -> bool:
+        """Whether nothing was said of smoothing."""
+        return self.smoothing == AUTO and self.smoothing_mm is None
 
     @property
     def smoothing_width_mm(self) -> float:
@@ -339,6 +353,11 @@ class ReconstructionSettings(Described):
         """
         default = defaults(type(self))
         return replace(self, **{name: default[name] for name in settings_of_stage(stage)})
+
+    @property
+    def unsmoothed(self) -> ReconstructionSettings:
+        """The settings without any smoothing."""
+        return replace(self, smoothing=NONE, smoothing_mm=None)
 
     def at_threshold(self, threshold: float, upper: float | None = None) -> ReconstructionSettings:
         """Return the settings of a threshold's surface: smoothed as they say, if that smooths gray values."""
@@ -379,8 +398,8 @@ def with_present_names(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def is_allowed(settings: Any, name: str) -> bool:
     """Return whether the other settings, of an object with their names, allow the setting `name` to be given."""
-    other, choice = INCOMPATIBLE.get(name, (name, None))
-    return choice is None or getattr(settings, other) != choice
+    rival, choice = INCOMPATIBLE.get(name, (name, None))
+    return choice is None or getattr(settings, rival) != choice
 
 
 def require_corners_in_order(region: Sequence[float]) -> None:

@@ -11,10 +11,10 @@ import nibabel
 import numpy as np
 import pytest
 
-from ctmc_addon.cli import solid_flags
-from ctmc_addon.cli.arguments import Parser, UsageError
 from ctmc_addon.cli.batch import process as batch_process
 from ctmc_addon.cli.batch.cases import collect
+from ctmc_addon.cli.flags import solid as solid_flags
+from ctmc_addon.cli.flags.arguments import Parser, UsageError
 from ctmc_addon.core import CtmcError, solid as solids
 from ctmc_addon.core.solid import Combination, Combining, Cut, Drain, MadeParts, Pegs, SolidRequest
 from ctmc_addon.core.surfaces.make import make_surfaces_steps
@@ -240,7 +240,7 @@ def test_a_name_that_an_earlier_combination_makes_may_be_combined_again():
 @pytest.mark.parametrize(
     ("words", "sentence"),
     [
-        (("--merge", "a=kidney,3"), "--merge a names 'kidney', as labels 1 and 2 are called; give a number"),
+        (("--merge", "a=kidney,3"), "--merge a names 'kidney', the name of labels 1 and 2; give a number"),
         (
             ("--merge", "a=1,2", "--intersect", "b=1,3"),
             "--intersect b names '1', which an earlier combination has taken; combine liver, a",

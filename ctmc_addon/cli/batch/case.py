@@ -43,11 +43,11 @@ from ...core.volume import (
     label_extents_steps,
     region_box,
 )
-from ..arguments import with_flags
-from ..blender_host import has_blender
 from ..commands.reconstruct import needed_steps, source_of
+from ..flags.arguments import with_flags
+from ..flags.solid import NOTHING, may_have_parts
+from ..machine.blender_host import has_blender
 from ..outputs import Outputs, written_steps
-from ..solid_flags import NOTHING, may_have_parts
 from ..surface_writer import SurfaceWriter
 from ..surfaces import Surfaces, for_bed_steps, surface_of, surfaces_steps
 from .files import (
@@ -238,7 +238,7 @@ class CaseWork:
         """Return the surface of an output; the first call makes those of all `shared_labels` and keeps them."""
         label = settings.label
         if label not in self.outcomes:
-            every = [replace(settings, label=other) for other in shared_labels] or [settings]
+            every = [replace(settings, label=each_label) for each_label in shared_labels] or [settings]
             own = HOLD if writer is None else writer.sink_of(label)
             sinks = [own if each.label == label else HOLD for each in every]
             requests = [

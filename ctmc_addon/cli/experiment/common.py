@@ -5,7 +5,6 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from typing import TypeVar
 
 from ...core import (
@@ -23,8 +22,8 @@ from ...core import (
     sizes_text,
 )
 from ...core.mesh import SAMPLES, SEED, OneWayDistance, ReferenceSurface, SurfaceDistance, surface_distance_steps
-from ..arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..commands.reconstruct import input_steps
+from ..flags.arguments import UsageError, add_input, add_settings, add_work, command_of, settings_from
 from ..terminal import Progress, dimensions
 from .table import Row, plain, unique
 
@@ -99,8 +98,7 @@ def settings_of(args: argparse.Namespace) -> ReconstructionSettings:
             "this experiment simplifies with the built-in simplifier; leave --simplifier decimate out "
             "(`ctmc experiment simplify` compares the two)"
         )
-    automatic = settings.smoothing == "auto" and settings.smoothing_mm is None
-    return replace(settings, smoothing="none") if automatic else settings
+    return settings.unsmoothed if settings.smoothing_is_automatic else settings
 
 
 def facts_of(

@@ -1,5 +1,5 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""The table of changes: a row for each component, with units in the names of the columns."""
+"""Make the table of changes: a row for each component, with units in the column names."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from ..files.atomic_write import csv_text
-from ..measures import UNKNOWN
-from ..units import number_text, percent_change_text, text_beside
+from ..measures.measures import UNKNOWN
+from ..measures.units import number_text, percent_change_text, text_beside
 from .compare import ChangeRow
 from .components import Component
 
@@ -87,7 +87,7 @@ def change_columns(row: ChangeRow) -> dict[str, Any]:
 
 
 def written_columns(row: ChangeRow) -> dict[str, Any]:
-    """Return the columns of a row as files have them; unknown values are None."""
+    """Return the columns of a row for files; unknown values are None."""
     return {
         head: f"{cell:.{DIGITS}g}" if isinstance(cell, float) else cell for head, cell in change_columns(row).items()
     }

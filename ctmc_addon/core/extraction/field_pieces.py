@@ -185,7 +185,7 @@ class FieldSlabs:
         return Grid(values, x, y, replace(part, index=index.reshape(-1)), continues=continues, upper=upper)
 
     def _values_steps(self, numbers: NDArray[np.intp]) -> Steps[NDArray[np.generic]]:
-        """The values of some slices, of which those that the last slab ended with are not fetched again."""
+        """Return the values of some slices, of which those that the last slab ended with are not fetched again."""
         if self.values.held:
             return (yield from self.values.slices_steps(numbers.tolist()))
         kept = self._kept[np.isin(self._kept_numbers, numbers)]
@@ -324,7 +324,7 @@ class _Seam(NamedTuple):
 
     @classmethod
     def below(cls, piece: Surface, following: Surface) -> _Seam:
-        """The triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
+        """Return the triangles of a piece that reach into the next one; kept, as pieces are moved where they are."""
         own = len(piece.linear)
         numbers = piece.faces[(piece.faces >= own).any(axis=1)] - np.int32(own)
         corners = np.where(
@@ -345,9 +345,9 @@ def _complete_normals(piece: Surface, below: _Seam, following: Surface | None) -
         return
     points = [piece.linear, *([] if following is None else [following.linear])]
     beyond = sum(map(len, points))
-    other = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
+    next_numbers = np.arange(beyond, beyond + below.numbers.size, dtype=np.int32).reshape(below.numbers.shape)
     around = np.concatenate([*points, below.corners.reshape(-1, 3)])
-    triangles = np.concatenate([np.where(below.numbers < 0, other, below.numbers), piece.faces])
+    triangles = np.concatenate([np.where(below.numbers < 0, next_numbers, below.numbers), piece.faces])
     missing = np.zeros(len(around), bool)
     missing[:own][zero] = True
     touched = missing.take(triangles[:, 0]) | missing.take(triangles[:, 1]) | missing.take(triangles[:, 2])

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import MeshError
-from ..units import volume_text
+from ..measures.units import volume_text
 
 
 class ComponentLimits(NamedTuple):

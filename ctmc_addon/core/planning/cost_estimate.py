@@ -68,8 +68,8 @@ def cost_estimate_steps(cache: FieldCache, settings: ReconstructionSettings) -> 
     CtmcError
         If they give no surface at all.
     """
-    stages = Stages({"Measuring the machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
-    yield from stages.run("Measuring the machine", CALIBRATION.measure_steps())
+    stages = Stages({"Measuring the speed of this machine": 3, "Preparing values": 3, "Counting": 3, LOOKING: 1})
+    yield from stages.run("Measuring the speed of this machine", CALIBRATION.measure_steps())
     field = yield from stages.run("Preparing values", cache.field_steps(settings))
     planning = plan_steps(cache.volume, settings, cache.budget, field=field)
     plan = yield from stages.run("Counting", planning)

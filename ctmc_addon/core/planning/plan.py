@@ -367,9 +367,9 @@ def reads_at_once(value_bytes: int, settings: ReconstructionSettings, budget: Bu
 
     They are not where most of them are left out. The surface is the same.
     """
-    some = settings.region is not None or max(settings.stride) > 1
+    is_partial = settings.region is not None or max(settings.stride) > 1
     there = budget.available
-    return (not some or value_bytes <= SMALL_BYTES) and (there is None or value_bytes <= READ_SHARE * there)
+    return (not is_partial or value_bytes <= SMALL_BYTES) and (there is None or value_bytes <= READ_SHARE * there)
 
 
 def fits_in_memory(value_bytes: int, budget: Budget) -> bool:

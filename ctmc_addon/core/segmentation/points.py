@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import SettingsError
-from ..units import mm_text
+from ..measures.units import mm_text
 from ..volume.affine import to_index
 from ..volume.region import volume_box
 from ..volume.volume import SampleGrid

@@ -22,23 +22,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..arrays import Doubles, Flags, Floats, Indices, Ints
-from ..mesh.intersections import self_intersections_steps
 from ..mesh.measures import component_volumes_steps
 from ..mesh.topology import component_numbers_steps, components_of_vertices
 from ..mesh.triangle_mesh import TriangleMesh
-from ..mesh.vectors import cross, dot
+from ..mesh.vectors import dot
 from ..progress import PAUSE, Steps
 from .batches.pieces import Batch
-from .engine.collapses import TURN, shuffled
+from .engine.collapses import shuffled
 from .engine.quadrics import EdgeQuadric, best_step, error, face_quadrics, times
+from .merged_clusters import ID_BITS, Merged
 from .policy import POLICY, Policy
 
 BLOCK = 1 << 15  # Work out the quadrics of this many faces at once: they fit the cache.
-ID_BITS = 21  # Bits of a vertex number: three numbers and a direction fit into 64 bits.
 
 
 @dataclass(eq=False)
-class Shape:
+class ColumnSurface:
     """A surface as columns.
 
     positions : (3, V) float32
@@ -124,7 +123,7 @@ def clustered_steps(
     joins = original = np.arange(len(mesh.vertices))
     locked = _border(faces, len(joins))
     quadrics = yield from _quadrics_steps(positions, faces)
-    shape = Shape(positions, faces, locked, original, quadrics)
+    shape = ColumnSurface(positions, faces, locked, original, quadrics)
     while (before := shape.faces.shape[1]) > policy.enough_clusters * target and len(shape.locked) >> ID_BITS == 0:
         yield PAUSE
         becomes = original.copy()
@@ -187,7 +186,7 @@ def _border(faces: Indices, vertex_count: int) -> Flags:
     return sums != 0
 
 
-def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape, Indices]]:
+def _round_steps(shape: ColumnSurface, target: int, policy: Policy) -> Steps[tuple[ColumnSurface, Indices]]:
     """One round: no fewer than `target` triangles are left; also which of the vertices each has joined."""
     positions, faces = shape.positions, shape.faces
     joins = yield from _seeds_steps(shape, policy.cluster_passes)
@@ -200,7 +199,7 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
     multiple, reverted = np.zeros((2, len(joins)), bool)
     multiple[clusters.roots] = reverted[clusters.roots] = True
     reverted[cheapest] = False
-    merged = Merged(positions, faces, joins, placed, multiple)
+    merged = Merged(positions, faces, joins, placed, multiple, policy)
     merged.take_apart(reverted)
     yield from merged.settle_steps()
     used, left = merged.used()
@@ -209,106 +208,10 @@ def _round_steps(shape: Shape, target: int, policy: Policy) -> Steps[tuple[Shape
         rows[..., clusters.roots[still]] = summed[..., still]
     quadrics = EdgeQuadric(*(np.compress(used, rows, axis=-1) for rows in shape.quadrics))
     placed = np.compress(used, placed, axis=1)
-    return Shape(placed, left, shape.locked[used], shape.original[used], quadrics), joins
+    return ColumnSurface(placed, left, shape.locked[used], shape.original[used], quadrics), joins
 
 
-@dataclass(eq=False)
-class Merged:
-    """Surface whose clusters have become one vertex each, and its state before.
-
-    positions : (3, V) float32
-    faces : (3, F) int64
-        Before.
-    joins : (V,) int64
-        The root that each vertex has joined.
-    placed : (3, V) float32
-        Present positions of the roots.
-    multiple : (V,) bool
-        Roots that others have joined.
-    """
-
-    positions: Floats
-    faces: Indices
-    joins: Indices
-    placed: Floats
-    multiple: Flags
-
-    def __post_init__(self) -> None:
-        """Find the corners of the triangles as they are now."""
-        self.new = np.take(self.joins, self.faces)
-
-    def take_apart(self, clusters: Flags) -> Flags:
-        """Take clusters apart, (V,) bool by their roots; return which vertices are back where they were, (V,) bool."""
-        self.multiple &= ~clusters
-        back = clusters[self.joins]
-        apart = np.flatnonzero(back)
-        self.joins[apart] = apart
-        self.placed[:, apart] = self.positions[:, apart]
-        touched = self._touched(self.faces, back)
-        for corner, before in zip(self.new, self.faces, strict=True):
-            corner[touched] = self.joins[before[touched]]
-        return back
-
-    def settle_steps(self, back: Flags | None = None) -> Steps[Flags]:
-        """Take apart what tears the surface or turns its triangles; return which vertices came back, (V,) bool.
-
-        `back` are vertices round which to look, by default all; those count among the vertices brought back.
-        """
-        changed = self.multiple.copy() if back is None else back
-        at = self._touched(self.new, changed)
-        all_back = np.zeros(len(changed), bool) if back is None else back.copy()
-        while True:
-            at = at[_whole(np.take(self.new, at, axis=1))]
-            corners = np.take(self.new, at, axis=1)
-            bad = _torn(corners, self.multiple, changed)
-            yield PAUSE
-            bad |= _turned(np.take(self.faces, at, axis=1), corners, self.positions, self.placed, self.multiple)
-            yield PAUSE
-            if not bad.any():
-                bad = self.multiple & ~self.used()[0]  # a whole component
-                if not bad.any():
-                    return all_back
-            # Look again at the triangles of clusters that are taken apart.
-            changed = self.take_apart(bad)
-            at = self._touched(self.faces, changed)
-            all_back |= changed
-            yield PAUSE
-
-    def uncross_steps(self) -> Steps[None]:
-        """Take apart the clusters whose triangles cross other triangles."""
-        untested = self.multiple.copy()
-        while untested.any():
-            at = np.flatnonzero(_whole(self.new))
-            left = np.take(self.new, at, axis=1)
-            tested = np.take(untested, left[0]) | np.take(untested, left[1]) | np.take(untested, left[2])
-            crossing = yield from self_intersections_steps(self.placed.T, left.T, tested)
-            bad = np.zeros(len(untested), bool)
-            bad[left[:, crossing]] = True
-            bad &= self.multiple
-            untested = bad
-            if bad.any():
-                untested = yield from self.settle_steps(self.take_apart(bad))
-
-    def used(self) -> tuple[Flags, Indices]:
-        """Return which vertices the triangles use, (V,) bool, and the triangles renumbered to those, (3, f)."""
-        left = np.compress(_whole(self.new), self.new, axis=1)
-        used = np.zeros(len(self.joins), bool)
-        for corner in left:
-            used[corner] = True
-        return used, np.take(np.cumsum(used) - 1, left)
-
-    @staticmethod
-    def _touched(faces: Indices, vertices: Flags) -> Indices:
-        a, b, c = (np.take(vertices, corner) for corner in faces)
-        return np.flatnonzero(a | b | c)
-
-
-def _whole(faces: Indices) -> Flags:
-    """Return which triangles have three different corners, (F,) bool."""
-    return (faces[0] != faces[1]) & (faces[1] != faces[2]) & (faces[2] != faces[0])
-
-
-def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
+def _seeds_steps(shape: ColumnSurface, passes: int) -> Steps[Indices]:
     """The seed that every vertex joins, or itself, (V,)."""
     positions, faces, free = shape.positions, shape.faces, ~shape.locked
     worst = np.uint32(0xFFFFFFFF)
@@ -322,9 +225,9 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
         for corner, own in zip(around, ranks, strict=True):
             lost[corner[own > best]] = True
         yield PAUSE
-        chosen = ~lost
-        seed |= chosen
-        near = np.take(chosen, around[0]) | np.take(chosen, around[1]) | np.take(chosen, around[2])
+        new_seeds = ~lost
+        seed |= new_seeds
+        near = np.take(new_seeds, around[0]) | np.take(new_seeds, around[1]) | np.take(new_seeds, around[2])
         done = np.flatnonzero(near)
         for corner in around:
             rank[corner[done]] = worst
@@ -351,7 +254,7 @@ def _seeds_steps(shape: Shape, passes: int) -> Steps[Indices]:
     return joins
 
 
-def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Clusters]:
+def _clusters_steps(shape: ColumnSurface, joins: Indices, new: Indices) -> Steps[Clusters]:
     """Return the clusters, and the cost of each."""
     positions, vertex_count = shape.positions, len(joins)
     size = np.bincount(joins, minlength=vertex_count)
@@ -389,61 +292,3 @@ def _clusters_steps(shape: Shape, joins: Indices, new: Indices) -> Steps[Cluster
 def _sums(owner: Indices, rows: Floats, count: int) -> Floats:
     """Sums of each row by owner, (rows, count)."""
     return np.stack([np.bincount(owner, row, count) for row in rows]).astype(np.float32)
-
-
-def _torn(faces: Indices, multiple: Flags, changed: Flags) -> Flags:
-    """Return which clusters, (V,) bool, have an open or wrongly directed edge, or two triangles back to back.
-
-    Edges with an end that has `changed` are looked at; the faces must be all that have such a corner.
-    """
-    count = len(multiple)
-    used = np.zeros(count, bool)
-    used[faces] = True
-    used = np.flatnonzero(used)
-    number = np.empty(count, np.uint64)
-    number[used] = np.arange(len(used), dtype=np.uint64)
-    bits = np.uint64(ID_BITS)
-    mask, one = np.uint64((1 << ID_BITS) - 1), np.uint64(1)
-    corners = np.take(number, faces)
-    keys = np.empty(corners.shape, np.uint64)
-    for row, (start, end, other) in zip(keys, ((0, 1, 2), (1, 2, 0), (2, 0, 1)), strict=True):
-        low, high = np.minimum(corners[start], corners[end]), np.maximum(corners[start], corners[end])
-        np.left_shift(low, bits, out=row)
-        row |= high
-        row <<= bits
-        row |= corners[other]
-        row <<= one
-        row |= corners[start] < corners[end]
-    keys = keys.ravel()
-    keys.sort(kind="stable")
-    edge = keys >> (bits + one)
-    same = edge[1:] == edge[:-1]
-    pair = keys[1:] ^ keys[:-1]  # of one edge: the lowest bit is set where the directions differ
-    wrong = np.zeros(len(keys) + 1, bool)
-    wrong[1:-1] = same & ((pair & one == 0) | (pair & (mask << one) == 0))
-    wrong[1:-2] |= same[1:] & same[:-1]
-    single = np.ones(len(keys), bool)
-    single[1:] &= ~same
-    single[:-1] &= ~same
-    at = np.flatnonzero(wrong[:-1] | wrong[1:] | single)
-    shifts = bits + bits + one, bits + one, one
-    low, high, third = (used[((keys[at] >> shift) & mask).astype(np.int64)] for shift in shifts)
-    at_changed = changed[low] | changed[high]
-    bad = np.zeros(count, bool)
-    for corner in (low, high, third):
-        bad[corner[at_changed]] = True
-    return bad & multiple
-
-
-def _turned(before: Indices, after: Indices, positions: Floats, placed: Floats, multiple: Flags) -> Flags:
-    """Return which clusters, (V,) bool, have a triangle that turns too far or loses its area."""
-    normals = []
-    for corners, places in ((before, positions), (after, placed)):
-        a, b, c = (np.take(places, corner, axis=1) for corner in corners)
-        normals.append(cross(b - a, c - a))
-    old, new = normals
-    along, size = dot(old, new), dot(new, new)
-    turned = (along < 0) | (along * along < TURN * TURN * dot(old, old) * size) | (size == 0)
-    bad = np.zeros(len(multiple), bool)
-    bad[after[:, turned]] = True
-    return bad & multiple

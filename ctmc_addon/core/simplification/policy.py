@@ -40,6 +40,8 @@ class Policy:
     """After this number of poor rounds in a row, retry refused edges or stop."""
     compact_below: float = 0.75
     """Drop deleted faces once fewer than this share remain."""
+    least_turn: float = 0.2
+    """A triangle may turn by at most the angle with this cosine."""
     thinnest: float = 0.0
     """Refuse collapses that make a triangle's height a smaller share of its longest side, and smaller than it was."""
 
@@ -66,6 +68,12 @@ class Policy:
     """A component measures its gap at this number of its vertices at most."""
     least_loop: float = 0.6
     """Look for handles once loops as long as this share of the median edge may be cut."""
+    sampled_edges: int = 16
+    """One of this number of edges is measured for that median."""
+    most_loop_faces: int = 64
+    """A vertex of a loop has at most this many faces on one side of it."""
+    pull_halvings: int = 8
+    """Halve the next share this number of times at most where a triangle would turn over."""
     pull: float = 0.1
     """Each of the two loops of a cut moves by this share of the way to its neighbors."""
 

@@ -25,7 +25,7 @@ from ..volume.volume import Box, Volume
 from .choices import for_labels_text, is_for_gray
 from .methods import refinement_of, smoothing_of
 
-VALUES_STAGE, LABEL_STAGE, SMOOTHING = "Looking at the values", "Finding the label", "Smoothing"
+VALUES_STAGE, LABEL_STAGE, SMOOTHING = "Checking values", "Finding the label", "Smoothing"
 
 
 def field_steps(

@@ -13,16 +13,16 @@ from typing import TYPE_CHECKING, Any
 
 from ..described import AUTO
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction, Stage
+from ..measures.units import volume_text
 from ..mesh.component_limits import ComponentLimits
 from ..mesh.face_normals import vertex_normals_steps
 from ..mesh.pieces.kept_pieces import kept_and_removed_steps
 from ..mesh.triangle_mesh import Pieces, Surface, TriangleMesh
 from ..progress import PAUSE, Stages, Steps
-from ..reconstruction import Reconstruction, Stage
 from ..settings import COMPONENTS, ReconstructionSettings, settings_of_stage
 from ..simplification.engine.handles import handles_text
 from ..sinks import HOLD, Sink, Taken
-from ..units import volume_text
 from ..volume.volume import Volume
 from .request import MadeSurface, Scope
 
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from ..simplification.whole import Simplification
 
 # Names of stages that a user reads, in the panel and in report.json.
-PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Keeping components"
+PREPARING, EXTRACTING, KEEPING = "Preparing values", "Extracting the surface", "Selecting components"
 CHOOSING, SIMPLIFYING, AVERAGING, WRITING = "Choosing alpha", "Simplifying", "Averaging normals", "Writing the surface"
 LOOKING = "Looking for labels that cross"
 LARGEST_COLLAPSED_MM3 = 20.0

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 
 from ..errors import CtmcError
 from ..machine.budget import Budget
+from ..measures.reconstruction import Reconstruction
 from ..mesh.intersections import self_intersections_steps
 from ..mesh.labels.complex_components import keep_complex_components_steps
 from ..mesh.labels.label_complex import ComplexMesh, ComplexSurface, borders_of, neighbors_of
 from ..mesh.triangle_mesh import Surface, TriangleMesh, replayed_steps
 from ..progress import Step, Steps
-from ..reconstruction import Reconstruction
 from ..settings import ReconstructionSettings
 from ..simplification.complexes.simplify import ComplexSimplification, simplify_complex_steps
 from ..simplification.engine.component_removal import CollapsedComponents

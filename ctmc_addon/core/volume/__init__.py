@@ -70,7 +70,7 @@ from .slices import (
 )
 from .statistics.histogram import (
     Bars,
-    Limits,
+    ThresholdLimits,
     TissueRange,
     grabbed_limit,
     histogram_bars,

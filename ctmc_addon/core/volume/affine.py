@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VolumeError
-from ..units import mm_text
+from ..measures.units import mm_text
 
 MOST_MM = 1e9
 LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
@@ -103,7 +103,7 @@ def to_index(affine: NDArray[np.float64], points_ras_mm: NDArray[Any]) -> NDArra
     return transform_points(inverse, points_ras_mm - affine[:3, 3])
 
 
-def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def index_to_index(affine: NDArray[np.float64], target: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) matrix from the index of a grid to the index of another one.
 
     Examples
@@ -111,13 +111,13 @@ def index_to_index(affine: NDArray[np.float64], other: NDArray[np.float64]) -> N
     >>> index_to_index(np.diag([-1.0, 2.0, 3.0, 1.0]), np.diag([1.0, 1.0, 1.0, 1.0])).diagonal().tolist()
     [-1.0, 2.0, 3.0, 1.0]
     """
-    ends = to_index(other, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
+    ends = to_index(target, transform_points(affine, np.vstack([np.eye(3), np.zeros(3)])))
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = (ends[:3] - ends[3]).T, ends[3]
     return matrix
 
 
-def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], size: tuple[int, int, int]) -> float:
+def farthest_corner_mm(affine: NDArray[np.float64], second: NDArray[np.float64], size: tuple[int, int, int]) -> float:
     """Return by how many mm the corners of two grids of (x, y, z) samples differ at most, along an axis of the patient.
 
     Examples
@@ -126,7 +126,7 @@ def farthest_corner_mm(affine: NDArray[np.float64], other: NDArray[np.float64], 
     2.0
     """
     corners = np.array([(x, y, z) for x in (0, size[0]) for y in (0, size[1]) for z in (0, size[2])])
-    return float(np.abs(transform_points(affine - other, corners)).max())
+    return float(np.abs(transform_points(affine - second, corners)).max())
 
 
 def product(first: NDArray[Any], second: NDArray[Any]) -> NDArray[Any]:

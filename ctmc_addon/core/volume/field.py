@@ -103,7 +103,7 @@ class Field:
         return replace(self, values=self.values.again())
 
     def at_threshold(self, threshold: float) -> Field:
-        """The same field for another threshold of gray values."""
+        """Return the same field for another threshold of gray values."""
         return replace(self, threshold=threshold, level=threshold, notes=())
 
     def check(self) -> None:

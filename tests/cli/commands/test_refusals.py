@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from ctmc_addon import core
-from ctmc_addon.core.reconstruction import Reconstruction
+from ctmc_addon.core.measures.reconstruction import Reconstruction
 
 ROOT = Path(__file__).resolve().parents[3]
 pytestmark = pytest.mark.usefixtures("scene")

@@ -29,7 +29,7 @@ from ctmc_addon.core import (
     write_structures,
 )
 from ctmc_addon.core.files.structures.packed import packed
-from ctmc_addon.core.units import volume_text
+from ctmc_addon.core.measures.units import volume_text
 from ctmc_addon.core.volume import linear
 
 SUFFIXES = (".obj", ".glb", ".3mf", ".html")

@@ -52,7 +52,7 @@ def test_what_the_link_condition_refuses_is_what_shared_neighbors_say(work):
     while True:
         candidates = rng.permutation(np.flatnonzero(np.isfinite(work.cost)))
         collapses = work.collapses(finish(independent_set_steps(candidates, work.edges, work.positions.shape[1])))
-        violates = finish(work.violates_link_condition_steps(collapses))
+        violates = finish(work.rules.violates_link_condition_steps(work, collapses))
         assert violates.tolist() == [folds(work, edge) for edge in collapses.edges]
         refused += int(violates.sum())
         if violates.all():

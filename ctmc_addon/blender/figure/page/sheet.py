@@ -129,7 +129,7 @@ def sheet_steps(
             "label (--threshold T, or --label N without --smoothing none)"
         )
     stages = Stages(STAGES)
-    bare = replace(settings, smoothing="none", smoothing_mm=None) if comparison.smoothings else settings
+    bare = settings.unsmoothed if comparison.smoothings else settings
     full = _reference_steps(volume, bare, bool(comparison.alphas), budget)
     reference = yield from stages.run("Reconstructing in full resolution", full)
     comparing = _cells_steps(volume, comparison.variants(settings, volume.spacing), reference, deviation, budget)

@@ -23,9 +23,9 @@ from ....core import (
     written_columns,
 )
 from ....core.files.atomic_write import create_folder, write_json, write_text
-from ...arguments import with_flags
 from ...commands.change import labels_steps
 from ...commands.reconstruct import source_of
+from ...flags.arguments import with_flags
 from ..case import CHANGING_FOLDERS, NO_MEMORY, Ask, announced_budget
 from ..files import (
     ABSENT,

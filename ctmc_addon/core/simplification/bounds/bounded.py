@@ -12,9 +12,9 @@ from ...mesh.intersections import self_intersections_steps
 from ...mesh.topology import compacted
 from ...progress import Steps
 from ..engine.collapse_log import CollapseLog
-from ..engine.collapse_rules import Surface
 from ..engine.component_removal import without_components_steps
 from ..engine.edge_collapse import CollapsingMesh
+from ..engine.surface_rules import Surface
 from .error_check import ErrorCheck
 from .uncrossing import restored
 
@@ -25,7 +25,7 @@ def hold_bound_steps(mesh: CollapsingMesh) -> Steps[None]:
         return
     check, log, mesh.bound = mesh.bound.check, mesh.log, None  # the samples are not needed any more
     assert log is not None, "collapses within a bound are logged"
-    surfaces = mesh.surfaces(log.interface)
+    surfaces = mesh.rules.surfaces(log.interface)
     if len(surfaces) == 1:
         checked = [_Checked(check, surfaces[0][0])]
     else:
@@ -104,7 +104,7 @@ def _undo_steps(mesh: CollapsingMesh, log: CollapseLog, checked: list[_Checked])
     compare = whole = True
     while True:
         last = [np.zeros(0, np.int32)]
-        for each, surface in zip(checked, mesh.surfaces(mesh.interface), strict=True):
+        for each, surface in zip(checked, mesh.rules.surfaces(mesh.interface), strict=True):
             each.whole = whole
             last.append((yield from each.exceeding_steps(mesh, log, surface, to_check, compare)))
         changes = np.concatenate(last)

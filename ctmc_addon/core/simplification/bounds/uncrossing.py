@@ -87,8 +87,8 @@ def _uncross_steps(mesh: CollapsingMesh, log: CollapseLog, hold: bool) -> Steps[
 def _crossing_steps(mesh: CollapsingMesh, selected: Flags | None) -> Steps[Indices]:
     """Pairs of faces that cross, (2, n), with at least one of the selected."""
     alive = np.flatnonzero(mesh.faces[0] != mesh.dummy)
-    chosen = None if selected is None else selected[alive]
-    pairs = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, chosen)
+    of_alive = None if selected is None else selected[alive]
+    pairs = yield from self_intersections_steps(mesh.positions.T, mesh.faces[:, alive].T, of_alive)
     return alive[pairs.T]
 
 
@@ -163,12 +163,12 @@ def _append(
     mesh.original_vertex = np.append(mesh.original_vertex, log.original_vertex[vertices])
     mesh.vertex_becomes = np.arange(len(mesh.locked), dtype=np.int32)
     mesh.edge_becomes = np.arange(len(mesh.cost), dtype=np.int32)
-    mesh.brought_back(faces, edges, vertices)
+    mesh.rules.brought_back(faces, edges, vertices)
     log.append(faces.astype(np.int32), edges.astype(np.int32), vertices.astype(np.int32))
 
 
 def _settle_steps(mesh: CollapsingMesh, moved: Flags) -> Steps[None]:
     """Recompute everything that depends on the positions of vertices that moved back."""
-    mesh.was_undone()
+    mesh.rules.was_undone(mesh)
     yield from renew_quadrics_steps(mesh.quadrics, mesh.positions, mesh.faces, moved)
     yield from mesh.update_costs_steps(np.flatnonzero(np.take(moved, mesh.edges).any(axis=0)))

@@ -21,19 +21,18 @@ import numpy as np
 
 from ...arrays import Flags, Indices
 from ...machine.budget import Budget
-from ...mesh.distance.surface_distance import ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ...mesh.intersections import self_intersections_steps
 from ...mesh.labels.label_complex import ComplexMesh, borders_of
 from ...mesh.measures import component_volumes_steps
 from ...mesh.topology import compacted, component_numbers_steps, component_roots_steps
 from ...mesh.triangle_mesh import TriangleMesh
-from ...progress import Stages, Step, Steps, equal_part, finish
+from ...progress import Stages, Step, Steps, finish
 from ..bounds.bounded import hold_bound_steps
 from ..engine.component_removal import CollapsedComponents, Staying
 from ..policy import POLICY, Policy
 from ..simplify import simplification_steps
 from ..whole import Goal, Simplification, collapse_steps, require_finite
-from .collapsing import CollapsingComplex
+from .complex_rules import collapsing_complex
 from .flats import Flat, on_flats
 from .gaps import gaps_filled_steps
 from .junctions import interfaces_of
@@ -198,26 +197,6 @@ def _faces_of_labels(mesh: ComplexMesh) -> dict[int, int]:
     return {label: int(counts[(labels == label).any(axis=0)].sum()) for label in np.unique(labels).tolist() if label}
 
 
-def label_distances_steps(
-    simplified: ComplexMesh, full: ComplexMesh, threads: int | None = None
-) -> Steps[dict[int, SurfaceDistance]]:
-    """Measure for every label how far its simplified surface and its full one are from each other.
-
-    Parameters
-    ----------
-    simplified, full : ComplexMesh
-        In one space; distances are in its unit.
-    threads : int, optional
-        By default one for each processor.
-    """
-    labels = simplified.labels
-    distances = {}
-    for number, label in enumerate(labels):
-        steps = surface_distance_steps(simplified.of_label(label), ReferenceSurface(full.of_label(label)), threads)
-        distances[label] = yield from equal_part(steps, number, len(labels))
-    return distances
-
-
 def _part_steps(
     mesh: ComplexMesh, isolated: bool, goal: Goal, budget: Budget, flats: Sequence[Flat]
 ) -> Steps[tuple[ComplexMesh, Simplification, Collapsed]]:
@@ -229,14 +208,14 @@ def _part_steps(
             return mesh, Simplification(TriangleMesh(mesh.vertices, mesh.faces), CollapsedComponents()), {}
         if goal.max_error is None:
             mesh, filled = yield from gaps_filled_steps(mesh, target, goal.largest_component, goal.policy)
-        collapsing = CollapsingComplex(mesh, target, goal.policy, goal.max_error, flats)
+        collapsing, rules = collapsing_complex(mesh, target, goal.policy, goal.max_error, flats)
         collapsing.components.staying = Staying(goal.largest_component * float(collapsing.scale) ** 3)
         yield from collapse_steps(collapsing, target)
         yield from hold_bound_steps(collapsing)
-        simplified = collapsing.complex_mesh()
+        simplified = rules.complex_mesh(collapsing)
         whole = TriangleMesh(simplified.vertices, simplified.faces, simplified.normals)
         crossing = collapsing.crossing_count
-        of_labels = yield from _collapsed_steps(mesh, collapsing.removed_faces(mesh.faces))
+        of_labels = yield from _collapsed_steps(mesh, rules.removed_faces(collapsing, mesh.faces))
         for label, gaps in filled.items():
             of_labels[label] = of_labels.get(label, CollapsedComponents()) + gaps
         collapsed = sum(filled.values(), collapsing.collapsed_components)

@@ -13,8 +13,6 @@ from ...mesh.vectors import cross, dot
 from ...progress import PAUSE, Steps
 from ..policy import POLICY, Policy
 
-TURN = np.float32(0.2)  # A triangle may turn by at most the angle with this cosine.
-
 
 @dataclass(frozen=True, eq=False)
 class Collapses:
@@ -247,15 +245,19 @@ def with_normals_steps(collapses: Collapses, positions: Floats, faces: Ints) -> 
     return replace(collapses, normals=(normals[0], normals[1]))
 
 
-def flips_normal(collapses: Collapses) -> Flags:
+def flips_normal(collapses: Collapses, least_turn: float) -> Flags:
     """Return which collapses, with normals, turn a face too far or leave it without area, (n,) bool."""
     assert collapses.normals is not None
-    before, after = collapses.normals
-    along, size = dot(before, after), dot(after, after)
-    bad = (along < 0) | (along * along < TURN * TURN * dot(before, before) * size) | (size == 0)
+    bad = turns_too_far(*collapses.normals, least_turn)
     refused = np.zeros(len(collapses.edges), bool)
     refused[collapses.owner[~collapses.vanishing][bad]] = True
     return refused
+
+
+def turns_too_far(before: Floats, after: Floats, least_turn: float) -> Flags:
+    """Return which normals, (3, n), turn by more than the angle with this cosine or have no length after."""
+    along, size, turn = dot(before, after), dot(after, after), np.float32(least_turn)
+    return (along < 0) | (along * along < turn * turn * dot(before, before) * size) | (size == 0)
 
 
 def makes_thin(collapses: Collapses, positions: Floats, faces: Ints, thinnest: float) -> Flags:

@@ -26,9 +26,9 @@ from ...progress import PAUSE, Steps
 from ..bounds.error_bound import ErrorBound
 from ..policy import POLICY, Policy
 from .collapse_log import CollapseLog
-from .collapse_rules import CollapseRules
-from .collapses import Collapses, independent_set_steps, locked_vertices_steps, turned
+from .collapses import Collapses, independent_set_steps, turned
 from .component_removal import CollapsedComponents, Components
+from .edge_choice import EdgeChoice
 from .handles import least_face_cost, longest_loop_edge, pull_apart_steps
 from .quadrics import (
     EdgeQuadric,
@@ -40,31 +40,37 @@ from .quadrics import (
     renew_quadrics_steps,
     vertex_quadrics_steps,
 )
+from .surface_rules import ONE_SURFACE, SurfaceRules
 
 BLOCK = 8192  # Compute the costs of this many edges at once: they fit the cache.
 
 
-class CollapsingMesh(CollapseRules):
-    """The mesh while it is simplified: columns instead of rows, and every edge once.
+class CollapsingMesh(EdgeChoice):
+    """A mesh while it is simplified.
 
-    positions, normals : (3, V) float32
-    quadrics : (6, V) float32
-    faces : (3, F) int32, vertex numbers
-    face_edges : (3, F) int32, the edge from corner i to corner i + 1
-    edges : (2, E) int32, vertex numbers
-    cost : (E,) float32, inf where the edge cannot be collapsed as things are
-    interface : (F,) int32, number of the interface that each face is in: 0 but in a complex of several labels
-    locked : (V,) bool, vertices that stay where they are
-    original_vertex : (V,) int32, number in the mesh at first, -1 of a copy that a cut handle made
-    doubtful : bool, by these numbers, vertices at which triangles have come to cross
-
-    In a `batch` of a surface, components with a border go on beyond it: none of these is removed.
+    Parameters
+    ----------
+    mesh : TriangleMesh
+    max_error : float, optional
+    policy : Policy, optional
+    batch : bool
+        Whether the surface goes on beyond the mesh.
+    rules : SurfaceRules, optional
+        By default those of one surface.
+    interface : (F,) int32, optional
+        Interface that each triangle is in, if there are several.
     """
 
     def __init__(
-        self, mesh: TriangleMesh, max_error: float | None = None, policy: Policy = POLICY, batch: bool = False
+        self,
+        mesh: TriangleMesh,
+        max_error: float | None = None,
+        policy: Policy = POLICY,
+        batch: bool = False,
+        rules: SurfaceRules = ONE_SURFACE,
+        interface: Ints | None = None,
     ) -> None:
-        self.policy, self.share = policy, policy.share
+        self.policy, self.rules, self.share = policy, rules, rules.share(policy)
         vertices = mesh.vertices
         extent = float((vertices.max(axis=0) - vertices.min(axis=0)).max())
         # A power of two: nothing is rounded, and float32 neither over- nor underflows in any unit.
@@ -80,7 +86,7 @@ class CollapsingMesh(CollapseRules):
             self.normals[:, :-1] = mesh.normals.T
         self.faces = np.array(mesh.faces.T, order="C")
         self.face_count = self.faces.shape[1]
-        self.interface = np.zeros(self.face_count, np.int32)
+        self.interface = np.zeros(self.face_count, np.int32) if interface is None else interface
         self.limit = None if max_error is None else max_error * float(self.scale)
         self.bound: ErrorBound | None = None
         self.log: CollapseLog | None = None
@@ -99,7 +105,7 @@ class CollapsingMesh(CollapseRules):
         """Find the edges and their costs; call this before anything else."""
         vertex_count = self.positions.shape[1]
         self.edges, self.face_edges = yield from edges_steps(self.faces, vertex_count)
-        yield from self.prepare_vertices_steps()
+        yield from self._prepare_vertices_steps()
         self.vertex_becomes = np.arange(vertex_count, dtype=np.int32)  # during a round
         self.edge_becomes = np.arange(self.edges.shape[1], dtype=np.int32)
         self.original_vertex = np.arange(vertex_count, dtype=np.int32)
@@ -113,22 +119,16 @@ class CollapsingMesh(CollapseRules):
             self.faces = self.faces.copy()  # the bound keeps the original
         yield from self.update_costs_steps()
         self.begin_log()
-        if self.limit is None and self.may_have_handles():
+        if self.limit is None and self.rules.may_have_handles(self):
             self.least_cost_of_cut = least_face_cost(self.positions, self.edges, self.policy)
 
-    def prepare_vertices_steps(self) -> Steps[None]:
+    def _prepare_vertices_steps(self) -> Steps[None]:
         """Find which vertices are locked, and the components."""
-        border, non_manifold = yield from locked_vertices_steps(self.faces, self.edges, self.face_edges)
-        self.locked = np.zeros(self.positions.shape[1], bool)
-        self.locked[border] = self.locked[non_manifold] = True
-        staying = np.concatenate([border, non_manifold]) if self.batch else non_manifold
-        yield from self.prepare_components_steps(border, staying)
-
-    def prepare_components_steps(self, border: Ints, staying: Ints) -> Steps[None]:
-        """Find the components; those with a vertex of `staying` are never removed."""
+        self.locked, border, staying = yield from self.rules.vertices_steps(self)
         self.component = yield from self.components.prepare_steps(self.positions, self.faces, border, staying)
         if self.limit is None:
             yield from self.components.prepare_gaps_steps(self.positions, self.component)
+        self.rules.components_found(self, staying)
 
     def update_costs_steps(self, edges: Indices | None = None) -> Steps[None]:
         """Compute the cost of these edges, or of all."""
@@ -138,7 +138,7 @@ class CollapsingMesh(CollapseRules):
             first, second = np.take(self.edges, block, axis=1)
             quadric, step, _ = self.merged(first, second)
             cost = error(quadric, step)
-            cost[self.never_collapses(block, first, second)] = np.inf
+            cost[self.rules.never_collapses(self, block, first, second)] = np.inf
             self.cost[block] = cost
             if number % 16 == 15:
                 yield PAUSE
@@ -155,17 +155,20 @@ class CollapsingMesh(CollapseRules):
             if locked.any():
                 np.copyto(step, way, where=locked)
                 np.copyto(target, place, where=locked)
+        self.rules.place(self, (first, second), step, target)
         return quadric, step, target
 
     def can_collapse_steps(self) -> Steps[bool]:
         """Return whether it is worth trying; refused edges are tried again after enough collapses."""
-        if self.poor_rounds < self.policy.poor_rounds and np.isfinite(self.cost).any():
-            return True
-        if self.collapsed <= len(self.cost) // 1000:
-            return False
-        self.poor_rounds = self.collapsed = 0
-        yield from self.update_costs_steps()
-        return bool(np.isfinite(self.cost).any())
+        yield from self.update_costs_steps(self.rules.begin_round(self))
+        if self.poor_rounds >= self.policy.poor_rounds or not np.isfinite(self.cost).any():
+            if self.collapsed <= len(self.cost) // 1000:
+                return False
+            self.poor_rounds = self.collapsed = 0
+            yield from self.update_costs_steps()
+            if not np.isfinite(self.cost).any():
+                return False
+        return self.rules.leaves_edges(self)
 
     def collapse_round_steps(self, budget: int) -> Steps[None]:
         """One round: collapse at most `budget` of the cheapest edges that do not get in each other's way."""
@@ -184,7 +187,7 @@ class CollapsingMesh(CollapseRules):
             collapses, share = yield from self.uncrossed_steps(collapses, budget)
             accepted *= share
         else:
-            collapses = self.within_budget(collapses, budget)
+            collapses = self.rules.within_budget(self, collapses, budget)
         self.accepted = max(accepted, self.policy.poor_round)
         self.poor_rounds = self.poor_rounds + 1 if self.accepted == self.policy.poor_round else 0
         if len(collapses.edges):
@@ -198,6 +201,7 @@ class CollapsingMesh(CollapseRules):
         if (
             self.limit is not None
             or self.components.count == 1
+            or (stuck and not self.rules.loses_components_at_any_cost)
             or not (stuck or self.face_cost > self.policy.consider_again * self.cost_at_removal)
         ):
             return False
@@ -225,7 +229,7 @@ class CollapsingMesh(CollapseRules):
             return
         self.least_cost_of_cut = self.face_cost * (self.policy.cut_in_batch if self.batch else self.policy.cut_again)
         longest = longest_loop_edge(self.face_cost)
-        cuts = yield from self.handle_cuts_steps(longest)
+        cuts = yield from self.rules.handle_cuts_steps(self, longest)
         if cuts is None:
             return
         of_vertex = np.zeros(self.positions.shape[1], np.int32)
@@ -252,7 +256,7 @@ class CollapsingMesh(CollapseRules):
         self.cost = np.append(self.cost, np.full(cuts.loops.size, np.inf, np.float32))
         self.vertex_becomes = np.arange(len(vertices), dtype=np.int32)
         self.edge_becomes = np.arange(len(self.cost), dtype=np.int32)
-        self.handles_were_cut(cuts.loops)
+        self.rules.handles_were_cut(self, cuts.loops)
         yield PAUSE
         yield from pull_apart_steps(self.positions, self.faces, self.edges, cuts.loops, self.policy)
         moved = np.zeros(len(vertices), bool)
@@ -264,7 +268,7 @@ class CollapsingMesh(CollapseRules):
         """Return the result of collapsing these edges; no two have an end at the same triangle."""
         first, second = np.take(self.edges, edges, axis=1)
         _, _, target = self.merged(first, second)
-        swap = self.second_stays(first, second)
+        swap = self.rules.second_stays(self, first, second)
         ends = np.where(swap, second, first), np.where(swap, first, second)
         owner = np.full(self.positions.shape[1], -1, np.int32)
         owner[ends[0]] = owner[ends[1]] = np.arange(len(edges), dtype=np.int32)
@@ -287,7 +291,7 @@ class CollapsingMesh(CollapseRules):
         else:
             yield from self.move_steps(collapses)
         if self.normals is not None:
-            self.normals[:, keep] += self.normals_added(collapses)
+            self.normals[:, keep] += self.rules.normals_added(self, collapses)
 
         # In every face that vanishes the other two edges become a single edge.
         sides = np.take(self.face_edges, vanishing, axis=1)
@@ -296,7 +300,7 @@ class CollapsingMesh(CollapseRules):
         lost = np.where(second, sides[2], np.where(third, sides[0], sides[1]))
         stays = np.where(second, sides[0], np.where(third, sides[1], sides[2]))
         self.edge_becomes[lost] = stays
-        self.edges_joined(lost, stays)
+        self.rules.edges_joined(lost, stays)
         self.vertex_becomes[drop] = keep
         yield PAUSE
 
@@ -375,6 +379,7 @@ class CollapsingMesh(CollapseRules):
             self.bound.accept(face_left)
         if self.log is not None:
             self.log.compact(face_left, edge_left, vertex_left)
+        self.rules.compact(face_left, edge_left, vertex_left)
         self.original_vertex, self.interface = self.original_vertex[vertex_left], self.interface[face_left]
         self.faces = np.take(vertex_number, np.take(self.faces, face_left, axis=1))
         self.face_edges = np.take(edge_number, np.take(self.face_edges, face_left, axis=1))
@@ -397,6 +402,7 @@ class CollapsingMesh(CollapseRules):
     def begin_log(self, crossing: Ints | None = None) -> None:
         """Begin a log of all changes from now on; `crossing` are pairs of faces, (2, n), that cross already."""
         self.log = CollapseLog(self, crossing)
+        self.rules.log_begins()
 
     @property
     def collapsed_components(self) -> CollapsedComponents:

@@ -28,9 +28,6 @@ from ...progress import PAUSE, Steps
 from ..policy import POLICY, Policy
 
 SAVED = 4  # Every cut saves this many triangles.
-EVERY = 16  # One of so many edges is measured for the median.
-MOST_FACES = 64  # A vertex has at most this many faces on one side of a loop.
-HALVINGS = 8  # Of the share by which a loop is pulled, at most, where a triangle would turn over.
 
 
 @dataclass(frozen=True, eq=False)
@@ -101,7 +98,7 @@ def longest_loop_edge(face_cost: float) -> float:
 
 def least_face_cost(positions: Floats, edges: Ints, policy: Policy = POLICY) -> float:
     """Cost of collapses for every triangle from which on it is worth looking for handles: few have shorter loops."""
-    first, second = edges[:, ::EVERY]
+    first, second = edges[:, :: policy.sampled_edges]
     along = np.take(positions, first, axis=1) - np.take(positions, second, axis=1)
     squared = dot(along, along)
     if not len(squared):
@@ -112,7 +109,13 @@ def least_face_cost(positions: Floats, edges: Ints, policy: Policy = POLICY) -> 
 
 
 def handle_cuts_steps(
-    positions: Floats, faces: Ints, edges: Ints, locked: Flags, longest: float, parting: Flags | None = None
+    positions: Floats,
+    faces: Ints,
+    edges: Ints,
+    locked: Flags,
+    longest: float,
+    parting: Flags | None = None,
+    policy: Policy = POLICY,
 ) -> Steps[Cuts | None]:
     """Cuts of handles at loops whose edges are no longer than `longest`; None if there are none.
 
@@ -126,13 +129,14 @@ def handle_cuts_steps(
         Vertices that no loop may have.
     parting : (V,) bool, optional
         Vertices that connect no faces: where walls of a complex meet, what is cut must stay connected within its wall.
+    policy : Policy, optional
     """
     loops, length = yield from _loops_steps(positions, faces, edges, locked, longest)
     if not len(loops):
         return None
     loops = _independent(loops, length, len(locked))
     yield PAUSE
-    cuts, right = yield from _sides_steps(loops, faces, len(locked))
+    cuts, right = yield from _sides_steps(loops, faces, len(locked), policy.most_loop_faces)
     if not len(cuts.loops):
         return None
     handle = yield from _handles_steps(cuts, right, faces, len(locked), parting)
@@ -168,7 +172,7 @@ def pull_apart_steps(positions: Floats, faces: Ints, edges: Ints, loops: Ints, p
     before = _normals(positions, around)
     start = positions[:, vertices]
     share = np.full(vertex_count, policy.pull, np.float32)
-    for _ in range(HALVINGS):
+    for _ in range(policy.pull_halvings):
         positions[:, vertices] = start + share[vertices] * way
         after = _normals(positions, around)
         turned = (dot(before, after) <= 0) & (dot(before, before) > 0)
@@ -204,18 +208,18 @@ def _loops_steps(
     # Every pair of edges with the same lowest end, and the third edge between their other ends.
     number = np.arange(len(keys))
     pairs = np.searchsorted(low, low, side="right") - 1 - number
-    one = np.repeat(number, pairs)
-    other = one + 1 + np.arange(len(one)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
-    third, present = _find(keys, high[one].astype(np.int64) * count + high[other])
-    one, other, third = one[present], other[present], third[present]
+    side_a = np.repeat(number, pairs)
+    side_b = side_a + 1 + np.arange(len(side_a)) - np.repeat(np.cumsum(pairs) - pairs, pairs)
+    third, present = _find(keys, high[side_a].astype(np.int64) * count + high[side_b])
+    side_a, side_b, third = side_a[present], side_b[present], third[present]
     at_triangle = np.zeros(count, bool)
-    at_triangle[low[one]] = at_triangle[high[one]] = at_triangle[high[other]] = True
+    at_triangle[low[side_a]] = at_triangle[high[side_a]] = at_triangle[high[side_b]] = True
     yield PAUSE
     a, b, c = (np.take(at_triangle, corner) for corner in faces)
     corners = np.sort(faces[:, a & b & c], axis=0).astype(np.int64)
     yield PAUSE
     edge, present = _find(keys, corners[0] * count + corners[1])
-    triangles = one * count + high[other]
+    triangles = side_a * count + high[side_b]
     spans = [edge[present] * count + corners[2, present]]
     yield PAUSE
     # Round a vertex with three faces: that vertex can collapse.
@@ -226,9 +230,9 @@ def _loops_steps(
     edge, present = _find(keys, ring[:, 0] * count + ring[:, 1])
     spans.append(edge[present] * count + ring[present, 2])
     loop = ~np.isin(triangles, np.concatenate(spans))
-    one, other, third = one[loop], other[loop], third[loop]
-    loops = np.stack([low[one], high[one], high[other]], axis=1)
-    return loops, np.maximum(np.maximum(length[one], length[other]), length[third])
+    side_a, side_b, third = side_a[loop], side_b[loop], third[loop]
+    loops = np.stack([low[side_a], high[side_a], high[side_b]], axis=1)
+    return loops, np.maximum(np.maximum(length[side_a], length[side_b]), length[third])
 
 
 def _find(keys: Indices, sought: Indices) -> tuple[Indices, Flags]:
@@ -255,7 +259,7 @@ def _independent(loops: Ints, length: Floats, vertex_count: int) -> Ints:
     return np.concatenate(independent)
 
 
-def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cuts, Indices]]:
+def _sides_steps(loops: Ints, faces: Ints, vertex_count: int, most_faces: int) -> Steps[tuple[Cuts, Indices]]:
     """The corners on the left of every loop, and for each of the loops a face on its right.
 
     Round a vertex, the corner whose face runs to the neighbor n is followed by the one that runs to the neighbor from
@@ -282,7 +286,7 @@ def _sides_steps(loops: Ints, faces: Ints, vertex_count: int) -> Steps[tuple[Cut
     copy = np.flatnonzero(good)
     now = now[copy]
     places, copies, firsts = [], [], []
-    for turn in range(MOST_FACES):
+    for turn in range(most_faces):
         places.append(now)
         copies.append(copy)
         firsts.append(np.full(len(now), turn == 0))
@@ -315,8 +319,8 @@ def _handles_steps(cuts: Cuts, right: Indices, faces: Ints, vertex_count: int, p
     pieces, number = np.unique([left_piece[necks], right_piece[necks]], return_inverse=True)
     joined = Groups(len(pieces))
     # The longest keep the pieces together.
-    for loop, one, other in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
-        handle[loop] = not joined.join(one, other)
+    for loop, first, second in zip(necks.tolist(), *number.reshape(2, -1).tolist(), strict=True):
+        handle[loop] = not joined.join(first, second)
     return handle
 
 

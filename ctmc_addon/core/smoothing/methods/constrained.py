@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...machine.budget import Budget
+from ...measures.units import volume_text
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...units import volume_text
 from ...volume.field import Field, all_values_steps
 from ...volume.field_values import HeldValues
 from ...volume.region import box_slices, relative_box

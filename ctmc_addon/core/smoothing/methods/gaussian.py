@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from ...machine.budget import Budget
 from ...machine.parallel import map_steps
+from ...measures.units import length_text
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
-from ...units import length_text
 from ...volume.field import Field
 from ...volume.field_values import FieldValues
 from ...volume.volume import Box, Volume

@@ -197,7 +197,7 @@ def not_a_label_steps(volume: Volume) -> Steps[str]:
         return ""
     try:
         for low in range(0, volume.size[2], step):
-            yield Step(low / volume.size[2], "Looking at the values")
+            yield Step(low / volume.size[2], "Checking values")
             labels.slab(low, min(low + step, volume.size[2]))
     except NotWholeError as error:
         return error.value_text

@@ -15,8 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...errors import VolumeError
+from ...measures.units import mm_text, spacing_text
 from ...progress import Step, Steps
-from ...units import mm_text, spacing_text
 from ..affine import index_to_index, product, to_index, transform_points
 from ..slice_reader import SliceReader, ValuesInMemory
 from ..volume import Box, Volume

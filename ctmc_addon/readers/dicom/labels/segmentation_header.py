@@ -18,7 +18,7 @@ from ....core.volume import SPACING_LIMITS, is_spacing
 from ...labels.colors import RGB, rgb_of_cielab
 from ...labels.label_map import MOST_LABELS, clean_name
 from ..header import UNCOMPRESSED, Called, ImageFile
-from ..pixel_format import Pixels, missing_pixels
+from ..pixels.pixel_format import Pixels, missing_pixels
 from .elements import PIXELS, VALUE, Damaged, Elements
 from .label_file import first_unsigned, numbers, opened, reference_of, texts, uid, unsigned, whole
 from .references import Reference

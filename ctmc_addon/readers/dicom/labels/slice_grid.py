@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from ....core import ReadError, mm_text
 from ..header import Slice
-from ..stack_geometry import SAME_MM, Stack, checked_normal, dot
+from ..series.stack_geometry import SAME_MM, Stack, checked_normal, dot
 
 EVEN = 0.1  # A frame may be off its slice by this share of a gap.
 ON_PIXEL = 0.1  # A frame may be off the grid by this share of a pixel.

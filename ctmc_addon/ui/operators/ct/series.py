@@ -9,7 +9,7 @@ import bpy
 
 from ....core import length_text
 from ....readers import Series, series_names
-from ...state import volumes
+from ...state.ct import volumes
 from ...translations import translate
 
 _items: list[tuple[str, str, str]] = []  # Blender does not keep the texts of a list that is made when it is drawn.

@@ -24,8 +24,10 @@ from ....core.segmentation import (
 )
 from ... import jobs
 from ...properties.preferences import machine
-from ...properties.structures import LABEL
-from ...state import drawings, masks, session, structures
+from ...properties.surface.structures import LABEL
+from ...state import session
+from ...state.draw import drawings, masks
+from ...state.surface import structures
 from .needs import (
     DrawTarget,
     allowed_steps,

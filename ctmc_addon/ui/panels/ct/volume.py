@@ -12,7 +12,8 @@ from ....core.volume import ValueKind, VolumeStatistics
 from ....reporting.formatting import count, directions
 from ... import jobs
 from ...operators.ct.view import AS_IT_IS, SIDES
-from ...state import session, volumes
+from ...state import session
+from ...state.ct import stored_paths, volumes
 from ...translations import translate, translate_sentence
 from ..layout import draw_job, draw_name, draw_pair, draw_text
 from .scans import draw_cts, draw_without_damaged
@@ -51,13 +52,13 @@ def _draw_missing(layout: Any, context: bpy.types.Context) -> None:
     """Draw the name of the file's CT that is not in memory, and a button to load it."""
     box = layout.box()
     path = context.scene.ctmc.volume_path
-    is_missing = not volumes.exists(path)
+    is_missing = not stored_paths.exists(path)
     text = translate(
         "The CT {name} has been moved or deleted. Surfaces stay as they are; load it from its new place to go on"
     )
     if not is_missing:
         text = translate("The CT {name} is not in memory. Surfaces stay as they are; load it again to make others")
-    draw_text(box, context, text.format(name=volumes.name_of(path)), "INFO")
+    draw_text(box, context, text.format(name=stored_paths.name_of(path)), "INFO")
     if not is_missing:
         box.operator("ctmc.load", text="Load Again", icon="FILE_REFRESH").again = True
 

@@ -52,6 +52,7 @@ def test_removed_balls_count_with_their_exact_volume_in_one_batch_and_in_many(go
     assert distance.lost.volume == pytest.approx(result.collapsed.volume, rel=1e-9)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("close_border", [True, False])
 def test_open_components_and_cavities_of_noise_count_with_the_volume_that_the_full_surface_has(close_border):
     values = np.random.default_rng(0).normal(size=(20, 20, 20)).astype(np.float32)

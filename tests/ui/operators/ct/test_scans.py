@@ -17,8 +17,10 @@ from ui.drawing import Layout, meshes_in
 from ctmc_addon.blender.rulers import PROPERTY as RULER
 from ctmc_addon.blender.scene.ct_box import box_of, fingerprint_of_box, link_beside_ct, paths_of_boxes
 from ctmc_addon.ui.panels.ct.scans import draw_cts
-from ctmc_addon.ui.state import scans, session, structures, volumes
-from ctmc_addon.ui.viewport import live
+from ctmc_addon.ui.state import session
+from ctmc_addon.ui.state.ct import scans, volumes
+from ctmc_addon.ui.state.surface import structures
+from ctmc_addon.ui.viewport.surface import live
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 const MAPS = (() => {
   const numberText = (value) => String(+value.toPrecision(4));
 
-  // The unit in which numbers up to the largest are shown, and how many of it a millimeter is; as core/units.py chooses.
+  // The unit in which numbers up to the largest are shown, and how many of it a millimeter is; as core/measures/units.py chooses.
   const fitting = (largest, unit) => (unit === "mm" && largest && largest < 0.1 ? ["um", 1000] : [unit, 1]);
   const lengthText = (mm, digits) => {
     const [unit, size] = fitting(mm, "mm");
