@@ -23,6 +23,8 @@ NONE = "none"
 BETWEEN = "|"
 NOTHING = SolidRequest()
 DESCRIBED = descriptions(SolidRequest)
+FIRST = ("thicken", "hollow")
+"""Described flags that the help has before those of drains, cuts and combinations."""
 COMBINING = {how.value: how for how in Combining}
 COMBINING_TEXTS = {
     "merge": "make one structure of several, such as legs=left,right",
@@ -37,8 +39,8 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
     repeated = ", ".join(f"--{name}" for name in REPEATED)
     group = parser.add_argument_group("solid", f"Parts for 3D print, in RAS+ mm; {repeated} may be repeated")
     own = defaults(SolidRequest)
-    add_flag(group, "thicken", DESCRIBED["thicken"], own["thicken"])
-    add_flag(group, "hollow", DESCRIBED["hollow"], own["hollow"])
+    for name in FIRST:
+        add_flag(group, name, DESCRIBED[name], own[name])
     _add_numbers(
         group,
         "drain",
@@ -90,8 +92,9 @@ def add_solid(parser: argparse.ArgumentParser) -> None:
             metavar="NAME=A,B" if name != "merge" else "NAME=A,B,...",
             help=f"{text}; labels by name or number",
         )
-    for name in ("base", "least_wall", "bed"):
-        add_flag(group, name, DESCRIBED[name], own[name])
+    for name in DESCRIBED:
+        if name not in FIRST:
+            add_flag(group, name, DESCRIBED[name], own[name])
 
 
 def asked_solid(args: argparse.Namespace) -> SolidRequest:

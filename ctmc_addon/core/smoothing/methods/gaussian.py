@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...machine.budget import Budget
 from ...machine.parallel import map_steps
+from ...measures.units import length_text
 from ...progress import PAUSE, Steps
 from ...settings import ReconstructionSettings
 from ...volume.field import ScalarField
@@ -51,7 +52,7 @@ class Gaussian(Smoothing):
 
     def caption(self, settings: ReconstructionSettings) -> str:
         """Return the words of a figure's caption on this smoothing."""
-        return f"Gaussian of {settings.smoothing_width_mm:g} mm"
+        return f"Gaussian of {length_text(settings.smoothing_width_mm)}"
 
 
 class GaussianValues:
