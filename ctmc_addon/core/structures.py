@@ -12,6 +12,7 @@ from .errors import AbsentLabelError
 from .files.file_names import file_key, printable
 from .measures.reconstruction import Reconstruction
 from .volume.labels.anatomy import anatomy_of
+from .volume.labels.extents import compared_name
 from .volume.labels.structure_colors import part_rgb, structure_color
 
 if TYPE_CHECKING:
@@ -94,7 +95,7 @@ def chosen_opacities(
     results: Sequence[Reconstruction], given: Sequence[tuple[int | str, float]] = ()
 ) -> tuple[float | None, ...]:
     """Return the given opacity of each result, None for none; `given` is as for `opacities_of`."""
-    names = {_plain(result.label_name) for result in results}
+    names = {compared_name(result.label_name) for result in results}
     return tuple(_given_opacity(given, result.settings.label, result.label_name, names) for result in results)
 
 
@@ -124,7 +125,7 @@ def _given_opacity(
     for choice, opacity in given:
         fit = _fit(choice, label, name)
         # What a structure is called goes to that one alone: of two kidneys the anatomy is the same.
-        if fit == 2 and isinstance(choice, str) and _plain(choice) in names:
+        if fit == 2 and isinstance(choice, str) and compared_name(choice) in names:
             continue
         if fit and fit >= best:
             best_opacity, best = opacity, fit
@@ -137,14 +138,10 @@ def _fit(choice: int | str, label: int | None, name: str) -> int:
         return 1
     if not isinstance(choice, str):
         return 3 if choice == label else 0
-    if _plain(choice) == _plain(name):
+    if compared_name(choice) == compared_name(name):
         return 3
     anatomy = anatomy_of(choice)
     return 2 if anatomy is not None and anatomy == anatomy_of(name) else 0
-
-
-def _plain(name: str) -> str:
-    return " ".join(name.casefold().replace("_", " ").split())
 
 
 def structure_names(results: Sequence[Reconstruction]) -> tuple[str, ...]:

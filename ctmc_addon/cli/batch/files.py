@@ -311,6 +311,11 @@ def failed_record(
     }
 
 
+def since(start: float) -> float:
+    """Return the seconds since `start`, to a millisecond."""
+    return round(time.perf_counter() - start, 3)
+
+
 def input_key(source: VolumeSource, verify: bool) -> dict[str, str]:
     """Return a key that changes with the input: a hash of the names, sizes and times of its files, or of their content.
 

@@ -13,6 +13,7 @@ from ..volume.labels.extents import (
     ALL,
     Extents,
     chosen_labels_steps,
+    compared_name,
     existing_labels_steps,
     label_extents_steps,
     require_labels,
@@ -98,12 +99,12 @@ def _paired(
 
 def _partner(volume: Volume, number: int, second: Volume) -> int:
     """Return the number of the label with the same name in a second volume; without names, the same number."""
-    name = _plain(volume.label_names.get(number, ""))
-    partners = [each for each, text in second.label_names.items() if name and _plain(text) == name]
-    namesakes = [each for each, text in volume.label_names.items() if _plain(text) == name]
+    name = compared_name(volume.label_names.get(number, ""))
+    partners = [each for each, text in second.label_names.items() if name and compared_name(text) == name]
+    namesakes = [each for each, text in volume.label_names.items() if compared_name(text) == name]
     if len(partners) == len(namesakes) == 1:
         return partners[0]
-    second_name = _plain(second.label_names.get(number, ""))
+    second_name = compared_name(second.label_names.get(number, ""))
     return number if not (name and second_name) or name == second_name else -1
 
 
@@ -142,7 +143,3 @@ def _name(before: Volume, after: Volume, first: int | None, last: int | None) ->
     ]
     number = first if last is None else last
     return next((printable(name) for name in names if name), f"label {number}")
-
-
-def _plain(name: str) -> str:
-    return " ".join(name.casefold().replace("_", " ").split())

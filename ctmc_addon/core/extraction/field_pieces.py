@@ -26,7 +26,7 @@ from ..progress import PAUSE, Stages, Step, Steps, WithResult
 from ..settings import ReconstructionSettings
 from ..smoothing.prepare import field_steps
 from ..volume.affine import transform_faces, transform_normals, transform_points
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.volume import Box, Volume
 from .grid import Grid, layers_in_unit, make_axes
 from .marching_cubes import Counts, piece_steps
@@ -85,7 +85,7 @@ class FieldSlabs:
 
     Parameters
     ----------
-    field : Field
+    field : ScalarField
     budget : Budget
     normals : bool
         Whether pieces have the normals of the values' gradient.
@@ -93,7 +93,7 @@ class FieldSlabs:
         Whether the pieces are to be one surface: what is held is then one slab.
     """
 
-    def __init__(self, field: Field, budget: Budget, normals: bool, joined: bool = False) -> None:
+    def __init__(self, field: ScalarField, budget: Budget, normals: bool, joined: bool = False) -> None:
         self.field, self.budget, self.normals, self.joined = field, budget, normals, joined
         self.values, settings = field.values, field.settings
         self.axes = make_axes(field.window_in_values, settings.stride, settings.close_border)
@@ -279,12 +279,12 @@ def slab_result_steps(volume: Volume, task: SlabTask) -> Steps[SlabResult]:
     return SlabResult(pieces, field.values.wrong_side)
 
 
-def surface_pieces_steps(field: Field, budget: Budget, normals: bool, joined: bool = False) -> Pieces:
+def surface_pieces_steps(field: ScalarField, budget: Budget, normals: bool, joined: bool = False) -> Pieces:
     """Yield the pieces of a field's surface in RAS+ mm, from the first to the last, and steps between.
 
     Parameters
     ----------
-    field : Field
+    field : ScalarField
     budget : Budget
     normals : bool
         Whether pieces have normals: those of the values' gradient, and of the mesh where that vanishes or on a cap.

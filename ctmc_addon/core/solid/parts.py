@@ -33,7 +33,7 @@ from .placing.joints import Joined, cut_pegs_steps
 from .placing.least_wall import Thickening, thin_walls_steps
 from .placing.pegs import bosses_steps
 from .placing.standing import Feet, feet_steps, stood_steps
-from .request import Pegs, SolidRequest
+from .request import Pegs, SolidRequest, numbers_text
 from .rule import PartRule
 from .slots import StructureSlots
 from .structure import (
@@ -283,7 +283,7 @@ class PartsMaking:
             if cut_pegs.refused and not cut_pegs.placed:
                 for at, why in cut_pegs.refused:
                     yield from tried_steps([self.structures[at]], _raising_steps(why), self.all_needed)
-            where = " ".join(f"{each:g}" for each in cut.point)
+            where = numbers_text(cut.point)
             partly = f"Some joints at the cut at {where} have no peg; thinner pegs may fit."
             of_placed = {at for at, _ in cut_pegs.placed}
             refused = {at: partly if at in of_placed else str(why) for at, why in cut_pegs.refused if of_placed}

@@ -15,6 +15,7 @@ from ...progress import Step, Steps
 from ..affine import farthest_corner_mm, product
 from ..labels.extents import label_extent_steps
 from ..labels.label_sources import moved_box, samples_on_grid, turned_values
+from ..region import box_of
 from ..volume import Box, Volume
 
 SLAB_SLICES = 16  # Look at this many slices in one go.
@@ -67,7 +68,7 @@ def inside_values_steps(ct: Volume, labels: Volume, label: int, box: Box | None 
     """
     labels = labels.as_labels
     axes, shift = samples_on_grid(labels, ct)
-    extent = yield from label_extent_steps(labels, label, box or _whole_box(labels))
+    extent = yield from label_extent_steps(labels, label, box or box_of(labels, None, "voxel"))
     if extent is None:
         return None
     on_ct = moved_box(extent.box, axes, shift)
@@ -108,12 +109,7 @@ def range_values_steps(
         values = ct.samples(slab, rows, columns)
         return values[(values >= low) & (values <= (math.inf if high is None else high))]
 
-    return (yield from _summed_steps(selected_values, box or _whole_box(ct), "Reading the values inside"))
-
-
-def _whole_box(volume: Volume) -> Box:
-    x, y, z = volume.size
-    return (0, x), (0, y), (0, z)
+    return (yield from _summed_steps(selected_values, box or box_of(ct, None, "voxel"), "Reading the values inside"))
 
 
 def _summed_steps(

@@ -19,6 +19,7 @@ from ...arrays import Flags, Floats
 from ...progress import PAUSE, Stages, Step, Steps
 from ..affine import cofactors, determinant, transform_points
 from ..labels.extents import label_extent_steps
+from ..region import box_of
 from ..sampling import sampled_steps
 from ..value_kind import ValueKind
 from ..volume import Box, Volume
@@ -99,7 +100,7 @@ def sampled_inside_label_steps(
     (8, 21.0, 42.0, {32.0: 50.0})
     """
     labels = labels.as_labels
-    extent = yield from label_extent_steps(labels, label, box or _whole_box(labels))
+    extent = yield from label_extent_steps(labels, label, box or box_of(labels, None, "voxel"))
     if extent is None:
         return SampledValues(volume.kind, percent_at=dict.fromkeys(doses))
 
@@ -136,12 +137,9 @@ def sampled_inside_range_steps(
         inside: Flags = (values >= low) & (values <= most)
         return inside
 
-    return (yield from _sampled_inside_steps(volume, _Structure(volume, box or _whole_box(volume), mask), doses))
-
-
-def _whole_box(volume: Volume) -> Box:
-    x, y, z = volume.size
-    return (0, x), (0, y), (0, z)
+    return (
+        yield from _sampled_inside_steps(volume, _Structure(volume, box or box_of(volume, None, "voxel"), mask), doses)
+    )
 
 
 def _sampled_inside_steps(volume: Volume, structure: _Structure, doses: Sequence[float]) -> Steps[SampledValues]:
