@@ -152,8 +152,8 @@ def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
     unit = HalfSpace(cut.point, cut.normal).unit
     middle = np.array(cut.point) + unit * ((low + high) / 2)
     raise SettingsError(
-        f"the cut at {numbers_text(cut.point)} misses the structure, which lies {low:.3g} to {mm_text(high, 3)} along its "
-        f"normal from there; move its point, such as to {place_text(middle.tolist(), (high - low) / 10)}"
+        f"the cut at {numbers_text(cut.point)} misses the structure, which lies {low:.3g} to {mm_text(high, 3)} along "
+        f"its normal from there; move its point, such as to {place_text(middle.tolist(), (high - low) / 10)}"
     )
 
 
