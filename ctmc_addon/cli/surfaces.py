@@ -28,8 +28,9 @@ from ..core.maps import MapRequest
 from ..core.solid import SolidRequest
 from ..core.volume import ALL, chosen_labels_steps, region_box
 from .flags.arguments import UsageError
+from .flags.combined import with_structures
 from .flags.maps import AskedMaps
-from .flags.solid import NOTHING, with_structures
+from .flags.solid import NOTHING
 from .surface_writer import SurfaceWriter
 
 

@@ -12,6 +12,7 @@ from typing import Any
 
 from .described import AUTO, Described, defaults, descriptions, setting
 from .errors import SettingsError
+from .measures.units import volume_text
 from .smoothing.choices import (
     CHOICES,
     NONE,
@@ -126,6 +127,7 @@ class ReconstructionSettings(Described):
         "interpolant. Both give a closed surface",
         label="Topology",
         stage=EXTRACTION,
+        caption="{} topology".format,
         choices=("classic", "trilinear"),
         type=str,
     )
@@ -165,6 +167,7 @@ class ReconstructionSettings(Described):
         "Close the surface where it meets the border of the volume or region with a cap half a pixel outside it",
         label="Close Border",
         stage=EXTRACTION,
+        caption="closed at the border".format,
         type=bool,
     )
     region: tuple[float, float, float, float, float, float] | None = setting(
@@ -172,6 +175,7 @@ class ReconstructionSettings(Described):
         "Box: lowest x, y, z, then highest x, y, z. A box in mm takes every voxel it touches",
         label="Region",
         stage=FIELD,
+        caption="a region".format,
         unit="voxels or mm",
         size=6,
         start=(0.0, 0.0, 0.0, 1.0, 1.0, 1.0),
@@ -190,6 +194,7 @@ class ReconstructionSettings(Described):
         "Keep this many of the largest connected components, each with its cavities. 0 = all",
         label="Keep Largest",
         stage=COMPONENTS,
+        caption=lambda count: "largest component" if count == 1 else f"{count} largest components",
         low=0,
         high=1_000_000,
         type=int,
@@ -200,6 +205,7 @@ class ReconstructionSettings(Described):
         "Larger = fewer small components. 0 = none",
         label="Minimum Volume",
         stage=COMPONENTS,
+        caption=lambda least: f"components of {volume_text(least)} or more",
         unit="mm3",
         low=0.0,
         flag="min-part",

@@ -26,12 +26,14 @@ from ..core import (
     VolumeError,
     descriptions,
     finish,
+    length_text,
     one_line,
+    spacing_text,
 )
 from ..core.files.input_files import add_inputs
 from ..core.volume import SliceReader, ValueKind, ValuesInMemory, Volume, anatomy_of, box_of
 from .file_formats import stem
-from .geometry import AXIAL, flipped, instead_of, lengths_text, require_spacing, respaced, taken_as_axial
+from .geometry import AXIAL, flipped, instead_of, require_spacing, respaced, taken_as_axial
 from .labels.names.tables import table_for
 from .options import ReadingOptions, options_of
 from .value_kind import kind_steps, require_volume_memory
@@ -111,7 +113,7 @@ class Series:
         >>> Series(2, "", 30, (512, 512), "CT", spacing_mm=1.5, dicom_number="4", description="Lung").screen_text
         'series 2: 30 slices of 512 x 512, CT, 1.5 mm apart, no. 4, Lung'
         """
-        apart = "" if self.spacing_mm is None else f"{self.spacing_mm:.4g} mm apart"
+        apart = "" if self.spacing_mm is None else f"{length_text(self.spacing_mm)} apart"
         number = f"no. {self.dicom_number}" if self.dicom_number else ""
         folder = f"in {self.folder}" if self.folder else ""
         parts = [self.text, apart, number, self.description, self.kernel, folder]
@@ -352,12 +354,12 @@ class VolumeSource:
             what = "a NumPy file" if self.format == "NumPy" else self.format
             notes.append(taken_as_axial(what))
             if spacing is not None and raw.spacing is not None:
-                notes.append(f"spacing {lengths_text(spacing)} mm as asked, {instead_of(raw.spacing)}")
+                notes.append(f"spacing {spacing_text(spacing)} as asked, {instead_of(raw.spacing)}")
             if spacing is None and raw.spacing is None:
                 notes.append(f"{what} has no spacing: 1 mm is assumed along x, y and z; give the spacing in mm")
         elif spacing is not None:
             affine, own_spacing, spacing_notes = respaced(affine, spacing, raw.directions)
-            notes += [f"spacing {lengths_text(spacing)} mm as asked, {raw.own_spacing or own_spacing}", *spacing_notes]
+            notes += [f"spacing {spacing_text(spacing)} as asked, {raw.own_spacing or own_spacing}", *spacing_notes]
         require_spacing(affine, self.path.name)
         if request.flip:
             affine = flipped(affine, reader.shape[::-1], request.flip)

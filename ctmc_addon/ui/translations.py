@@ -36,11 +36,11 @@ def translate_sentence(text: str) -> str:
 
     It begins with a capital unless it begins with a name, such as a file's.
     """
-    translated = _translate_phrase(text)
+    translated = translate_phrase(text)
     return translated[:1].upper() + translated[1:] if _begins_with_a_word(text) else translated
 
 
-def _translate_phrase(text: str) -> str:
+def translate_phrase(text: str) -> str:
     """Return a part of a sentence in the language of Blender's interface, with its names and numbers."""
     return _by_template(text, bpy.app.translations.locale)
 

@@ -34,9 +34,12 @@ PAGE_OF = {
     **{f"bpy.ops.ctmc.{name}": "SURFACE" for name in ("histogram", "reconstruct", "simplify", "add_threshold")},
     **{f"bpy.ops.ctmc.{name}": "SURFACE" for name in ("drain_add", "solid_reset")},
     **{"ctmc.goal": "SURFACE", "ctmc.ratio": "SURFACE", "bpy.ops.ctmc.quad_view": "DRAW"},
-    **{f"bpy.ops.ctmc.{name}": "RESULTS" for name in ("pick_component", "export", "remove_small", "map_show")},
+    **{
+        f"bpy.ops.ctmc.{name}": "RESULTS"
+        for name in ("pick_component", "export", "remove_small", "map_show", "cut_away")
+    },
     **{f"bpy.ops.ctmc.{name}": "RENDER" for name in ("rotation_test", "rotation_save", "render")},
-    "ctmc.rotation_kind": "RENDER",
+    **{"ctmc.rotation_kind": "RENDER", "ctmc_figure.kind": "RENDER"},
 }
 FIELDS = 0.65  # of the sidebar's width, where most fields and buttons are
 

@@ -20,8 +20,9 @@ from ...core.files.file_names import LONGEST_BYTES, file_key, name_problem
 from ...core.solid import SolidRequest
 from ...readers import VOLUME_SUFFIXES, ReadingOptions, natural_key, stem, suffix
 from ..flags.arguments import UsageError, choices_of, label_for_checks, overridden
+from ..flags.combined import labels_of
 from ..flags.maps import NO_MAPS, AskedMaps
-from ..flags.solid import NOTHING, labels_of, overridden_solid, require_built_in, solid_of
+from ..flags.solid import NOTHING, overridden_solid, require_built_in, solid_of
 from .manifest import CaseInput, manifest_inputs
 
 DEEPEST = 6  # Folders are searched for cases to this depth.

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ... import readers
-from ...core import ReconstructionSettings, Stages, Steps, Volume
+from ...core import ReconstructionSettings, Stages, Steps, Volume, sizes_text
 from ...core.files.atomic_write import json_text
 from ...core.volume import ValueFacts, ValueKind, label_extents_steps, region_limits, value_facts_steps
 from ...reporting.formatting import SIDES
@@ -146,9 +146,9 @@ def text_of(facts: dict[str, Any], series: Sequence[readers.Series]) -> str:
         ("name", facts["name"]),
         ("format", facts["format"]),
         ("shape", f"{dimensions(facts['size'])} (columns x rows x slices)"),
-        ("spacing", f"{dimensions(facts['spacing_mm'])} mm"),
+        ("spacing", sizes_text(facts["spacing_mm"], digits=6)),
         ("orientation", f"{facts['orientation']} ({', '.join(f'{axis} to the {SIDES[side]}' for axis, side in axes)})"),
-        ("place", f"{place} mm (RAS, centers of the outermost samples)"),
+        ("place", f"{place} (RAS+ mm, centers of the outermost samples)"),
         ("dtype", facts["dtype"]),
         ("values", values),
     ]

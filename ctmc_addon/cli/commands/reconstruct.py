@@ -31,6 +31,7 @@ from ...core import (
     printed_of,
     reads_at_once,
     require_opacities,
+    sizes_text,
     volume_text,
 )
 from ...core.files import mesh_files
@@ -376,7 +377,7 @@ def _given_of(result: Reconstruction) -> ReconstructionSettings:
 
 def head_of(volume: Volume) -> str:
     """Return name, size and spacing of a volume in words."""
-    return f"{volume.name}: {dimensions(volume.size)}, {dimensions(volume.spacing)} mm"
+    return f"{volume.name}: {dimensions(volume.size)}, {sizes_text(volume.spacing, digits=6)}"
 
 
 def _label_text(result: Reconstruction) -> str:

@@ -19,6 +19,7 @@ from ...core import (
     equal_part,
     measure,
     reconstruct_steps,
+    sizes_text,
 )
 from ...core.mesh import SAMPLES, SEED, OneWayDistance, ReferenceSurface, SurfaceDistance, surface_distance_steps
 from ..commands.reconstruct import input_steps
@@ -106,7 +107,7 @@ def facts_of(
     """Return input, settings and notes, by name."""
     spacing = [round(gap, 4) for gap in volume.spacing]
     facts = [
-        ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {dimensions(spacing)} mm"),
+        ("input", f"{volume.name}, {dimensions(volume.size)} voxels of {sizes_text(spacing, digits=6)}"),
         ("settings", f"{command_of(settings) or 'the defaults'} (surface at {threshold:.6g})"),
     ]
     if volume.reader.own_bytes:

@@ -7,7 +7,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from ...core import Stages, Step, Steps, descriptions, equal_part, volume_text
+from ...core import Stages, Step, Steps, descriptions, equal_part, sizes_text, volume_text
 from ...core.files.atomic_write import create_folder, require_writable, write_json
 from ...core.phantom import Phantom, phantom_steps
 from ...readers import ReadingOptions
@@ -60,7 +60,7 @@ def run(args: argparse.Namespace) -> None:
         phantom = progress.finish(stages.run("Making the phantom", steps))
         written = progress.finish(stages.run("Writing", write_phantom_steps(phantom, folder, formats)))
     volumes = ", ".join(map(volume_text, phantom.tumour_volumes_mm3))
-    shape = f"{dimensions(phantom.volume.size)}, {dimensions(phantom.volume.spacing)} mm"
+    shape = f"{dimensions(phantom.volume.size)}, {sizes_text(phantom.volume.spacing, digits=6)}"
     print(
         listing(
             [

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import Step, Steps, Volume
+from ...core import Step, Steps, Volume, sizes_text
 from ...core.files.atomic_write import require_writable, whole_file
 from ...core.phantom import FOAM_THRESHOLD, foam
 from ..flags.arguments import add_quiet, at_least
@@ -54,7 +54,7 @@ def run(args: argparse.Namespace) -> None:
         else:
             _write_tiff(volume, temporary)
     facts = [
-        ("foam", f"{dimensions(volume.size)}, {dimensions(volume.spacing)} mm, seed {args.seed}"),
+        ("foam", f"{dimensions(volume.size)}, {sizes_text(volume.spacing, digits=6)}, seed {args.seed}"),
         ("threshold", f"{FOAM_THRESHOLD:g}"),
         ("written", path.name),
     ]

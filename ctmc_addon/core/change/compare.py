@@ -17,6 +17,7 @@ from ..arrays import Doubles
 from ..errors import LabelError, MeshError, SettingsError, ThresholdError, VolumeError
 from ..machine.budget import Budget
 from ..measures.reconstruction import Reconstruction
+from ..measures.units import length_text, mm_text, number_text
 from ..progress import Stages, Steps, equal_part, finish
 from ..settings import ReconstructionSettings
 from ..surfaces.make import make_surfaces_steps
@@ -258,12 +259,12 @@ def _require_comparable(before: Volume, after: Volume, settings: ReconstructionS
     apart = np.maximum(low[0], low[1]) - np.minimum(high[0], high[1])
     if apart.max() > 0:
         spans = [
-            ", ".join(f"{name} {a:.0f} to {b:.0f}" for name, a, b in zip("xyz", *ends, strict=True))
+            ", ".join(f"{name} {number_text(a, 3)} to {mm_text(b, 3)}" for name, a, b in zip("xyz", *ends, strict=True))
             for ends in zip(low, high, strict=True)
         ]
         raise VolumeError(
-            f"the volumes lie {apart.max():.0f} mm apart (before: {spans[0]} mm; after: {spans[1]} mm), so nothing "
-            "overlaps; give volumes of one frame of reference, or register them first"
+            f"the volumes lie {length_text(float(apart.max()), 3)} apart (before: {spans[0]}; after: {spans[1]}), so "
+            "nothing overlaps; give volumes of one frame of reference, or register them first"
         )
 
 
@@ -370,8 +371,8 @@ def _notes_of(pair: LabelPair, rows: Sequence[ChangeRow], before: MeasuredLabel,
         ends = [np.array([each.center_mm for each in label.components]) for label in (before, after)]
         nearest = math.sqrt(min(float(((ends[1] - at) ** 2).sum(axis=1).min()) for at in ends[0]))
         notes.append(
-            f"{pair.name}: no later component overlaps an earlier one; the nearest centers are {nearest:.1f} mm apart. "
-            "Check that both volumes are in one frame of reference."
+            f"{pair.name}: no later component overlaps an earlier one; the nearest centers are "
+            f"{length_text(nearest, 3)} apart. Check that both volumes are in one frame of reference."
         )
     return notes
 

@@ -13,6 +13,7 @@ import numpy as np
 
 from ..arrays import Floats
 from ..errors import MeshError, SettingsError
+from ..measures.units import mm_text
 from ..mesh.distance.surface_samples import surface_samples_steps
 from ..mesh.distance.tangent_balls import SLOPE, TRIANGLE_SLOPE, TangentBalls
 from ..progress import Stages, Steps
@@ -71,13 +72,16 @@ class Gap(Quantity):
     up_to_mm: float = GAP_UP_TO_MM
 
     flag = "gap"
-    text = f"Width of gaps up to {GAP_UP_TO_MM:g} mm: the diameter of the largest ball outside that touches the surface"
+    text = (
+        f"Width of gaps up to {mm_text(GAP_UP_TO_MM)}: the diameter of the largest ball outside that touches the "
+        "surface"
+    )
     label = "Gap"
 
     def __post_init__(self) -> None:
         if not 0 < self.up_to_mm < np.inf:
             raise SettingsError(
-                f"the widest gap must be above 0 mm, not {self.up_to_mm:g}; {GAP_UP_TO_MM:g} mm is usual"
+                f"the widest gap must be above 0 mm, not {self.up_to_mm:g}; {mm_text(GAP_UP_TO_MM)} is usual"
             )
 
     @property
@@ -88,7 +92,7 @@ class Gap(Quantity):
     def values_steps(self, surface: MappedSurface) -> Steps[MapValues]:
         """Work the values out."""
         values = yield from _diameters_steps(surface, 1, self.up_to_mm)
-        note = f"Gaps wider than {self.up_to_mm:g} mm have no value."
+        note = f"Gaps wider than {mm_text(self.up_to_mm)} have no value."
         return MapValues(values, notes=(note,) if np.isnan(values).any() else ())
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from ..volume.value_kind import ValueKind
 from .finished_surface import FinishedSurface as FinishedSurface
 from .measure_type import GY as GY, HU as HU, UNKNOWN as UNKNOWN, Measure as Measure, Place as Place
-from .units import length_text, number_text, one_way_text, percent_text, sizes_text, volume_text
+from .units import Unit, fitting_unit, length_text, number_text, one_way_text, percent_text, sizes_text, volume_text
 
 _TERMINAL = Place.TERMINAL | Place.SURFACES
 _BATCH = Place.BATCH | Place.LABELS | Place.PAGE
@@ -214,14 +214,27 @@ def _statistics_text(statistics: Mapping[str, float | None], unit: str) -> str:
     """
     if statistics["median"] is None:
         return "no value"
-    numbers = {part: number_text(value) for part, value in statistics.items() if value is not None}
+    numbers, shown = map_numbers(statistics, unit)
     text = (
-        f"median {numbers['median']}{f' {unit}' if unit else ''}, mean {numbers['mean']}, {numbers['minimum']} to "
+        f"median {numbers['median']} {shown}".rstrip() + f", mean {numbers['mean']}, {numbers['minimum']} to "
         f"{numbers['maximum']} (90 %: {numbers['percentile_5']} to {numbers['percentile_95']})"
     )
     shares = {"without a value": "share_without", "below": "share_below", "above": "share_above"}
-    parts = {words: statistics.get(part) for words, part in shares.items()}
-    return ", ".join([text, *(f"{100 * share:.3g} % {words}" for words, share in parts.items() if share)])
+    known = {words: statistics.get(part) for words, part in shares.items()}
+    return ", ".join([text, *(f"{percent_text(share)} {words}" for words, share in known.items() if share)])
+
+
+def map_numbers(statistics: Mapping[str, float | None], unit: str) -> tuple[dict[str, str], str]:
+    """Return the known values of a map as texts, by the parts of its statistics, and the one unit of all.
+
+    Examples
+    --------
+    >>> map_numbers({"median": 0.002, "maximum": 0.05, "share_without": 0.5}, "mm")
+    ({'median': '2', 'maximum': '50'}, 'um')
+    """
+    known = {part: each for part, each in statistics.items() if each is not None and not part.startswith("share")}
+    fitting = fitting_unit(known.values(), unit) if known else Unit(unit, 1.0, 0.0)
+    return {part: number_text(value / fitting.size) for part, value in known.items()}, fitting.name
 
 
 def _dose_measure(dose: float) -> Measure:
@@ -234,7 +247,7 @@ def _dose_measure(dose: float) -> Measure:
 
     Examples
     --------
-    >>> dose_measure(20.0).name, dose_measure(7.5).label
+    >>> _dose_measure(20.0).name, _dose_measure(7.5).label
     ('v20_gy_percent', 'V7.5 Gy')
     """
     number = f"{dose:.9g}"

@@ -8,7 +8,8 @@ the samples: of a label its own, of a threshold those that it takes.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from itertools import chain
 from typing import TYPE_CHECKING, Any
 
 from ..files.atomic_write import csv_text
@@ -24,7 +25,18 @@ from ..volume.statistics.inside import InsideValues, inside_values_steps, range_
 from ..volume.statistics.sampled_inside import SampledValues, sampled_inside_label_steps, sampled_inside_range_steps
 from ..volume.value_kind import ValueKind
 from ..volume.volume import Volume
-from .measures import UNKNOWN, FinishedSurface, Measure, Place, doses_of, maps_of, measures_in, printed_of
+from .measures import (
+    HU,
+    UNKNOWN,
+    FinishedSurface,
+    Measure,
+    Place,
+    doses_of,
+    map_numbers,
+    maps_of,
+    measures_in,
+    printed_of,
+)
 from .reconstruction import Reconstruction
 from .units import number_text
 
@@ -226,32 +238,36 @@ def table_csv(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU
 
 
 def table_cells(rows: Sequence[StructureRow], kind: ValueKind | str = ValueKind.HU) -> list[tuple[str, ...]]:
-    """Return the table for a person, its heads first; unknown values are a dash, and a map takes one column."""
-    shown = [_without_maps(row).columns(kind) | _map_texts(row) for row in rows]
-    heads = tuple(dict.fromkeys([*table_heads(kind), *(head for row in shown for head in row)]))
-    return [heads, *(tuple(_shown(row.get(head)) for head in heads) for row in shown)]
+    """Return the table for a person, its heads first, in units that fit; unknown values are a dash."""
+    kind = ValueKind(kind)
+    shown = [_texts(row, kind) for row in rows]
+    heads = tuple(dict.fromkeys([*_texts(StructureRow("", None, None, FinishedSurface()), kind), *chain(*shown)]))
+    return [heads, *(tuple(texts.get(head, UNKNOWN) for head in heads) for texts in shown)]
 
 
-def _without_maps(row: StructureRow) -> StructureRow:
-    return replace(row, surface=replace(row.surface, maps={}))
+def _texts(row: StructureRow, kind: ValueKind) -> dict[str, str]:
+    """Return the cells of a row for a person by their heads."""
+    texts = {
+        "name": row.name,
+        "label": UNKNOWN if row.label is None else str(row.label),
+        f"threshold {kind.mark}".rstrip(): UNKNOWN if row.threshold is None else number_text(row.threshold),
+    }
+    surface = replace(row.surface, maps={})
+    for each in _measures_of(surface, kind):
+        texts[each.head.replace(HU, kind.mark).rstrip()] = each.text(each.value(surface))
+    return texts | _map_texts(row)
 
 
 def _map_texts(row: StructureRow) -> dict[str, str]:
     """Return the median of each map, and the values between which 90 % lie, by a head that says so."""
     texts = {}
     for name, each in row.surface.maps.items():
-        numbers = each.statistics
-        between = [numbers.median, numbers.percentile_5, numbers.percentile_95]
-        median, low, high = (UNKNOWN if value is None else number_text(value) for value in between)
-        texts[f"{name} (90 %)"] = median if numbers.median is None else f"{median} ({low} to {high})"
+        numbers, unit = map_numbers(asdict(each.statistics), each.unit)
+        median = f"{numbers.get('median', UNKNOWN)} {unit if numbers else ''}".rstrip()
+        between = f" ({numbers['percentile_5']} to {numbers['percentile_95']})" if numbers else ""
+        texts[f"{name} (90 %)"] = median + between
     return texts
 
 
 def _written(value: Any) -> Any:
     return f"{value:.{DIGITS}g}" if isinstance(value, float) else value
-
-
-def _shown(value: Any) -> str:
-    if isinstance(value, bool):
-        return "yes" if value else "no"
-    return number_text(value) if isinstance(value, float) else UNKNOWN if value is None else str(value)

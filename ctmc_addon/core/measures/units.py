@@ -1,9 +1,13 @@
 # SPDX-License-Identifier: GPL-3.0-or-later
-"""Volumes, areas and lengths for a person, in the unit that fits their size; files keep mm, mm2 and mm3."""
+"""Volumes, areas and lengths for a person, in the unit that fits their size; files keep mm, mm2 and mm3.
+
+A setting is said in mm, as flags and fields take it (`mm_text`); a place in mm, as finely as samples lie
+(`position_text`). No other module writes a unit behind a number; `tests/core/measures/test_units.py` reads the sources.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
@@ -41,6 +45,17 @@ def unit_of(number: float, unit: str) -> Unit:
     return next(each for each in UNITS[unit] if abs(number) >= each.smallest)
 
 
+def fitting_unit(numbers: Iterable[float], unit: str) -> Unit:
+    """Return the one unit in which numbers are shown, by the largest of them; what is no size keeps its unit.
+
+    Examples
+    --------
+    >>> fitting_unit([0.0004, -0.02], "mm").name, fitting_unit([0.0004], "Gy")
+    ('um', Unit(name='Gy', size=1.0, smallest=0.0))
+    """
+    return unit_of(max(numbers, key=abs), unit) if unit in UNITS else Unit(unit, 1.0, 0.0)
+
+
 def number_text(number: float, digits: int = DIGITS) -> str:
     """Return a number with a number of digits, and all digits before the point.
 
@@ -76,6 +91,19 @@ def length_text(length_mm: float, digits: int = DIGITS) -> str:
     return sizes_text((length_mm,), "mm", digits)
 
 
+def text_beside(number: float | None, others: Iterable[float | None], unit: str) -> str:
+    """Return a number of mm, mm2 or mm3 in the unit that fits the largest of itself and others; unknown ones are None.
+
+    Examples
+    --------
+    >>> text_beside(890.8, [3006.0], "mm3"), text_beside(0.0, [0.02, None], "mm3")
+    ('0.8908 ml', '0 mm3')
+    """
+    assert number is not None, "what is not known has no text"
+    fitting = fitting_unit([number, *(other for other in others if other is not None)], unit)
+    return f"{number_text(number / fitting.size)} {fitting.name}"
+
+
 def sizes_text(numbers: Sequence[float], unit: str = "mm", digits: int = DIGITS) -> str:
     """Return numbers of mm, mm2 or mm3 in the one unit that fits the largest.
 
@@ -90,6 +118,48 @@ def sizes_text(numbers: Sequence[float], unit: str = "mm", digits: int = DIGITS)
     return f"{' x '.join(number_text(number / fitting.size, digits) for number in numbers)} {fitting.name}"
 
 
+def mm_text(length_mm: float, digits: int = 6) -> str:
+    """Return a length in mm, as flags and fields take it.
+
+    Examples
+    --------
+    >>> mm_text(0.02), mm_text(1.23456, 3)
+    ('0.02 mm', '1.23 mm')
+    """
+    return f"{length_mm:.{digits}g} mm"
+
+
+def spacing_text(spacing_mm: Iterable[float], digits: int = 4) -> str:
+    """Return the sides of a voxel in mm, as `--spacing` takes them.
+
+    Examples
+    --------
+    >>> spacing_text((0.7421875, 0.7421875, 5.0)), spacing_text((0.002, 0.002, 0.004))
+    ('0.7422 x 0.7422 x 5 mm', '0.002 x 0.002 x 0.004 mm')
+    """
+    return f"{' x '.join(f'{side:.{digits}g}' for side in spacing_mm)} mm"
+
+
+def position_text(place_mm: Iterable[float], between_mm: float, decimals: int = 1) -> str:
+    """Return a place in mm with this many decimals, or more where samples lie closer.
+
+    Parameters
+    ----------
+    place_mm : iterable of float
+    between_mm : float
+        Distance of two samples.
+    decimals : int
+
+    Examples
+    --------
+    >>> position_text((12.345, -0.04, 7.0), 0.7), position_text((0.0123, 0.0, 0.2), 0.004)
+    ('12.3, 0.0, 7.0 mm', '0.012, 0.000, 0.200 mm')
+    """
+    exponent = int(f"{between_mm:e}".partition("e")[2])
+    shown = max(decimals, -exponent)
+    return f"{', '.join(f'{round(side, shown) + 0.0:.{shown}f}' for side in place_mm)} mm"
+
+
 def percent_text(share: float) -> str:
     """Return a share from 0 to 1 in percent.
 
@@ -99,6 +169,17 @@ def percent_text(share: float) -> str:
     ('12.3 %', '0.012 %', '100 %', '0 %')
     """
     return f"{100 * share:.3g} %"
+
+
+def percent_change_text(percent: float) -> str:
+    """Return a change in percent with its sign.
+
+    Examples
+    --------
+    >>> percent_change_text(237.5), percent_change_text(-3.0)
+    ('+237.5 %', '-3.0 %')
+    """
+    return f"{percent:+.1f} %"
 
 
 def specks_text(count: int, volume_mm3: float) -> str:

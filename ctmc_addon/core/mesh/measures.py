@@ -156,8 +156,9 @@ class PieceMeasures:
         first = self._vertices
         self._add_vertices(vertices, faces, own)
         self._faces += len(faces)
-        counting = edge_keys_steps(faces, len(vertices))
-        if topology is not None:
+        if topology is None:
+            counting = edge_keys_steps(faces, len(vertices))
+        else:
             counting = keys_of_edges_steps(faces, *topology.edges)
         yield from stages.run(edges, self._add_edges_steps(counting, own, first))
         numbers = yield from stages.run(components, self._links.add_steps(faces, own, topology and topology.components))

@@ -25,7 +25,7 @@ from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink
 from ..smoothing.methods import smoothing_of
 from ..smoothing.prepare import field_steps
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.slice_reader import fitting_stride
 from ..volume.volume import Volume
 
@@ -143,7 +143,7 @@ def plan_steps(
     budget: Budget | None = None,
     sink: Sink = HOLD,
     written_bytes: int = 0,
-    field: Field | None = None,
+    field: ScalarField | None = None,
     most_slabs: int | None = None,
 ) -> Steps[Plan]:
     """Count the triangles of a surface and return its plan.
@@ -156,7 +156,7 @@ def plan_steps(
     sink : Sink
     written_bytes : int
         Bytes of a triangle while Blender writes files.
-    field : Field, optional
+    field : ScalarField, optional
         The field that is extracted, if it is known already; by default it is prepared here.
     most_slabs : int, optional
         Count triangles in no more slabs than these; by default in all.
@@ -175,7 +175,7 @@ class _PlanRefusal(MemoryLimitError):
 
 
 def required_steps(
-    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: Field
+    volume: Volume, settings: ReconstructionSettings, budget: Budget, sink: Sink, field: ScalarField
 ) -> Steps[None]:
     """Refuse a surface that does not fit before it is made; refuse none if the available memory is unknown.
 

@@ -9,8 +9,9 @@ from dataclasses import asdict, dataclass, fields
 from enum import Enum
 from typing import Any, TypeVar
 
-from ..described import Described, plain, setting
+from ..described import Described, descriptions, plain, setting
 from ..errors import SettingsError
+from ..measures.units import length_text, mm_text
 
 Point = tuple[float, float, float]
 LARGEST_MM = 1000.0
@@ -101,12 +102,12 @@ class Pegs:
         object.__setattr__(self, "clearance", float(self.clearance))
         if self.length < self.diameter / 2:
             raise SettingsError(
-                f"a peg of {self.length:g} mm is shorter than its round end; give it a length of at least "
-                f"{self.diameter / 2:g} mm, or a smaller diameter"
+                f"a peg of {mm_text(self.length)} is shorter than its round end; give it a length of at least "
+                f"{mm_text(self.diameter / 2)}, or a smaller diameter"
             )
         if not 0 <= self.clearance <= LARGEST_MM:
             raise SettingsError(
-                f"the clearance of a peg is from 0 to {LARGEST_MM:g} mm, not {self.clearance:g}; such as 0.2"
+                f"the clearance of a peg is from 0 to {mm_text(LARGEST_MM)}, not {self.clearance:g}; such as 0.2"
             )
 
 
@@ -166,6 +167,7 @@ class SolidRequest(Described):
         0.0,
         "Distance by which the surface moves outward, inward if negative. 0 = none",
         label="Thicken",
+        caption=lambda length: f"thicken {length_text(length)}",
         unit="mm",
         low=-LARGEST_MM,
         high=LARGEST_MM,
@@ -174,6 +176,7 @@ class SolidRequest(Described):
         0.0,
         "Thickness of the wall below the surface; everything deeper becomes a cavity. 0 = not hollow",
         label="Hollow",
+        caption=lambda length: f"hollow {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -186,6 +189,7 @@ class SolidRequest(Described):
         0.0,
         "Height of a flat foot at the lowest point; the foot is wider than the part by the same length. 0 = none",
         label="Base",
+        caption=lambda length: f"base {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -194,6 +198,7 @@ class SolidRequest(Described):
         0.0,
         "Thickness to which thinner walls are thickened. 0 = none",
         label="Least Wall",
+        caption=lambda length: f"least wall {length_text(length)}",
         unit="mm",
         low=0.0,
         high=LARGEST_MM,
@@ -225,10 +230,8 @@ class SolidRequest(Described):
             )
 
     def __bool__(self) -> bool:
-        """Whether the shape of any structure changes."""
-        return bool(
-            self.thicken or self.hollow or self.drains or self.cuts or self.combinations or self.base or self.least_wall
-        )
+        """Return whether the shape of any structure changes."""
+        return bool(self.drains or self.cuts or self.combinations or any(getattr(self, name) for name in LENGTHS))
 
     def to_dict(self) -> dict[str, Any]:
         """Return plain data for JSON, without fields at their default."""
@@ -259,6 +262,8 @@ class SolidRequest(Described):
 
 
 _DEFAULT = SolidRequest()
+LENGTHS = tuple(name for name, about in descriptions(SolidRequest).items() if about.caption is not None)
+"""Lengths that change the shape of every structure; flags, properties and texts are made from them."""
 
 
 def _plain(value: Any) -> Any:
@@ -305,7 +310,7 @@ def _unit(normal: Point) -> Point:
 
 def _length(name: str, value: float) -> float:
     if not 0 < value <= LARGEST_MM:
-        raise SettingsError(f"{name} is above 0 and at most {LARGEST_MM:g} mm, not {value:g}")
+        raise SettingsError(f"{name} is above 0 and at most {mm_text(LARGEST_MM)}, not {value:g}")
     return float(value)
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from ..errors import CtmcError, MeshError, SettingsError
 from ..machine.budget import Budget
 from ..measures.reconstruction import Reconstruction
+from ..measures.units import mm_text
 from ..mesh.distance.signed_distance import SignedSurface
 from ..mesh.triangle_mesh import TriangleMesh
 from ..progress import Steps
@@ -241,7 +242,7 @@ def hollow_steps(structure: SolidStructure, body: Body, wall: float, thicken: fl
     _, deepest = yield from deepest_steps(depth_below(signed, thicken), low, high)
     thinner = float(f"{deepest / 2.1:.2g}")
     raise SettingsError(
-        f"a wall of {wall:g} mm leaves no hollow in {structure.name}, which is {deepest:.3g} mm deep at most; "
+        f"a wall of {mm_text(wall)} leaves no hollow in {structure.name}, which is {mm_text(deepest, 3)} deep at most; "
         f"give a thinner wall, such as --hollow {thinner:g}"
     )
 

@@ -27,7 +27,7 @@ from ..progress import Steps, WithResult
 from ..settings import ReconstructionSettings
 from ..sinks import HOLD, Sink, Taken
 from ..smoothing.prepare import field_steps
-from ..volume.field import Field
+from ..volume.field import ScalarField
 from ..volume.volume import Volume
 from .finish import (
     CHOOSING,
@@ -125,7 +125,7 @@ class _Timed:
 class FieldSurface(Finish):
     """Make the surface of one field, from the values to the report."""
 
-    field: Field
+    field: ScalarField
 
     def __init__(
         self,

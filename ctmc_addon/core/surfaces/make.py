@@ -186,10 +186,10 @@ def one_of_labels_steps(
     labels: list[int | None] = list(sharing_labels) if settings.label in sharing_labels else [settings.label]
     requests = [SurfaceRequest(replace(settings, label=label)) for label in labels]
     outcomes = yield from make_surfaces_steps(volume, requests, budget)
-    made = outcomes[labels.index(settings.label)]
-    if isinstance(made, CtmcError):
-        raise made
-    return made.result
+    outcome = outcomes[labels.index(settings.label)]
+    if isinstance(outcome, CtmcError):
+        raise outcome
+    return outcome.result
 
 
 def _groups(requests: Sequence[SurfaceRequest]) -> list[list[int]]:

@@ -13,11 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VolumeError
+from ..measures.units import mm_text
 
 MOST_MM = 1e9
 LEAST_SPACING_MM, MOST_SPACING_MM = 1e-6, 1e4
 ROUNDED = 1e-6  # Allow for this share of a spacing: the limits are in float32 too.
-SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {MOST_SPACING_MM:g} mm"
+SPACING_LIMITS = f"from {LEAST_SPACING_MM:g} to {mm_text(MOST_SPACING_MM)}"
 
 
 def checked_affine(affine: Any) -> NDArray[np.float64]:
@@ -29,7 +30,7 @@ def checked_affine(affine: Any) -> NDArray[np.float64]:
         raise VolumeError("the affine holds NaN or infinite numbers; export the file again, or give its spacing")
     if np.abs(matrix).max() > MOST_MM:
         raise VolumeError(
-            f"the affine reaches {np.abs(matrix).max():.3g} mm, and no body is larger than {MOST_MM:g} mm; "
+            f"the affine reaches {mm_text(np.abs(matrix).max(), 3)}, and no body is larger than {mm_text(MOST_MM)}; "
             "repair the file's geometry"
         )
     if (matrix[3] != (0.0, 0.0, 0.0, 1.0)).any():

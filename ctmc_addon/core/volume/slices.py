@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from ..measures.units import position_text
 from ..mesh.vectors import cross, dot
 from .affine import axis_codes, to_index, transform_points
 from .value_kind import ValueKind
@@ -284,4 +285,5 @@ def slice_position_text(volume: Volume, section: SliceIndex) -> str:
     'z = 2.5 mm'
     """
     side = next(side for side, pair in enumerate(("LR", "PA", "IS")) if axis_codes(volume.affine)[section.axis] in pair)
-    return f"{'xyz'[side]} = {slice_corners(volume, section).mean(axis=0)[side]:.1f} mm"
+    place = float(slice_corners(volume, section).mean(axis=0)[side])
+    return f"{'xyz'[side]} = {position_text([place], min(volume.spacing))}"

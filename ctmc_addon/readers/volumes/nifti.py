@@ -17,7 +17,7 @@ from typing import IO, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ...core import ReadError, Steps
+from ...core import ReadError, Steps, mm_text, spacing_text
 from ...core.volume import ValueKind, axis_codes, determinant, farthest_corner_mm, spacing_of
 from ..geometry import differ, lengths_text
 from ..labels.colors import RGB, is_palette, rgb_of_shares
@@ -244,7 +244,7 @@ def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tupl
         return mended_notes(pixdim * mm, np.array(header["pixdim"][1:4], np.float64) * mm)
     affine = np.array(header.get_sform(), np.float64)
     lengths, pixdim_lengths = spacing_of(affine) * mm, np.abs(pixdim) * mm
-    parts = [f"spacing {lengths_text(lengths)} and {lengths_text(pixdim_lengths)} mm"] * differ(pixdim_lengths, lengths)
+    parts = [f"spacing {lengths_text(lengths)} and {spacing_text(pixdim_lengths)}"] * differ(pixdim_lengths, lengths)
     if not header["qform_code"]:
         return (f"the file's sform and pixdim differ ({parts[0]}): sform is taken",) if parts else ()
     try:
@@ -259,7 +259,7 @@ def _geometry_notes(header: Any, pixdim: NDArray[np.float64], mm: float) -> tupl
     columns, rows, slices = header.get_data_shape()[:3]
     away_mm = farthest_corner_mm(affine, qform, (columns, rows, slices)) * mm
     if not parts and away_mm > lengths.min():  # float32 rounds quaternions of half turns badly
-        parts.append(f"places up to {away_mm:.3g} mm apart")
+        parts.append(f"places up to {mm_text(away_mm, 3)} apart")
     return (f"the file's sform and qform differ ({'; '.join(parts)}): sform is taken",) if parts else ()
 
 
@@ -267,10 +267,8 @@ def mended_notes(written_mm: NDArray[np.float64], taken_mm: NDArray[np.float64])
     """Return the note on distances between samples, (3,) mm, that are not above 0, and those that are taken."""
     if not (written_mm <= 0).any():
         return ()
-    taken = lengths_text(taken_mm)
-    return (
-        f"the file's pixdim is {lengths_text(written_mm)}: taken as {taken} mm; give the spacing in mm for another",
-    )
+    taken = spacing_text(taken_mm)
+    return (f"the file's pixdim is {lengths_text(written_mm)}: taken as {taken}; give the spacing in mm for another",)
 
 
 def label_table(extensions: Sequence[bytes]) -> tuple[dict[int, str], dict[int, RGB]]:

@@ -96,7 +96,7 @@ def _draw_edits(layout: Any, context: bpy.types.Context, drawing: Any) -> None:
     row.prop(drawing, "margin_mm", text="")
     row = draw_pair(column, context)
     row.operator("ctmc.draw_islands", text="Islands", icon="STICKY_UVS_DISABLE")
-    row.prop(drawing, "islands_ml", text="ml")
+    row.prop(drawing, "islands_mm3", text="mm3", translate=False)
     row = draw_pair(column, context)
     row.operator("ctmc.draw_islands", text="Largest Only", icon="SHADING_BBOX").largest = True
     row.operator("ctmc.draw_holes", icon="MESH_CIRCLE")

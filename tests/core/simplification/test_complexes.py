@@ -320,6 +320,7 @@ def test_a_label_gives_at_most_a_quarter_beyond_its_share():
     assert shares.closed.tolist() == [True, False, True]
 
 
+@pytest.mark.once
 def test_neither_a_label_nor_two_come_to_cross(monkeypatch):
     mesh = noisy_shell()
     assert len(self_intersections(mesh.vertices, mesh.faces)) == 0
@@ -376,9 +377,8 @@ def spread(mesh):
     return np.concatenate([(i * a + j * b + k * c) / 8 for i, j, k in shares])
 
 
-@pytest.mark.parametrize(
-    ("make", "bound", "share"), [(cells, 0.3, 0.25), pytest.param(pair, 0.8, 0.1, marks=pytest.mark.once)]
-)
+@pytest.mark.once
+@pytest.mark.parametrize(("make", "bound", "share"), [(cells, 0.3, 0.25), (pair, 0.8, 0.1)])
 def test_no_label_moves_farther_than_a_maximum_error_either_way(make, bound, share):
     mesh = make()
     result = finish(simplify_complex_steps(mesh, max_error=bound))
@@ -395,6 +395,7 @@ def test_no_label_moves_farther_than_a_maximum_error_either_way(make, bound, sha
     assert result.self_intersections == len(self_intersections(small.vertices, small.faces)) == 0
 
 
+@pytest.mark.once
 def test_a_maximum_error_below_all_detail_leaves_a_complex_alone():
     mesh = few_cells()
     small = simplify_complex(mesh, max_error=1e-6)
@@ -402,6 +403,7 @@ def test_a_maximum_error_below_all_detail_leaves_a_complex_alone():
         assert distances(mesh.of_label(label).vertices, small.of_label(label)).max() <= 1e-6
 
 
+@pytest.mark.once
 def test_threads_change_no_byte_within_a_maximum_error():
     results = [simplify_complex(few_cells(), max_error=0.4, budget=Budget(threads=threads)) for threads in (1, 2)]
     one, two = (mesh.vertices.tobytes() + mesh.faces.tobytes() + mesh.sides.tobytes() for mesh in results)

@@ -14,6 +14,7 @@ import numpy as np
 
 from ...arrays import Flags
 from ...errors import SettingsError
+from ...measures.units import mm_text
 from ...progress import Step, Steps, equal_part
 from ..distance import SLACK, Spacing, far_inside_steps, near_steps
 from ..points import Sample, sample_in, window_around
@@ -109,7 +110,7 @@ def _cores_steps(
             samples.append((z, y, x))
     if not samples:
         raise SettingsError(
-            f"no clicked point lies where the structure is {2 * half_mm:g} mm wide; choose a narrower opening_mm, or "
-            "click where it is wider"
+            f"no clicked point lies where the structure is {mm_text(2 * half_mm)} wide; choose a narrower "
+            "opening_mm, or click where it is wider"
         )
     return samples

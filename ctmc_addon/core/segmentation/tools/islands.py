@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Flags
 from ...errors import SettingsError
+from ...measures.units import volume_text
 from ...progress import PAUSE, Steps
 from ...smoothing.label_components import LabelComponents, label_components_steps
 from ..points import Sample
@@ -85,8 +86,7 @@ def islands_steps(
     """
     if not at_least_mm3 >= 0 or (largest is not None and largest < 0):
         raise SettingsError(
-            "islands to keep have a volume of 0 mm3 or more and a number of 0 or more, not "
-            f"{at_least_mm3:g} and {largest}"
+            f"islands to keep have a volume and a number of 0 or more, not {volume_text(at_least_mm3)} and {largest}"
         )
     components = yield from label_components_steps(mask)
     selected = components.voxels * voxel_mm3 >= at_least_mm3 * (1 - 1e-9)

@@ -19,6 +19,7 @@ import numpy as np
 
 from ...arrays import Doubles
 from ...errors import SettingsError
+from ...measures.units import mm_text
 from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import Steps
@@ -95,7 +96,7 @@ def notes_at_cuts(bars: Sequence[Bar], planes: Sequence[HalfSpace]) -> list[str]
                 where, cut = place_text(bar.start, bar.radius), numbers_text(plane.point)
                 move = rounded_up(up, 2) if up < down else -rounded_up(down, 2)
                 notes.append(
-                    f"The drain at {where} meets the cut at {cut}; move the cut along its normal by {move:g} mm."
+                    f"The drain at {where} meets the cut at {cut}; move the cut along its normal by {mm_text(move)}."
                 )
     return notes
 
@@ -183,8 +184,8 @@ def _given_steps(point: Point, radius: float, solid: _Solid) -> Steps[Bar]:
     remedy = yield from _remedy_steps(place, float(distance[0]), int(face[0]), radius, solid)
     where = f"a drain at {numbers_text(point)}"
     if outside >= 0:
-        raise SettingsError(f"{where} lies {outside:.3g} mm outside the surface; {remedy}")
-    inner = f", whose wall is {solid.wall:g} mm" if solid.wall else ", which is not hollow"
+        raise SettingsError(f"{where} lies {mm_text(outside, 3)} outside the surface; {remedy}")
+    inner = f", whose wall is {mm_text(solid.wall)}" if solid.wall else ", which is not hollow"
     raise SettingsError(f"{where} reaches no cavity of the solid{inner}; {remedy}")
 
 
@@ -268,7 +269,8 @@ def _thinner(deepest: float) -> str:
         return "leave out --hollow"
     thinner = rounded_down(deepest / WALL_PER_DEPTH, 2)
     return (
-        f"its deepest place lies {deepest:.3g} mm below the surface: give a thinner wall, such as --hollow {thinner:g}"
+        f"its deepest place lies {mm_text(deepest, 3)} below the surface: give a thinner wall, such as "
+        f"--hollow {thinner:g}"
     )
 
 
@@ -276,7 +278,7 @@ def _auto_steps(radius: float, solid: _Solid) -> Steps[tuple[list[Bar], list[str
     """Place a drain at the lowest point of the largest cavity and one at the highest."""
     best, deepest = yield from deepest_steps(solid.depth, solid.low, solid.high)
     if deepest <= solid.wall:
-        raise SettingsError(f"a wall of {solid.wall:g} mm leaves no cavity for --drain auto; {_thinner(deepest)}")
+        raise SettingsError(f"a wall of {mm_text(solid.wall)} leaves no cavity for --drain auto; {_thinner(deepest)}")
     cavities = yield from cavities_steps(solid.depth, solid.wall, solid.low, solid.high)
     if not cavities.points.shape[1]:
         cavities = Cavities(best[:, None], cavities.side, 0)

@@ -24,6 +24,7 @@ import numpy as np
 
 from ...arrays import Doubles, Flags
 from ...machine.parallel import worker_count
+from ...measures.units import mm_text
 from ...mesh.distance.surface_samples import SurfaceSamples, surface_samples_steps
 from ...mesh.distance.tangent_balls import TRIANGLE_SLOPE, TangentBalls
 from ...mesh.distance.triangle_tree import BLOCK, TriangleTree
@@ -129,7 +130,7 @@ def thin_walls_steps(
     before : sequence of Thickening
         Shapes that thicken the solid already: only walls near them are searched; see `PER_WALL` and `MORE`.
     """
-    nothing = ThinWalls(notes=(f"No wall is thinner than {least:g} mm.",))
+    nothing = ThinWalls(notes=(f"No wall is thinner than {mm_text(least)}.",))
     if not len(mesh.faces):
         return nothing
     apart = BETWEEN * spacing
@@ -159,8 +160,8 @@ def _described(
     x, y, z = centers[at].tolist()
     thinnest, share = float(diameters[at]), own / whole if whole else 0.0
     note = (
-        f"{_percent(share)} of the surface bounds walls thinner than {least:g} mm, down to {thinnest:.3g} mm at "
-        f"{place_text((x, y, z), least)}; they are thickened, by up to {least - thinnest:.3g} mm."
+        f"{_percent(share)} of the surface bounds walls thinner than {mm_text(least)}, down to {mm_text(thinnest, 3)} "
+        f"at {place_text((x, y, z), least)}; they are thickened, by up to {mm_text(least - thinnest, 3)}."
     )
     return ThinWalls(shape, share, thinnest, (x, y, z), (note,))
 

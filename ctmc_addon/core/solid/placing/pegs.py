@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 
 from ...arrays import Doubles
 from ...errors import SettingsError
+from ...measures.units import mm_text
 from ...mesh.distance.signed_distance import SignedSurface
 from ...mesh.vectors import dot
 from ...progress import PAUSE, Steps
@@ -151,8 +152,8 @@ def require_met(cut: Cut, extent: NDArray[Any], beyond: float = 0.0) -> None:
     unit = HalfSpace(cut.point, cut.normal).unit
     middle = np.array(cut.point) + unit * ((low + high) / 2)
     raise SettingsError(
-        f"the cut at {numbers_text(cut.point)} misses the structure, which lies {low:.3g} to {high:.3g} mm along its "
-        f"normal from there; move its point, such as to {place_text(middle.tolist(), (high - low) / 10)}"
+        f"the cut at {numbers_text(cut.point)} misses the structure, which lies {low:.3g} to {mm_text(high, 3)} along "
+        f"its normal from there; move its point, such as to {place_text(middle.tolist(), (high - low) / 10)}"
     )
 
 
@@ -366,15 +367,15 @@ def _refusal_steps(cut: Cut, pegs: Pegs, plane: _Plane, room: _Room) -> Steps[st
     met = yield from _places_steps(plane, _Room(room.depth, room.sides), nothing, 1)
     if not len(met[1]):
         return f"{where} runs between the pieces of the structure and meets none of them; move its point"
-    around = f"with {MARGIN * pegs.diameter:g} mm around it"
-    asked = f"no peg of {pegs.diameter:g} mm and {pegs.length:g} mm length fits on {where} {around}"
+    around = f"with {mm_text(MARGIN * pegs.diameter)} around it"
+    asked = f"no peg of {mm_text(pegs.diameter)} and {mm_text(pegs.length)} length fits on {where} {around}"
     for is_shorter in (False, True):
         fits = yield from _largest_steps(pegs, is_shorter, plane, room)
         if fits is not None:
             offered = f"{fits.diameter:g} {fits.length:g}"
             return f"{asked}; give --peg-mm {offered} at most, or move the cut to where more is solid"
-    least = f"{LEAST_OFFERED * pegs.diameter:g}"
-    return f"{asked}, nor does one of {least} mm; make pegs much smaller, move the cut, or leave out --pegs"
+    least = mm_text(LEAST_OFFERED * pegs.diameter)
+    return f"{asked}, nor does one of {least}; make pegs much smaller, move the cut, or leave out --pegs"
 
 
 def _largest_steps(pegs: Pegs, is_shorter: bool, plane: _Plane, room: _Room) -> Steps[Pegs | None]:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ...arrays import Doubles
+from ...measures.units import mm_text
 from ...mesh.labels.label_complex import ComplexMesh, bordering
 from ...mesh.topology import FACES_PER_STEP, compacted, component_numbers_steps, components_of_vertices
 from ...mesh.triangle_mesh import TriangleMesh
@@ -189,15 +190,15 @@ def _notes(pieces: Pieces, outside: float, feet: Feet, part: int) -> Iterator[st
     below = low - float(pieces.low.min())
     if below > feet.lattice.shortest_mm / 2:
         yield (
-            f"The pegs reach {below:.3g} mm below the {rest}; "
+            f"The pegs reach {mm_text(below, 3)} below the {rest}; "
             "flip the normal of the cut, so that the other part has the pegs."
         )
     elif foot is None:
         yield "The part stands on its level cut and has no foot."
     elif outside > 0:
         yield (
-            f"The part does not stand: its center of mass lies {outside:.3g} mm outside its foot, and a cut or another "
-            "part leaves no room for a wider one; lay it on its cut, or make the cut level."
+            f"The part does not stand: its center of mass lies {mm_text(outside, 3)} outside its foot, and a cut or "
+            "another part leaves no room for a wider one; lay it on its cut, or make the cut level."
         )
     top = low + RESTING * feet.lattice.shortest_mm if foot is None else foot.high
     hanging = pieces.low[(pieces.volumes > 0) & (pieces.low > top)]

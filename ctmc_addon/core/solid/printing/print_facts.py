@@ -16,7 +16,7 @@ import numpy as np
 from ...arithmetic import arctangents
 from ...arrays import Flags
 from ...machine.budget import Budget
-from ...measures.units import number_text
+from ...measures.units import spacing_text
 from ...mesh.face_normals import face_vectors
 from ...mesh.topology import FACES_PER_STEP
 from ...mesh.triangle_mesh import TriangleMesh
@@ -90,11 +90,10 @@ class PrintFacts:
         """Return the reasons against a print as sentences, each with a remedy."""
         notes = []
         if self.fits_bed is False and self.bed_mm is not None:
-            bed = " x ".join(number_text(side) for side in self.bed_mm)
             remedy = f"cut it with {' '.join(self.cuts)}"
             if len(self.cuts) > MOST_CUTS:
                 remedy = f"it takes {len(self.cuts)} cuts, and at most {MOST_CUTS} are possible; give a larger bed"
-            notes.append(f"The part does not fit the bed of {bed} mm; {remedy}")
+            notes.append(f"The part does not fit the bed of {spacing_text(self.bed_mm)}; {remedy}")
         if self.closed_cavities:
             what = "1 cavity" if self.closed_cavities == 1 else f"{self.closed_cavities} cavities"
             notes.append(f"The part encloses {what} without a drain; --drain X Y Z MM opens one")

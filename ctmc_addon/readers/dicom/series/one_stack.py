@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....core import ReadError
+from ....core import ReadError, mm_text
 from ....core.volume import SPACING_LIMITS, is_spacing
 from ...result import ReadRequest
 from ..header import Slice
@@ -81,7 +81,7 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
         unusable = "no PixelSpacing"
         if pixel_spacing is not None:
             wrong = next(length for length in pixel_spacing if not is_spacing([length]))
-            unusable = f"a PixelSpacing of {wrong:g} mm"
+            unusable = f"a PixelSpacing of {mm_text(wrong)}"
         if request.spacing is None:
             raise ReadError(
                 f"the series has {unusable}, and it must be {SPACING_LIMITS}; give the spacing x, y, z in mm"
@@ -91,4 +91,4 @@ def stack_and_spacing_note(slices: Sequence[Slice], request: ReadRequest) -> tup
     orientation = first.orientation or ()
     stack = stack_up(positions, orientation, pixel_spacing, [ct_slice.name for ct_slice in slices], request.strict)
     gap = float(np.sqrt((stack.affine[:3, 2] ** 2).sum()))
-    return stack, f"where the series has {unusable} and {gap:.4g} mm between slices" if unusable else ""
+    return stack, f"where the series has {unusable} and {mm_text(gap, 4)} between slices" if unusable else ""

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ....core import ReadError
+from ....core import ReadError, mm_text
 
 SAME_MM = 0.001  # Closer positions are the same slice twice.
 EVEN_SHARE, EVEN_MM = 0.01, 0.01  # Gaps this near to the median are even.
@@ -94,9 +94,10 @@ def stack_up(
     if len(order) < 2:
         reason = f"there is only one slice ({names[order[0]]})"
         if len(along) > 1:
-            reason = f"all {len(along)} slices (such as {names[order[0]]}) are at one position to within {SAME_MM:g} mm"
+            which = f"all {len(along)} slices (such as {names[order[0]]})"
+            reason = f"{which} are at one position to within {mm_text(SAME_MM)}"
         raise ReadError(
-            f"{reason}, at {along[order[0]]:.1f} mm; a surface needs at least 2 slices at different positions"
+            f"{reason}, at {mm_text(along[order[0]])}; a surface needs at least 2 slices at different positions"
         )
     along, points, names = along[order], positions_lps[order], [names[at] for at in order]
     notes += _aligned(along, points, names, pixel_spacing, strict)
@@ -113,7 +114,7 @@ def stack_up(
         gap_mm, along_tilt = abs(float((step * normal).sum())), math.sqrt(float((step * step).sum()))
         gap_notes.append(
             f"the slices are tilted by {tilt:.1f} degrees (gantry tilt), which the affine carries exactly: "
-            f"they are {gap_mm:.4g} mm apart, and {along_tilt:.4g} mm along the tilt"
+            f"they are {mm_text(gap_mm, 4)} apart, and {mm_text(along_tilt, 4)} along the tilt"
         )
     return Stack(tuple(int(at) for at in order), below, weight, affine, (*notes, *gap_notes))
 
@@ -184,12 +185,13 @@ def _aligned(
     limit = 0.5 * min(pixel_spacing)
     if distance[worst] <= EVEN_MM:
         return []
-    text = f"{names[worst]} is {distance[worst]:.2f} mm off the line through the first and the last slice"
+    text = f"{names[worst]} is {mm_text(distance[worst], 3)} off the line through the first and the last slice"
     if strict or distance[worst] > limit:
         allowed = EVEN_MM if strict else limit
-        raise ReadError(f"{text}, and at most {allowed:.2g} mm is allowed; choose slices of one acquisition")
+        raise ReadError(f"{text}, and at most {mm_text(allowed, 2)} is allowed; choose slices of one acquisition")
     return [
-        f"slices are up to {distance[worst]:.2f} mm off the line through the first and the last, and were not moved"
+        f"slices are up to {mm_text(distance[worst], 3)} off the line through the first and the last, and were not "
+        "moved"
     ]
 
 
@@ -203,19 +205,19 @@ def _resampling(
     # The small share keeps rounded positions from making exactly three medians too many.
     if gaps[widest] > WIDEST_GAP * median * (1 + 1e-6):
         raise ReadError(
-            f"the gap of {gaps[widest]:.4g} mm between {names[widest]} at {along[widest]:.1f} mm and "
-            f"{names[widest + 1]} at {along[widest + 1]:.1f} mm is more than {WIDEST_GAP:g} times the median gap of "
-            f"{median:.4g} mm; add the missing slices, or put each part in a folder of its own"
+            f"the gap of {mm_text(gaps[widest], 4)} between {names[widest]} at {mm_text(along[widest])} and "
+            f"{names[widest + 1]} at {mm_text(along[widest + 1])} is more than {WIDEST_GAP:g} times the median gap of "
+            f"{mm_text(median, 4)}; add the missing slices, or put each part in a folder of its own"
         )
     even = max(EVEN_SHARE * median, EVEN_MM)
     if (np.abs(gaps - median) <= even).all():
         regular = np.linspace(along[0], along[-1], len(along))
         drift = float(np.abs(along - regular).max())
-        notes = [f"slices are up to {drift:.2f} mm off an even grid, and were not moved"] if drift > even else []
+        notes = [f"slices are up to {mm_text(drift, 3)} off an even grid, and were not moved"] if drift > even else []
         return np.arange(len(along)), np.zeros(len(along)), notes
     text = named_gaps(gaps)
     if strict:
-        raise ReadError(f"the gaps between slices are uneven ({text} mm) and strict reading refuses that")
+        raise ReadError(f"the gaps between slices are uneven ({text}) and strict reading refuses that")
     gap = max(float(gaps.min()), NARROWEST_GAP * median)
     count = max(2, round(float(along[-1] - along[0]) / gap) + 1)
     heights = np.linspace(along[0], along[-1], count)  # first and last stay where they are
@@ -225,21 +227,23 @@ def _resampling(
     weight = np.where((weight < 1e-6) | (weight > 1 - 1e-6), 0.0, weight)
     even_gap = float(along[-1] - along[0]) / (count - 1)
     note = (
-        f"the gaps between slices are uneven ({text} mm): {len(along)} slices were resampled linearly to {count}, "
-        f"{even_gap:.4g} mm apart"
+        f"the gaps between slices are uneven ({text}): {len(along)} slices were resampled linearly to {count}, "
+        f"{mm_text(even_gap, 4)} apart"
     )
     return below.astype(np.int64), weight, [note]
 
 
 def named_gaps(gaps: NDArray[np.float64], most: int = 6) -> str:
-    """Return the different gaps in words, to 0.01 mm: '1.08, 4, 7'.
+    """Return the different gaps in words, to 0.01 mm, or a hundredth of smaller ones.
 
     Examples
     --------
-    >>> named_gaps(np.array([4.0, 4.001, 7.0, 1.08]))
-    '1.08, 4 and 7'
+    >>> named_gaps(np.array([4.0, 4.001, 7.0, 1.08])), named_gaps(np.array([0.004, 0.008]))
+    ('1.08, 4 and 7 mm', '0.004 and 0.008 mm')
     """
-    different = [f"{gap:g}" for gap in np.unique(np.round(gaps, 2))]
+    decimals = 2 + max(0, -int(f"{np.median(gaps):e}".partition("e")[2]))
+    unique = np.unique(np.round(gaps, decimals))
+    different = [*(f"{gap:g}" for gap in unique[:-1]), mm_text(unique[-1])]
     if len(different) > most:
         different = [*different[: most - 1], f"up to {different[-1]}"]
     return different[0] if len(different) == 1 else ", ".join(different[:-1]) + " and " + different[-1]

@@ -220,8 +220,6 @@ def conclude(
     is_first = not stored.volume_fingerprint
     earlier = volumes.loaded(scene)
     is_another_time = loaded.is_another_time_of(earlier)
-    if earlier is not None and is_another_time:
-        loaded.labels.update(earlier.labels)
     before = stored.volume_fingerprint if loaded.has_samples_of(earlier) else ""
     holds_region = is_another_time and stored.region_for == stored.volume_fingerprint
     is_restored = is_another_ct and not is_another_time and scans.bring_back(scene, loaded.statistics.fingerprint)

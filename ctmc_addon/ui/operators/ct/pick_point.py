@@ -12,13 +12,14 @@ from bpy.props import FloatVectorProperty
 from ....blender.rulers import hit, patient_mm
 from ....blender.slices import cross_at
 from ....core import Volume
-from ....core.volume import PLANES, position_through, slice_at, slice_corners, value_at, where_ray_meets
+from ....core.volume import PLANES, position_through, slice_at, slice_corners, where_ray_meets
 from ...needs import Needs
 from ...properties.preferences import machine
 from ...state import session
 from ...state.ct import volumes
 from ...translations import translate
 from ...viewport.ct import slice_objects
+from ...viewport.draw.draw_tools import point_text
 from ...viewport.mouse import Clicks, is_end, ray_under, viewport_at
 
 
@@ -46,15 +47,6 @@ def _hit_under(context: bpy.types.Context, volume: Volume, area: bpy.types.Area,
     return None if nearest is None else (nearest[0], patient_mm(*nearest, machine().scale))
 
 
-def _point_text(volume: Volume, point_mm: Sequence[float]) -> str:
-    """Return the position of a point and the value of the CT there."""
-    place = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm)
-    value = value_at(volume, point_mm)
-    if value is None:
-        return translate("{place}: outside the CT").format(place=place)
-    return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"
-
-
 class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
     """Let the slices meet at clicked points, until Esc."""
 
@@ -71,7 +63,7 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         self.pick(context, None, tuple(self.point_mm))
-        self.report({"INFO"}, _point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
+        self.report({"INFO"}, point_text(volumes.require_loaded(context.scene).volume, self.point_mm))
         return {"FINISHED"}
 
     def pick(self, context: bpy.types.Context, clicked: bpy.types.Object | None, point_mm: Sequence[float]) -> None:
@@ -101,7 +93,7 @@ class CTMC_OT_pick_point(Clicks, Needs, bpy.types.Operator):
         if event.type != "MOUSEMOVE" and not is_click:
             return {"PASS_THROUGH"}
         hit_point = _hit_under(context, ct.volume, area, event)
-        self.show_status(context, "" if hit_point is None else _point_text(ct.volume, hit_point[1]))
+        self.show_status(context, "" if hit_point is None else point_text(ct.volume, hit_point[1]))
         if hit_point is None or not is_click:
             return {"PASS_THROUGH"}
         self.pick(context, *hit_point)

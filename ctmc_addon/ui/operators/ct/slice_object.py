@@ -29,7 +29,7 @@ def in_object_mode(operator: Any, context: bpy.types.Context) -> bool:
 
 
 def other_mode_text(context: bpy.types.Context) -> str:
-    """Return what to do before objects can be selected, in English."""
+    """Return the remedy for a mode in which objects cannot be selected, in English."""
     return "Leave Edit Mode first" if context.mode.startswith("EDIT") else "Switch to Object Mode first"
 
 

@@ -115,7 +115,7 @@ class CTMC_OT_draw_islands(_Edit, bpy.types.Operator):
     largest: BoolProperty(name="Largest Only", description="Keep only the largest island", options={"SKIP_SAVE"})
 
     def work(self, scene: bpy.types.Scene) -> Work:
-        at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_ml * 1000
+        at_least_mm3 = 0.0 if self.largest else scene.ctmc_draw.islands_mm3
         largest = 1 if self.largest else None
 
         def steps(mask: Flags, volume: Volume, _window: Window) -> Steps[Flags]:

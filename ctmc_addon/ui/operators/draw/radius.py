@@ -8,6 +8,7 @@ from typing import Any
 import bpy
 from bpy.props import FloatProperty
 
+from ....core import length_text
 from ...needs import Needs
 from ...state import session
 from ...translations import translate
@@ -45,8 +46,8 @@ class CTMC_OT_draw_radius(Needs, bpy.types.Operator):
         return {"RUNNING_MODAL"}
 
     def show_status(self, context: bpy.types.Context) -> None:
-        text = translate("Radius {radius} mm. Click: accept. Esc: cancel")
-        context.workspace.status_text_set(text.format(radius=f"{context.scene.ctmc_draw.radius_mm:.1f}"))
+        text = translate("Radius {radius}. Click: accept. Esc: cancel")
+        context.workspace.status_text_set(text.format(radius=length_text(context.scene.ctmc_draw.radius_mm, 3)))
         session.redraw_viewports()
 
     def modal(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:

@@ -225,9 +225,9 @@ def _surfaces_of(
         if full is None:
             volume = structures.require_volume_of(scene, settings)
             return (yield from one_of_labels_steps(volume, settings, sharing_labels, budget)).mesh
-        [made] = yield from make_surfaces_steps(None, [SurfaceRequest(settings, full=full)], budget, all_needed=True)
-        assert isinstance(made, MadeSurface), "an error is raised"
-        return made.result.mesh
+        [outcome] = yield from make_surfaces_steps(None, [SurfaceRequest(settings, full=full)], budget, all_needed=True)
+        assert isinstance(outcome, MadeSurface), "an error is raised"
+        return outcome.result.mesh
 
     return surface_steps
 

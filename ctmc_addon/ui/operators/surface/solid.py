@@ -14,8 +14,8 @@ import bpy
 from bpy.props import BoolProperty, IntProperty
 from mathutils import Vector
 
-from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, length_text
-from ....core.solid import MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
+from ....core import Budget, Reconstruction, SettingsError, Steps, SurfaceRequest, Volume, descriptions, position_text
+from ....core.solid import LENGTHS, MOST_CUTS, MadeParts, SolidRequest, solid_parts_steps
 from ....reporting.formatting import count
 from ... import jobs
 from ...needs import Needs
@@ -26,7 +26,7 @@ from ...state import session
 from ...state.change_events import COMBINED, notify
 from ...state.ct import volumes
 from ...state.results import surfaces
-from ...translations import translate
+from ...translations import translate, translate_phrase
 from .placing import ObjectRequest
 
 DIRECTIONS = (
@@ -86,14 +86,10 @@ def solid_text(solid: SolidRequest) -> str:
     if not solid:
         return ""
     texts = []
-    for text, length in (
-        ("thicken {length}", solid.thicken),
-        ("hollow {length}", solid.hollow),
-        ("least wall {length}", solid.least_wall),
-        ("base {length}", solid.base),
-    ):
-        if length:
-            texts.append(translate(text).format(length=length_text(length)))
+    for name in LENGTHS:
+        caption, length = descriptions(SolidRequest)[name].caption, getattr(solid, name)
+        if caption is not None and length:
+            texts.append(translate_phrase(caption(length)))
     pegs = 0 if solid.pegs is None else solid.pegs.count
     for single, several, number in (
         ("1 drain", "{count} drains", len(solid.drains)),
@@ -106,9 +102,9 @@ def solid_text(solid: SolidRequest) -> str:
     return translate("Makes a solid: {what}").format(what=", ".join(texts))
 
 
-def place_text(point: Sequence[float]) -> str:
-    """Return the text of a point in the patient, short enough for a line of a list."""
-    return "{:.0f}, {:.0f}, {:.0f} mm".format(*point)
+def place_text(point: Sequence[float], size: float) -> str:
+    """Return the place of something of this size in the patient, mm, short enough for a line of a list."""
+    return position_text(point, size, decimals=0)
 
 
 def _cursor_mm(context: bpy.types.Context) -> tuple[float, float, float]:

@@ -7,7 +7,7 @@ from typing import Any
 
 import bpy
 
-from ....core import Volume
+from ....core import Volume, sizes_text
 from ....core.volume import ValueKind, VolumeStatistics
 from ....reporting.formatting import count, directions
 from ... import jobs
@@ -106,11 +106,11 @@ def _draw_volume(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded
 def facts_of(volume: Volume, statistics: VolumeStatistics) -> tuple[str, str]:
     """Return size and spacing in a line, range of the values and orientation in another."""
     columns, rows, slices = volume.size
-    spacing = " x ".join(f"{side:.3g}" for side in volume.spacing)
+    spacing = sizes_text(volume.spacing, digits=3)
     low, high = f"{statistics.low:g}", f"{statistics.high:g}"
     text = {ValueKind.HU: "Values {low} to {high} HU", ValueKind.LABEL: "Labels {low} to {high}"}
     values = translate(text.get(volume.kind, "Values {low} to {high} (no HU)")).format(low=low, high=high)
-    return f"{columns} x {rows} x {slices}, {spacing} mm", f"{values}, {volume.orientation}"
+    return f"{columns} x {rows} x {slices}, {spacing}", f"{values}, {volume.orientation}"
 
 
 def _draw_label_files(layout: Any, context: bpy.types.Context, loaded: volumes.Loaded) -> None:

@@ -3,13 +3,14 @@
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import Any
 
 import bpy
 
 from ....blender.figure.map_colors import title_of
 from ....blender.maps import StoredMap, shown_map, stored_maps
-from ....core import UNKNOWN, length_text, number_text
+from ....core import UNKNOWN, length_text, map_numbers, percent_text
 from ....core.mesh import distance_between
 from ...state.results import surfaces
 from ...translations import translate, translate_sentence
@@ -77,16 +78,15 @@ def _draw_shown(layout: Any, context: bpy.types.Context, shown: StoredMap) -> No
 
 
 def facts_of(shown: StoredMap) -> list[tuple[str, str]]:
-    """Return the statistics of a map with their labels, without shares of the area that are 0 or unknown."""
-    numbers = [(translate(name), getattr(shown.statistics, field)) for name, field in STATISTICS]
-    facts = [
-        (name, UNKNOWN if value is None else f"{number_text(value)} {shown.unit}".rstrip()) for name, value in numbers
-    ]
+    """Return the numbers of a map with their names; shares of the area are left out where they are 0 or unknown."""
+    numbers, unit = map_numbers(asdict(shown.statistics), shown.unit)
+    texts = {field: f"{number} {unit}".rstrip() for field, number in numbers.items()}
+    facts = [(translate(name), texts.get(field, UNKNOWN)) for name, field in STATISTICS]
     limits = {"share_below": shown.limits[0], "share_above": shown.limits[1]}
     for name, field in SHARES:
         share = getattr(shown.statistics, field)
         if share is not None and (share > 0 or limits.get(field) is not None):
-            facts.append((translate(name), f"{100 * share:.3g} %"))
+            facts.append((translate(name), percent_text(share)))
     if shown.nearest is not None:
         facts.append((translate("Nearest"), length_text(distance_between(*shown.nearest))))
     return facts

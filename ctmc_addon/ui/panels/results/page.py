@@ -6,6 +6,7 @@ While something else is active, such as a slice, the surface that was active las
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
@@ -21,12 +22,24 @@ from ...state.results import measurements, surfaces
 from ...state.results.measurements import Measurement
 from ...translations import translate, translate_sentence
 from ..ct.slice import draw_cuts
-from ..layout import PagePanel, begin, block, draw_shape_change, draw_status, draw_table, draw_text, fold
+from ..layout import (
+    PagePanel,
+    begin,
+    block,
+    draw_shape_change,
+    draw_status,
+    draw_table,
+    draw_text,
+    fold,
+    text_width,
+    width_of,
+)
 from .maps import draw_maps
 from .rulers import draw_rulers
 from .table import TABLE, draw_measurements, measure_text
 
 NAMES = 0.47  # Share of the width for names.
+BESIDE, PADDING = 56.0, 8.0  # Pixels of the sidebar beside its lines, and of a label beside its text.
 
 
 class CTMC_PT_results(PagePanel, bpy.types.Panel):
@@ -70,7 +83,7 @@ def _draw_surface(layout: Any, context: bpy.types.Context, obj: bpy.types.Object
     item = None if provenance is None else context.scene.ctmc.structure_of(provenance.settings)
     name = item.name if item is not None and surfaces.is_of_ct(obj, context.scene) else ""
     facts = facts_of(provenance, measurement, unit, name)
-    draw_table(layout, [fact for fact in facts if fact[1] != UNKNOWN], NAMES)
+    draw_table(layout, fitting([fact for fact in facts if fact[1] != UNKNOWN], width_of(context)), NAMES)
     if provenance is not None and obj.data.is_editmode:
         draw_text(layout, context, translate("Leave Edit Mode first"), "INFO")
     _draw_mending(layout, context, measurement)
@@ -161,6 +174,23 @@ def facts_of(
             threshold = ("Label", f"{provenance.settings.label}, {name}".removesuffix(", "))
     lines = [facts.pop("faces"), threshold, *facts.values()]
     return [(translate(label), value) for label, value in lines]
+
+
+def fitting(facts: Sequence[tuple[str, str]], width: float) -> list[tuple[str, str]]:
+    """Return facts with what stands in brackets on a line of its own where a value does not fit beside its name.
+
+    Parameters
+    ----------
+    facts : sequence of (name, value)
+    width : float
+        Of the sidebar, pixels at Blender's usual size.
+    """
+    room, lines = (1 - NAMES) * (width - BESIDE) - PADDING, list[tuple[str, str]]()
+    for name, value in facts:
+        first, bracket, rest = value.partition(" (")
+        is_cut = bracket and text_width(value) > room
+        lines += [(name, first), ("", rest.removesuffix(")"))] if is_cut else [(name, value)]
+    return lines
 
 
 def _draw_more(room: Any, context: bpy.types.Context) -> None:

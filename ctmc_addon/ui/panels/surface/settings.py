@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ....core import COMPONENTS, settings_of_stage
 from ....reporting.formatting import count
 from ...state import session
 from ...translations import translate
@@ -17,7 +18,7 @@ from .reconstruct import alpha_matters
 def draw_components(room: Any, context: bpy.types.Context) -> None:
     """Draw which components are kept, and whether the surface is closed at the border."""
     layout = block(room)
-    for name in ("keep_parts", "min_part_mm3", "close_border"):
+    for name in (*settings_of_stage(COMPONENTS), "close_border"):
         draw_setting(layout, context.scene.ctmc, name)
 
 

@@ -8,24 +8,27 @@ from typing import Any
 import bpy
 
 from ....core import SettingsError
+from ....core.solid import LENGTHS
 from ...operators.surface.solid import place_text, solid_text
 from ...translations import translate, translate_sentence
 from ...viewport.surface import solid_places
 from ..layout import block, draw_name, draw_pair, draw_text
 
+FIRST = ("thicken", "hollow")  # Lengths above drains, cuts and combinations.
 BUTTON = 24.0  # Width of the button beside a text, pixels.
 
 
 def draw_solid(room: Any, context: bpy.types.Context) -> None:
     """Draw lengths, drains, cuts with their pegs, combinations, and the printer's limits."""
     layout, solid = block(room), context.scene.ctmc_solid
-    for name in ("thicken", "hollow"):
+    for name in FIRST:
         layout.prop(solid, name)
     _draw_drains(layout, context, solid)
     _draw_cuts(layout, solid)
     _draw_combinations(layout, solid)
-    for name in ("base", "least_wall"):
-        layout.prop(solid, name)
+    for name in LENGTHS:
+        if name not in FIRST:
+            layout.prop(solid, name)
     column = layout.column(align=True)
     column.use_property_split = False
     column.prop(solid, "use_bed", text=translate("Bed [mm]"), translate=False)
@@ -44,7 +47,7 @@ def _draw_drains(layout: Any, context: bpy.types.Context, solid: Any) -> None:
     for index, drain in enumerate(solid.drains):
         row = column.row(align=True)
         row.use_property_split = False
-        text = translate("Lowest and Highest") if drain.auto else place_text(drain.point)
+        text = translate("Lowest and Highest") if drain.auto else place_text(drain.point, drain.diameter)
         row.label(text=text, translate=False)
         size = row.row(align=True)
         size.ui_units_x = 4.0

@@ -16,6 +16,7 @@ from bpy.utils import register_class, unregister_class
 from ....core import SettingsError, defaults, descriptions
 from ....core.solid import (
     LARGEST_MM,
+    LENGTHS,
     MOST_PEGS,
     Combination,
     Combining,
@@ -32,7 +33,8 @@ from ..kinds import boolean, choice, collection, decimal, decimals, integer, tex
 from .structures import structure_choices
 
 ABOUT = descriptions(SolidRequest)
-LEAST_MM = 0.1  # Least length of properties that must be above 0.
+LEAST_MM = 0.1  # Of what must be above 0.
+SOFT_MM = 20.0  # As far as a drag goes.
 COMBININGS = (
     (Combining.MERGE, "Merge", "Join all of them into one structure"),
     (Combining.SUBTRACT, "Subtract", "Subtract the other structures from the first one"),
@@ -41,14 +43,15 @@ COMBININGS = (
 """Ways to combine structures, with their names and explanations."""
 
 
-def _own(name: str, **options: Any) -> Any:
-    """Return the property of a length of `SolidRequest`, with its name, text and limits."""
-    return property_of(ABOUT[name], defaults(SolidRequest)[name], unit="CAMERA", soft_max=20.0, precision=2, **options)
+def _own(name: str) -> Any:
+    """Return a length of `SolidRequest`, which says name, text and limits."""
+    soft = {"soft_min": max(ABOUT[name].low or 0.0, -SOFT_MM), "soft_max": SOFT_MM}
+    return property_of(ABOUT[name], defaults(SolidRequest)[name], unit="CAMERA", precision=2, **soft)
 
 
 def _length(name: str, description: str, default: float = 0.0, low: float = 0.0, **options: Any) -> Any:
-    """Return the property of a length, shown in mm at any unit scale of the scene."""
-    limits = {"default": default, "min": low, "max": LARGEST_MM, "soft_max": 20.0, **options}
+    """Return a length, which Blender shows in mm at any unit scale of the scene."""
+    limits = {"default": default, "min": low, "max": LARGEST_MM, "soft_max": SOFT_MM, **options}
     return decimal(name, description, unit="CAMERA", precision=2, **limits)
 
 
@@ -159,8 +162,6 @@ class CTMCCombination(PropertyGroup):
 class CTMCSolid(PropertyGroup):
     """Operations on structures before the next surfaces are made."""
 
-    thicken: _own("thicken", soft_min=-20.0)
-    hollow: _own("hollow")
     drains: collection("Drains", "Holes through the wall", type=CTMCDrain)
     cuts: collection("Cuts", "Planes that cut the solid into parts", type=CTMCCut)
     use_pegs: boolean("Pegs", "Join the parts by pegs that fit into holes of the part beyond the cut")
@@ -171,8 +172,6 @@ class CTMCSolid(PropertyGroup):
     )
     clearance: _length("Clearance", "Set the gap between a peg and its hole", Pegs.clearance, soft_max=1.0)
     combinations: collection("Combinations", "Structures made from other structures", type=CTMCCombination)
-    base: _own("base")
-    least_wall: _own("least_wall")
     use_bed: boolean(f"Use {ABOUT['bed'].label}", tooltip(ABOUT["bed"]))
     bed: property_of(ABOUT["bed"], ABOUT["bed"].start, precision=1, step=100)
 
@@ -207,6 +206,7 @@ class CTMCSolid(PropertyGroup):
         )
 
 
+CTMCSolid.__annotations__.update({name: _own(name) for name in LENGTHS})
 CLASSES = (CTMCDrain, CTMCCut, CTMCOperand, CTMCCombination, CTMCSolid)
 
 

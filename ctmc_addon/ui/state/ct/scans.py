@@ -194,7 +194,7 @@ def notice(context: bpy.types.Context) -> None:
         bpy.app.timers.register(follow, first_interval=0.0)
 
 
-def after_update(scene: bpy.types.Scene, *_: Any) -> None:
+def _after_update(scene: bpy.types.Scene, *_: Any) -> None:
     """Follow the active object, and deleted boxes."""
     follow()
     drop_deleted(scene)
@@ -205,4 +205,4 @@ def _forget_timer() -> None:
         bpy.app.timers.unregister(follow)
 
 
-register, unregister = change_events.following(depsgraph_update_post=after_update, at_end=_forget_timer)
+register, unregister = change_events.following(depsgraph_update_post=_after_update, at_end=_forget_timer)

@@ -119,7 +119,7 @@ def _panel_fingerprints() -> set[str]:
     return {scene.ctmc.volume_fingerprint for scene in bpy.data.scenes}
 
 
-def discard_unused(*_: Any) -> None:
+def _discard_unused(*_: Any) -> None:
     """Release the volumes and labels that no scene of a newly opened file uses."""
     stored = stored_cts()
     for fingerprint in _loaded.keys() - {ct.volume_fingerprint for ct in stored}:
@@ -247,4 +247,4 @@ def has_volume(operator: Any, context: bpy.types.Context) -> bool:
     return True
 
 
-register, unregister = change_events.following(load_post=discard_unused, at_end=_loaded.clear)
+register, unregister = change_events.following(load_post=_discard_unused, at_end=_loaded.clear)

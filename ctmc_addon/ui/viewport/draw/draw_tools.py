@@ -9,12 +9,14 @@ The circle shows the brush on the slice under the mouse, so it looks slanted whe
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 import numpy as np
 
 from ....blender.viewport import draw_path
+from ....core import Volume, position_text
 from ....core.volume import value_at
 from ...needs import Needs
 from ...properties.preferences import machine
@@ -189,14 +191,14 @@ class CTMC_OT_draw_hover(Needs, bpy.types.Operator):
             under = brush_under if tool in BRUSHES else slice_under
             hit = under(context.scene, context.area, event)
             text = translate(HELP.get(tool, ""))
-            _show_status(context, text if hit is None else f"{_place_text(volume, hit.point_mm)}   |   {text}")
+            _show_status(context, text if hit is None else f"{point_text(volume, hit.point_mm)}   |   {text}")
             context.region.tag_redraw()
         return {"CANCELLED", "PASS_THROUGH"}
 
 
-def _place_text(volume: Any, point_mm: tuple[float, float, float]) -> str:
+def point_text(volume: Volume, point_mm: Sequence[float]) -> str:
     """Return the position of a point and the value of the CT there."""
-    place, value = "{:.1f}, {:.1f}, {:.1f} mm".format(*point_mm), value_at(volume, point_mm)
+    place, value = position_text(point_mm, min(volume.spacing)), value_at(volume, point_mm)
     if value is None:
         return translate("{place}: outside the CT").format(place=place)
     return f"{place}: {value:g}{' HU' if volume.kind == 'HU' else ''}"

@@ -31,7 +31,8 @@ BOUND = pytest.param({"max_error": 2.5}, 12000, marks=pytest.mark.once)
 
 @pytest.mark.parametrize(
     ("goal", "whole_faces"),
-    [({"reduction": 0.96}, faces) for faces in FACES]
+    [({"reduction": 0.96}, faces) for faces in FACES[:2]]
+    + [pytest.param({"reduction": 0.96}, FACES[2], marks=pytest.mark.once)]
     + [pytest.param({"reduction": 0.99}, faces, marks=pytest.mark.once) for faces in FACES]
     + [BOUND],
 )

@@ -182,6 +182,7 @@ def triangles_of(mesh):
     return turned.reshape(-1, 9)[np.lexsort(turned.reshape(-1, 9).T)]
 
 
+@pytest.mark.once
 def test_undoing_every_change_brings_back_the_surface_as_it_was(full):
     mesh, log = changed_mesh(full, 30)
     count = sum(each.count for each in log.rounds)

@@ -233,6 +233,7 @@ def test_normals_are_carried_along():
     assert np.allclose(np.linalg.norm(found.mesh.normals, axis=1), 1, atol=1e-5)
 
 
+@pytest.mark.once
 def test_the_same_input_gives_the_same_bytes_in_any_unit():
     mesh = noisy_sphere(60)
     one, two = (simplification(mesh, reduction=0.93)[0] for _ in range(2))

@@ -113,6 +113,21 @@ def test_labels_are_freed_with_their_ct(loaded, tmp_path):
     assert len(structures.label_volume(loaded).label_names) == 1
 
 
+def test_labels_stay_when_their_ct_is_read_again_and_go_with_a_file_that_does_not_use_them(loaded, tmp_path):
+    bpy.ops.wm.save_as_mainfile(filepath=str(tmp_path / "without.blend"))
+    np.save(tmp_path / "mask.npy", (distance_mm((12, 24, 24), spacing=(1, 1, 2)) < 5).astype(np.uint8))
+    bpy.ops.ctmc.load_labels(filepath=str(tmp_path / "mask.npy"))
+    before = structures.label_volume(loaded)
+    bpy.ops.ctmc.load(again=True)
+    assert structures.label_volume(loaded) is before
+    labels = weakref.ref(before)
+    del before
+    bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "without.blend"))
+    assert volumes.current(bpy.context.scene) is not None
+    assert volumes.require_loaded(bpy.context.scene).labels == {}
+    assert is_gone(labels)
+
+
 def test_the_next_ct_is_the_panels_after_one_is_removed_and_an_empty_panel_after_the_last(two):
     bpy.ops.ctmc.remove_ct()
     assert (names(two), volumes.current(two).name, two.ctmc.threshold) == (["ball"], "ball", 100.0)
